@@ -1,0 +1,1 @@
+"""crowdbench: the benchmark for navigation in crowds."""

@@ -1,0 +1,63 @@
+"""Which cases: `500`, `2000:2500`, `val:100`, and how one of them is named: `test:37`."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+
+from crowdbench.errors import InputError
+from crowdbench.rng import SPLITS
+
+LAST = 2**62
+"""Case numbers are smaller than this."""
+
+
+@dataclass(frozen=True)
+class Cases:
+    """A range of cases of one split."""
+
+    split: str
+    start: int
+    stop: int
+
+    @classmethod
+    def parse(cls, text: str) -> Cases:
+        """Read `[split:]count` or `[split:]start:stop`; the split is `test` unless named.
+
+        Raises InputError where the text says nothing of the kind or names no case.
+        """
+        match = re.fullmatch(r"(?:([a-z]+):)?(?:(\d+):)?(\d+)", text)
+        if match and (match[1] or "test") in SPLITS:
+            cases = cls(match[1] or "test", int(match[2] or 0), int(match[3]))
+            if cases.start < cases.stop <= LAST:
+                return cases
+        raise InputError(
+            f"cases {text!r} are not a range of cases: write 500 (the first 500 test cases), 2000:2500 or val:100 "
+            f"(splits: {', '.join(SPLITS)})"
+        )
+
+    def __str__(self) -> str:
+        return f"{self.split}:{self.start}:{self.stop}"
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    @property
+    def indices(self) -> Int[np.ndarray, "world"]:
+        """The case numbers."""
+        return np.arange(self.start, self.stop)
+
+    def batches(self, size: int) -> list[Cases]:
+        """The same cases in order, cut into ranges of at most `size`."""
+        return [Cases(self.split, start, min(start + size, self.stop)) for start in range(self.start, self.stop, size)]
+
+
+def parse_case(text: str) -> tuple[str, int]:
+    """Read the name of one case, `split:number`. Raises InputError where it is none."""
+    match = re.fullmatch(r"([a-z]+):(\d+)", text)
+    if match and match[1] in SPLITS and int(match[2]) < LAST:
+        return match[1], int(match[2])
+    raise InputError(f"case {text!r} is not the name of a case: write test:37 (splits: {', '.join(SPLITS)})")

@@ -1,0 +1,100 @@
+"""Calls a planner, times it and holds it to its contract. The only place that calls `Planner.plan`."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from types import FrameType
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.errors import InputError
+from crowdbench.geometry import norm
+from crowdbench.planner import Planner
+from crowdbench.sim.simulator import SPEED_TOLERANCE
+from crowdbench.types import Observation
+
+DECISION_LIMIT = 60.0
+"""Seconds that a planner may think about one step unless told otherwise."""
+
+
+class Driver:
+    """Asks a planner for commands. `seconds` is the time that it has taken for them so far."""
+
+    def __init__(self, planner: Planner, name: str, decision_limit: float = DECISION_LIMIT) -> None:
+        self.planner = planner
+        self.name = name
+        self.decision_limit = decision_limit
+        self.seconds = 0.0
+
+    def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """The planner's commands in m/s.
+
+        Raises InputError, naming planner, case and step, where the planner raises, takes longer than
+        `decision_limit` seconds, or returns what is not a finite command per world within its speed.
+        """
+        start = time.perf_counter()
+        try:
+            with _time_limit(self.decision_limit):
+                command = self.planner.plan(obs)
+        except InputError:
+            raise
+        except _TimeLimit:
+            raise self._wrong(obs, 0, f"thought longer than the limit of {self.decision_limit:g} s") from None
+        except Exception as error:
+            raise self._wrong(obs, 0, f"raised {type(error).__name__}: {error}") from error
+        self.seconds += time.perf_counter() - start
+        return self._checked(command, obs)
+
+    def _checked(self, command: object, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        if not isinstance(command, np.ndarray) or command.dtype.kind != "f":
+            found = f"{command.dtype} array" if isinstance(command, np.ndarray) else type(command).__name__
+            raise self._wrong(obs, 0, f"returned a {found} instead of a float array of shape [world, 2]")
+        if command.shape != (len(obs), 2):
+            expected = [len(obs), 2]
+            raise self._wrong(
+                obs, 0, f"returned shape {list(command.shape)} instead of {expected}, a velocity per world"
+            )
+        command = command.astype(np.float64)
+        finite = np.isfinite(command).all(axis=1)
+        if not finite.all():
+            row = int(np.argmin(finite))
+            raise self._wrong(obs, row, f"returned {command[row].tolist()}, but a velocity must be finite")
+        speed, limit = norm(command), obs.vehicle.preferred_speed
+        legal = speed <= limit * (1 + SPEED_TOLERANCE)
+        if not legal.all():
+            row = int(np.argmin(legal))
+            raise self._wrong(
+                obs, row, f"asked for {speed[row]:.6g} m/s, but the vehicle's maximum is {limit[row]:g} m/s"
+            )
+        return command
+
+    def _wrong(self, obs: Observation, row: int, what: str) -> InputError:
+        return InputError(f"planner {self.name} {what} (case {obs.case[row]}, step {obs.step[row]})")
+
+
+class _TimeLimit(BaseException):
+    """Raised inside a planner that thinks too long; no Exception, so that it cannot swallow it."""
+
+
+@contextlib.contextmanager
+def _time_limit(seconds: float) -> Iterator[None]:
+    # Signals reach the main thread alone; elsewhere (a user's own threads) nothing can interrupt a planner.
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise _TimeLimit
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

@@ -1,0 +1,138 @@
+"""Where agents start and where they go. A scenario names one of these in its `[layout]`.
+
+A generator is a function `(rng, radius, preferred_speed, **options) -> (start, goal)` over agents, the
+vehicle first. The two crossings make the same draws in the same order as CrowdNav (Chen et al. 2019), so
+that under CrowdNav's seeds they give CrowdNav's cases.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.errors import InputError
+
+CLEARANCE = 0.2
+"""Metres that must be free between two rims at the start."""
+
+TRIES = 10_000
+"""Draws after which a crowd counts as too dense for its place."""
+
+Places = tuple[Float[np.ndarray, "agent 2"], Float[np.ndarray, "agent 2"]]
+Generator = Callable[..., Places]
+
+
+def circle_crossing(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    circle_radius: float = 4.0,
+    perturbation: float = 0.0,
+) -> Places:
+    """Everybody walks from a point near a circle to the opposite one, the vehicle from bottom to top.
+
+    `circle_radius` in metres. `perturbation`, in metres, is the standard deviation of a Gaussian, cut off
+    at twice its size, added to each coordinate of the vehicle's start and of everybody's goal.
+    """
+
+    def nudge(x: float, y: float) -> tuple[float, float]:
+        if perturbation == 0.0:
+            return x, y
+        dx, dy = np.clip(rng.normal(0.0, perturbation, 2), -2 * perturbation, 2 * perturbation)
+        return x + dx, y + dy
+
+    placed = _Placed(radius)
+    placed.add(nudge(0.0, -circle_radius), nudge(0.0, circle_radius))
+    for speed in preferred_speed[1:].tolist():
+        for _ in range(TRIES):
+            angle = rng.random() * np.pi * 2
+            x = circle_radius * math.cos(angle) + (rng.random() - 0.5) * speed
+            y = circle_radius * math.sin(angle) + (rng.random() - 0.5) * speed
+            goal = nudge(-x, -y)
+            if placed.start_is_clear(x, y) and placed.start_is_clear_of_goals(x, y):
+                placed.add((x, y), goal)
+                break
+        else:
+            raise placed.full(f"a circle of {circle_radius:g} m radius", "layout.circle_radius")
+    return placed.arrays()
+
+
+def square_crossing(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    square_width: float = 10.0,
+    circle_radius: float = 4.0,
+) -> Places:
+    """Pedestrians walk from one half of a square to the other, the vehicle upwards through its middle.
+
+    `square_width` in metres; the vehicle goes from (0, -circle_radius) to (0, circle_radius).
+    """
+    placed = _Placed(radius)
+    placed.add((0.0, -circle_radius), (0.0, circle_radius))
+    for _ in preferred_speed[1:]:
+        side = -1.0 if rng.random() > 0.5 else 1.0
+        start = _first(rng, square_width, side, placed.start_is_clear)
+        goal = start and _first(rng, square_width, -side, placed.goal_is_clear)
+        if start is None or goal is None:
+            raise placed.full(f"a square of {square_width:g} m", "layout.square_width")
+        placed.add(start, goal)
+    return placed.arrays()
+
+
+GENERATORS: dict[str, Generator] = {
+    "circle_crossing": circle_crossing,
+    "square_crossing": square_crossing,
+}
+
+
+def _first(
+    rng: np.random.Generator, width: float, side: float, clear: Callable[[float, float], bool]
+) -> tuple[float, float] | None:
+    for _ in range(TRIES):
+        x = rng.random() * width * 0.5 * side
+        y = (rng.random() - 0.5) * width
+        if clear(x, y):
+            return x, y
+    return None
+
+
+class _Placed:
+    """The agents placed so far, and whether there is room for the next."""
+
+    def __init__(self, radius: Float[np.ndarray, "agent"]) -> None:
+        self.radius: list[float] = radius.tolist()
+        self.start: list[tuple[float, float]] = []
+        self.goal: list[tuple[float, float]] = []
+
+    def add(self, start: tuple[float, float], goal: tuple[float, float]) -> None:
+        self.start.append(start)
+        self.goal.append(goal)
+
+    def start_is_clear(self, x: float, y: float) -> bool:
+        return self._clear(x, y, self.start)
+
+    def start_is_clear_of_goals(self, x: float, y: float) -> bool:
+        return self._clear(x, y, self.goal)
+
+    goal_is_clear = start_is_clear_of_goals
+
+    def _clear(self, x: float, y: float, points: list[tuple[float, float]]) -> bool:
+        own = self.radius[len(self.start)] + CLEARANCE
+        return all(
+            math.hypot(x - px, y - py) >= own + other for (px, py), other in zip(points, self.radius, strict=False)
+        )
+
+    def full(self, place: str, key: str) -> InputError:
+        return InputError(
+            f"pedestrian {len(self.start)} of {len(self.radius) - 1} finds no room on {place} after {TRIES} "
+            f"draws: lower pedestrians.number or raise {key}"
+        )
+
+    def arrays(self) -> Places:
+        return np.array(self.start), np.array(self.goal)

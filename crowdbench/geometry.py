@@ -1,0 +1,48 @@
+"""Plane geometry of moving discs and headings."""
+
+from __future__ import annotations
+
+import math
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float
+from numba import njit
+
+
+@no_type_check
+@njit(cache=True)
+def closest_approach(x, y, motion_x, motion_y):
+    """The least distance from the origin to the segment that starts at (x, y) and moves by the motion."""
+    squared = motion_x * motion_x + motion_y * motion_y
+    share = 0.0
+    if squared > 0.0:
+        share = min(max(-(x * motion_x + y * motion_y) / squared, 0.0), 1.0)
+    dx, dy = x + share * motion_x, y + share * motion_y
+    return math.sqrt(dx * dx + dy * dy)
+
+
+def norm(vector: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+    """Length of each vector."""
+    x, y = vector[..., 0], vector[..., 1]
+    return np.sqrt(x * x + y * y)
+
+
+def wrap_angle(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+    """The same angle in [-pi, pi), in radians."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def toward_goal(
+    position: Float[np.ndarray, "*batch 2"],
+    goal: Float[np.ndarray, "*batch 2"],
+    preferred_speed: Float[np.ndarray, "*batch"],
+) -> Float[np.ndarray, "*batch 2"]:
+    """The vector to the goal, read as a velocity in m/s and shortened to the preferred speed.
+
+    So an agent slows down over its last metre, as in CrowdNav.
+    """
+    offset = goal - position
+    distance = norm(offset)
+    scale = preferred_speed / np.maximum(distance, preferred_speed)
+    return offset * scale[..., None]

@@ -1,0 +1,68 @@
+"""What decides the vehicle's velocity."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from collections.abc import Callable
+from typing import ClassVar, TypeVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.types import Observation, Pedestrians, Vehicle
+
+State = TypeVar("State", Vehicle, Pedestrians)
+
+
+class Planner(abc.ABC):
+    """Decides the vehicle's velocity in every world of a batch. Complete once it is constructed."""
+
+    privileged: ClassVar[bool] = False
+    """Whether it calls `Observation.true_next`, which no vehicle could see: shown, never ranked."""
+
+    @abc.abstractmethod
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """The velocity command for each world, in m/s, no faster than `obs.vehicle.preferred_speed`."""
+
+    def reset(self, cases: Int[np.ndarray, "world"]) -> None:  # noqa: B027 (a hook, empty unless wanted)
+        """Called once before a batch of cases starts; for planners that remember something by case."""
+
+
+class OneWorldPlanner(Planner):
+    """Lifts a function written for one world at a time to batches.
+
+    `decide(obs)` is given an `Observation` of a single world, whose arrays have no world axis, and returns
+    its command (vx, vy) in m/s.
+    """
+
+    def __init__(self, decide: Callable[[Observation], Float[np.ndarray, "2"]]) -> None:
+        self.decide = decide
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """One world after the other."""
+        logs: dict[str, np.ndarray] = {}
+        command = np.array([self.decide(_one_world(obs, w, logs)) for w in range(len(obs))], np.float64)
+        for name, values in logs.items():
+            obs.log(name, values)
+        return command
+
+
+def _one_world(obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Observation:
+    def record(name: str, values: np.ndarray) -> None:
+        logs.setdefault(name, np.full((len(obs), *np.shape(values)), np.nan))[w] = values
+
+    return Observation(
+        vehicle=_row(obs.vehicle, w),
+        pedestrians=_row(obs.pedestrians, w),
+        case=obs.case[w],
+        key=obs.key[w],
+        step=obs.step[w],
+        dt=obs.dt,
+        reveal=None if obs.reveal is None else lambda: obs.true_next()[w],
+        record=record,
+    )
+
+
+def _row(state: State, w: int) -> State:
+    return type(state)(**{field.name: getattr(state, field.name)[w] for field in dataclasses.fields(state)})

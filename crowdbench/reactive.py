@@ -1,0 +1,57 @@
+"""Planners that drive the vehicle with a pedestrian's kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.geometry import toward_goal
+from crowdbench.planner import Planner
+from crowdbench.sim.orca import orca_velocities
+from crowdbench.sim.pedestrians import ORCA_MARGIN
+from crowdbench.types import Observation
+
+
+class ORCAPlanner(Planner):
+    """Optimal reciprocal collision avoidance, with CrowdNav's parameters for its robot.
+
+    `safety_space`, in metres, is added to every radius.
+    """
+
+    def __init__(self, safety_space: float = 0.0) -> None:
+        self.safety_space = safety_space
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle = obs.vehicle
+        position, velocity, radius, present = everybody(obs)
+        preferred = np.zeros_like(position)
+        preferred[:, 0] = toward_goal(vehicle.position, vehicle.goal, vehicle.preferred_speed)
+        return orca_velocities(
+            position,
+            velocity,
+            preferred,
+            radius + (ORCA_MARGIN + self.safety_space),
+            np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
+            time_step=obs.dt,
+            seen=present,
+            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
+        )[:, 0]
+
+
+def everybody(
+    obs: Observation,
+) -> tuple[
+    Float[np.ndarray, "world agent 2"],
+    Float[np.ndarray, "world agent 2"],
+    Float[np.ndarray, "world agent"],
+    Bool[np.ndarray, "world agent"],
+]:
+    """Position, velocity, radius and presence of vehicle and pedestrians, the vehicle first."""
+    vehicle, crowd = obs.vehicle, obs.pedestrians
+    return (
+        np.concatenate([vehicle.position[:, None], crowd.position], axis=1),
+        np.concatenate([vehicle.velocity[:, None], crowd.velocity], axis=1),
+        np.concatenate([vehicle.radius[:, None], crowd.radius], axis=1),
+        np.concatenate([np.ones((len(obs), 1), bool), crowd.present], axis=1),
+    )

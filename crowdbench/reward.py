@@ -1,0 +1,42 @@
+"""The reward of a step: the only place that knows it.
+
+CrowdNav's (Chen et al. 2019, equation 3), as its code computes it. The branches differ in unit:
+collision and success are paid once, whatever the step; discomfort is a rate, paid per second, and so
+multiplied by dt.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.types import DISCOMFORT_GAP, Outcome
+
+SUCCESS = 1.0
+"""Paid once, on arrival."""
+
+COLLISION = -0.25
+"""Paid once, on touching a pedestrian."""
+
+DISCOMFORT = 0.5
+"""Per metre of gap missing to 0.2 m and per second: dt is multiplied in."""
+
+DISCOUNT = 0.9
+"""Per metre at preferred speed: a step is discounted by `DISCOUNT ** (dt * preferred_speed)`."""
+
+
+def reward(
+    outcome: Int[np.ndarray, "*batch"], gap: Float[np.ndarray, "*batch"], dt: float
+) -> Float[np.ndarray, "*batch"]:
+    """The reward of a step that ended in `outcome` and came as close as `gap` metres to a pedestrian.
+
+    A time-out pays nothing.
+    """
+    discomfort = np.minimum(gap - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
+    ended = np.array([0.0, SUCCESS, COLLISION, 0.0])[outcome]
+    return np.where(outcome == Outcome.RUNNING, discomfort, ended)
+
+
+def discount(preferred_speed: Float[np.ndarray, "*batch"], dt: float) -> Float[np.ndarray, "*batch"]:
+    """The factor by which a reward is worth less one step later."""
+    return DISCOUNT ** (dt * preferred_speed)

@@ -1,0 +1,124 @@
+"""Drives a planner through cases, all in lock-step, and leaves a trace."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.cases import Cases
+from crowdbench.driver import Driver
+from crowdbench.scenario import Scenario
+from crowdbench.sim.simulator import advance, crowd_velocities, judge, observe
+from crowdbench.types import Outcome, Trace, World
+
+
+def rollout(
+    driver: Driver,
+    scenario: Scenario,
+    cases: Cases,
+    *,
+    keep_logs: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Trace:
+    """Drive the driver's planner through `cases`, each to its outcome.
+
+    Worlds that have ended leave the batch. `keep_logs` keeps what the planner logs; `progress` is told how
+    many episodes have ended in each step. Raises InputError where planner or scenario break their contract.
+    """
+    world = scenario.worlds(cases)
+    driver.planner.reset(world.case)
+    log = _Log(world)
+    undisturbed = _walk_alone(scenario, world) if scenario.rules.visible else None
+    rows = np.arange(len(world))
+    for t in range(scenario.rules.max_steps):
+        crowd = crowd_velocities(world, scenario.policies)
+        obs = observe(
+            world,
+            reveal=(lambda crowd=crowd: crowd) if driver.planner.privileged else None,
+            record=(lambda name, values, rows=rows, t=t: log.log(rows, t, name, values)) if keep_logs else None,
+        )
+        command = driver.decide(obs)
+        after = advance(world, np.concatenate([command[:, None], crowd], axis=1))
+        outcome, gap = judge(world, after)
+        log.step(rows, t, after, outcome, gap)
+        running = outcome == Outcome.RUNNING
+        if not running.all():
+            after, rows = after.take(running), rows[running]
+            if progress is not None:
+                progress(int((~running).sum()))
+        if not len(rows):
+            break
+        world = after
+    return log.trace(cases.split, undisturbed)
+
+
+def _walk_alone(scenario: Scenario, world: World) -> Float[np.ndarray, "world time pedestrian 2"]:
+    """Where the pedestrians would walk if the vehicle were not there."""
+    world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
+    positions = [world.position[:, 1:]]
+    for _ in range(scenario.rules.max_steps):
+        crowd = crowd_velocities(world, scenario.policies)
+        world = advance(world, np.pad(crowd, ((0, 0), (1, 0), (0, 0))))
+        positions.append(world.position[:, 1:])
+    return np.stack(positions, axis=1)
+
+
+class _Log:
+    """Collects the arrays of a trace while worlds come and go."""
+
+    def __init__(self, start: World) -> None:
+        worlds, agents = start.radius.shape
+        steps = start.rules.max_steps
+        self.start = start
+        self.outcome = np.zeros(worlds, np.int64)
+        self.steps = np.zeros(worlds, np.int64)
+        self.position = np.full((worlds, steps + 1, agents, 2), np.nan)
+        self.velocity = np.full((worlds, steps + 1, agents, 2), np.nan)
+        self.gap = np.full((worlds, steps), np.nan)
+        self.logs: dict[str, np.ndarray] = {}
+        self.position[:, 0] = start.position
+        self.velocity[:, 0] = start.velocity
+
+    def step(
+        self,
+        rows: Int[np.ndarray, "running"],
+        t: int,
+        after: World,
+        outcome: Int[np.ndarray, "running"],
+        gap: Float[np.ndarray, "running"],
+    ) -> None:
+        self.position[rows, t + 1] = after.position
+        self.velocity[rows, t + 1] = after.velocity
+        self.gap[rows, t] = gap
+        self.outcome[rows] = outcome
+        self.steps[rows] = t + 1
+
+    def log(self, rows: Int[np.ndarray, "running"], t: int, name: str, values: np.ndarray) -> None:
+        shape = (len(self.outcome), self.gap.shape[1], *np.shape(values)[1:])
+        self.logs.setdefault(name, np.full(shape, np.nan))[rows, t] = values
+
+    def trace(self, split: str, undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None) -> Trace:
+        absent = ~self.start.present
+        for states in (self.position, self.velocity):
+            states.swapaxes(1, 2)[absent] = np.nan
+        if undisturbed is not None:
+            undisturbed[np.isnan(self.position[:, :, 1:])] = np.nan
+        return Trace(
+            split=split,
+            case=self.start.case,
+            outcome=self.outcome,
+            steps=self.steps,
+            position=self.position,
+            velocity=self.velocity,
+            gap=self.gap,
+            goal=self.start.goal,
+            radius=self.start.radius,
+            preferred_speed=self.start.preferred_speed,
+            present=self.start.present,
+            rules=self.start.rules,
+            undisturbed=undisturbed,
+            logs=self.logs,
+        )

@@ -1,0 +1,220 @@
+"""Reads a scenario from a TOML table and says in one sentence what is wrong with it."""
+
+from __future__ import annotations
+
+import inspect
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from crowdbench.errors import InputError
+from crowdbench.generators import GENERATORS
+from crowdbench.scenario import Quantity, Scenario
+from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.sim.simulator import COLLISION_RULES
+from crowdbench.types import Rules
+
+MAX_PEDESTRIANS = 1000
+PolicyLoader = Callable[[str], tuple[str, PedestrianPolicy]]
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """The TOML table of a file. Raises InputError where it cannot be read."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"scenario {path} cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"scenario {path} is not valid TOML: {error}") from None
+
+
+def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyLoader) -> Scenario:
+    """The scenario that a table describes; `load_policy` turns a policy's name into (name, policy).
+
+    Raises InputError, naming `source` and the key, for unknown keys, wrong types and impossible values.
+    """
+    top = _Section(dict(table), source)
+    top.text("description")
+    rules = Rules(
+        dt=top.number("dt", 0.25, above=0.0, below=1.0),
+        time_limit=top.number("time_limit", 25.0, above=1.0, below=1000.0),
+        collision=top.choice("collision", "swept", COLLISION_RULES),
+        visible=top.section("vehicle").flag("visible", False),
+    )
+    seed = top.integer("seed", 0, 0, 2**63 - 1)
+    crowdnav_cases = top.integer("crowdnav_cases", 0, 0, 500)
+    layout = top.section("layout")
+    generator = layout.choice("generator", "circle_crossing", tuple(GENERATORS))
+    options = {
+        option: layout.number(option, parameter.default, least=0.0, below=1e6)
+        for option, parameter in inspect.signature(GENERATORS[generator]).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY
+    }
+    layout.close()
+    vehicle = top.section("vehicle")
+    vehicle_radius = vehicle.number("radius", 0.3, above=0.0, below=100.0)
+    vehicle_speed = vehicle.number("preferred_speed", 1.0, above=0.0, below=100.0)
+    vehicle.close()
+    pedestrians = top.section("pedestrians")
+    shares = pedestrians.shares("policy", "orca")
+    policies = {
+        policy_name: (share, policy) for spec, share in shares.items() for policy_name, policy in [load_policy(spec)]
+    }
+    parameters = {
+        policy_name: _parameters(pedestrians.section(policy_name), policy)
+        for policy_name, (_, policy) in policies.items()
+    }
+    scenario = Scenario(
+        name=name,
+        source=source,
+        rules=rules,
+        seed=seed,
+        crowdnav_cases=crowdnav_cases,
+        generator=generator,
+        layout=options,
+        vehicle_radius=vehicle_radius,
+        vehicle_speed=vehicle_speed,
+        number=pedestrians.interval("number", 5, 0, MAX_PEDESTRIANS),
+        radius=pedestrians.quantity("radius", 0.3, positive=True),
+        preferred_speed=pedestrians.quantity("preferred_speed", 1.0, positive=True),
+        shares={policy_name: share for policy_name, (share, _) in policies.items()},
+        policies={policy_name: policy for policy_name, (_, policy) in policies.items()},
+        parameters=parameters,
+        table=top.complete,
+    )
+    pedestrians.close()
+    top.close()
+    return scenario
+
+
+def _parameters(section: _Section, policy: PedestrianPolicy) -> dict[str, Quantity]:
+    quantities = {
+        parameter: section.quantity(parameter, default, positive=False)
+        for parameter, default in policy.parameters.items()
+    }
+    section.close()
+    return quantities
+
+
+class _Section:
+    """One table of the file. Every read names the key and its default; `close` finds keys nobody reads.
+
+    `complete` collects what was read, defaults included.
+    """
+
+    def __init__(self, table: dict[str, Any], source: str, prefix: str = "") -> None:
+        self.table = table
+        self.source = source
+        self.prefix = prefix
+        self.complete: dict[str, Any] = {}
+        self.sections: dict[str, _Section] = {}
+
+    def wrong(self, key: str, right: str) -> InputError:
+        found = self.table.get(key)
+        return InputError(f"{self.source}: {self.prefix}{key} is {found!r}, but must be {right}")
+
+    def read(self, key: str, default: Any) -> Any:
+        self.complete[key] = self.table.get(key, default)
+        return self.complete[key]
+
+    def section(self, key: str) -> _Section:
+        if key not in self.sections:
+            table = self.table.get(key, {})
+            if not isinstance(table, dict):
+                raise self.wrong(key, f"a table [{self.prefix}{key}]")
+            self.sections[key] = _Section(table, self.source, f"{self.prefix}{key}.")
+            self.complete[key] = self.sections[key].complete
+        return self.sections[key]
+
+    def text(self, key: str) -> str:
+        value = self.read(key, "")
+        if not isinstance(value, str):
+            raise self.wrong(key, "a text in quotes")
+        return value
+
+    def flag(self, key: str, default: bool) -> bool:
+        value = self.read(key, default)
+        if not isinstance(value, bool):
+            raise self.wrong(key, "true or false")
+        return value
+
+    def choice(self, key: str, default: str, choices: tuple[str, ...]) -> str:
+        value = self.read(key, default)
+        if value not in choices:
+            raise self.wrong(key, "one of " + ", ".join(f'"{choice}"' for choice in choices))
+        return str(value)
+
+    def integer(self, key: str, default: int, low: int, high: int) -> int:
+        value = self.read(key, default)
+        if not _is_integer(value) or not low <= value <= high:
+            raise self.wrong(key, f"a whole number from {low} to {high}")
+        return int(value)
+
+    def number(
+        self, key: str, default: float, *, least: float | None = None, above: float = 0.0, below: float
+    ) -> float:
+        value = self.read(key, default)
+        if not _is_number(value) or not (value > above or value == least) or not value < below:
+            bound = f"of at least {least:g}" if least is not None else f"above {above:g}"
+            raise self.wrong(key, f"a number {bound} and below {below:g}")
+        return float(value)
+
+    def interval(self, key: str, default: int, low: int, high: int) -> tuple[int, int]:
+        value = self.read(key, default)
+        pair = [value, value] if _is_integer(value) else value
+        if (
+            not isinstance(pair, list)
+            or len(pair) != 2
+            or not all(map(_is_integer, pair))
+            or not low <= pair[0] <= pair[1] <= high
+        ):
+            raise self.wrong(key, f"a whole number from {low} to {high}, or a pair of them, [least, most]")
+        return pair[0], pair[1]
+
+    def shares(self, key: str, default: str) -> dict[str, float]:
+        value = self.read(key, default)
+        shares = {value: 1.0} if isinstance(value, str) else value
+        if (
+            not isinstance(shares, dict)
+            or not shares
+            or not all(_is_number(share) and share > 0 for share in shares.values())
+        ):
+            raise self.wrong(
+                key, "the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }"
+            )
+        total = sum(shares.values())
+        return {name: share / total for name, share in shares.items()}
+
+    def quantity(self, key: str, default: float, *, positive: bool) -> Quantity:
+        value = self.read(key, default)
+        table = {"mean": value, "std": 0.0, "low": value, "high": value} if _is_number(value) else value
+        least = 1e-3 if positive else 0.0
+        if (
+            not isinstance(table, dict)
+            or set(table) != {"mean", "std", "low", "high"}
+            or not all(map(_is_number, table.values()))
+            or not least <= table["low"] <= table["mean"] <= table["high"] < 1e6
+            or table["std"] < 0
+            or (table["std"] > 0 and table["high"] - table["low"] < 0.1 * table["std"])
+        ):
+            raise self.wrong(
+                key,
+                f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
+                f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std",
+            )
+        return Quantity(**table)
+
+    def close(self) -> None:
+        for key in self.table:
+            if key not in self.complete:
+                known = ", ".join(self.complete)
+                raise InputError(f"{self.source}: unknown key {self.prefix}{key}; the keys here are {known}")
+
+
+def _is_integer(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and value == value

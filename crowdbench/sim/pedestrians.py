@@ -1,0 +1,69 @@
+"""What moves the pedestrians: policies around the kernels."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.geometry import toward_goal
+from crowdbench.sim.orca import orca_velocities
+from crowdbench.types import World
+
+ORCA_MARGIN = 0.01
+"""Metres that CrowdNav adds to every radius before ORCA sees it."""
+
+
+class PedestrianPolicy(abc.ABC):
+    """Moves pedestrians. Subclass it, name what a scenario may set in `parameters`, and fill `velocities`.
+
+    A policy keeps no state: what it returns depends on the world alone, and noise comes from
+    `crowdbench.rng.normal(world.key, purpose, world.step, ...)`.
+    """
+
+    parameters: ClassVar[Mapping[str, float]] = {}
+    """Each parameter that a scenario may set, with its default."""
+
+    @abc.abstractmethod
+    def velocities(
+        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
+    ) -> Float[np.ndarray, "world pedestrian 2"]:
+        """The velocities, in m/s, that the pedestrians take next.
+
+        All pedestrians are asked for; those that another policy moves, or that are absent, are ignored.
+        `parameters` has a value for every agent, of which column 0, the vehicle's, is not used.
+        """
+
+
+class ORCA(PedestrianPolicy):
+    """Optimal reciprocal collision avoidance, with CrowdNav's parameters."""
+
+    parameters: ClassVar[Mapping[str, float]] = {
+        "neighbor_distance": 10.0,
+        "max_neighbors": 10,
+        "time_horizon": 5.0,
+        "safety_space": 0.0,
+    }
+
+    def velocities(
+        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
+    ) -> Float[np.ndarray, "world pedestrian 2"]:
+        """See `PedestrianPolicy`; `safety_space` metres are added to each pedestrian's radius."""
+        pedestrian = world.present.copy()
+        pedestrian[:, 0] = False
+        return orca_velocities(
+            world.position,
+            world.velocity,
+            toward_goal(world.position, world.goal, world.preferred_speed),
+            world.radius + (ORCA_MARGIN + parameters["safety_space"]),
+            world.preferred_speed,
+            time_step=world.rules.dt,
+            neighbor_distance=parameters["neighbor_distance"],
+            max_neighbors=parameters["max_neighbors"],
+            time_horizon=parameters["time_horizon"],
+            seen=world.present if world.rules.visible else pedestrian,
+            moves=pedestrian,
+        )[:, 1:]

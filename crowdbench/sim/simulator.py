@@ -1,0 +1,176 @@
+"""One step of the world and the rules of an episode: batched, pure, compiled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float, Int
+from numba import njit
+
+from crowdbench.geometry import closest_approach
+from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle, World
+
+SPEED_TOLERANCE = 1e-6
+"""A speed above the preferred speed by no more than this share is rounding, not speeding."""
+
+COLLISION_RULES = ("swept", "crowdnav")
+"""The two collision tests, see `judge`."""
+
+
+def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:
+    """The velocities that the pedestrians' policies ask for, each pedestrian by its own policy."""
+    asked = [policy.velocities(world, world.parameters[name]) for name, policy in policies.items()]
+    if len(asked) == 1:
+        return asked[0]
+    return np.choose(world.policy[:, :, None], asked)
+
+
+def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World:
+    """The world one step later, everybody moving at once with the given velocity (holonomic discs).
+
+    The only place where speed is limited: whoever is faster than its preferred speed is slowed down to it.
+    """
+    position = np.empty_like(world.position)
+    limited = np.empty_like(world.velocity)
+    history = np.empty_like(world.history)
+    _advance(
+        world.position,
+        np.ascontiguousarray(velocity),
+        world.preferred_speed,
+        world.present,
+        world.history,
+        world.rules.dt,
+        position,
+        limited,
+        history,
+    )
+    return World(
+        case=world.case,
+        key=world.key,
+        step=world.step + 1,
+        position=position,
+        velocity=limited,
+        goal=world.goal,
+        radius=world.radius,
+        preferred_speed=world.preferred_speed,
+        present=world.present,
+        history=history,
+        policy=world.policy,
+        parameters=world.parameters,
+        rules=world.rules,
+    )
+
+
+def judge(before: World, after: World) -> tuple[Int[np.ndarray, "world"], Float[np.ndarray, "world"]]:
+    """The outcome of a step and the closest distance, in metres, between the vehicle's rim and another's in it.
+
+    The vehicle collides where its disc touches a pedestrian's during the step: under the rule "swept" in
+    their true relative motion; under "crowdnav" with the pedestrian's velocity from before the step,
+    as CrowdNav does. It succeeds where its centre ends nearer to its goal than its radius. The step that
+    starts at `Rules.last_start` or later is the last one, whatever happens in it. CrowdNav's order of
+    precedence: time-out, collision, success.
+    """
+    outcome = np.empty(len(before), np.int64)
+    gap = np.empty(len(before))
+    crowd = after.velocity if before.rules.collision == "swept" else before.velocity
+    _judge(
+        before.position,
+        crowd,
+        after.velocity,
+        after.position,
+        before.goal,
+        before.radius,
+        before.present,
+        before.step,
+        before.rules.dt,
+        before.rules.last_start,
+        outcome,
+        gap,
+    )
+    return outcome, gap
+
+
+def observe(
+    world: World,
+    reveal: Callable[[], Float[np.ndarray, "world pedestrian 2"]] | None = None,
+    record: Callable[[str, np.ndarray], None] | None = None,
+) -> Observation:
+    """What the vehicle sees. `reveal` gives the pedestrians' next velocities, `record` keeps what is logged."""
+    return Observation(
+        vehicle=Vehicle(
+            world.position[:, 0],
+            world.velocity[:, 0],
+            world.goal[:, 0],
+            world.radius[:, 0],
+            world.preferred_speed[:, 0],
+        ),
+        pedestrians=Pedestrians(
+            world.position[:, 1:],
+            world.velocity[:, 1:],
+            world.radius[:, 1:],
+            world.present[:, 1:],
+            world.history,
+            np.minimum(world.step + 1, HISTORY),
+        ),
+        case=world.case,
+        key=world.key,
+        step=world.step,
+        dt=world.rules.dt,
+        reveal=reveal,
+        record=record,
+    )
+
+
+@no_type_check
+@njit(cache=True)
+def _advance(position, velocity, max_speed, present, history, dt, new_position, limited, new_history):
+    worlds, agents = max_speed.shape
+    length = history.shape[1]
+    for w in range(worlds):
+        for t in range(length - 1):
+            for p in range(agents - 1):
+                new_history[w, t, p, 0] = history[w, t + 1, p, 0]
+                new_history[w, t, p, 1] = history[w, t + 1, p, 1]
+        for a in range(agents):
+            x, y = velocity[w, a, 0], velocity[w, a, 1]
+            if not present[w, a]:
+                x, y = 0.0, 0.0
+            speed = math.sqrt(x * x + y * y)
+            if speed > max_speed[w, a] * (1.0 + SPEED_TOLERANCE):
+                x, y = x * (max_speed[w, a] / speed), y * (max_speed[w, a] / speed)
+            limited[w, a, 0], limited[w, a, 1] = x, y
+            new_position[w, a, 0] = position[w, a, 0] + x * dt
+            new_position[w, a, 1] = position[w, a, 1] + y * dt
+            if a > 0:
+                new_history[w, length - 1, a - 1, 0] = new_position[w, a, 0]
+                new_history[w, length - 1, a - 1, 1] = new_position[w, a, 1]
+
+
+@no_type_check
+@njit(cache=True)
+def _judge(position, crowd, command, end, goal, radius, present, step, dt, last_start, outcome, gap):
+    worlds, agents = radius.shape
+    for w in range(worlds):
+        gap[w] = np.inf
+        for a in range(1, agents):
+            if present[w, a]:
+                distance = closest_approach(
+                    position[w, a, 0] - position[w, 0, 0],
+                    position[w, a, 1] - position[w, 0, 1],
+                    (crowd[w, a, 0] - command[w, 0, 0]) * dt,
+                    (crowd[w, a, 1] - command[w, 0, 1]) * dt,
+                )
+                gap[w] = min(gap[w], distance - radius[w, a] - radius[w, 0])
+        left = math.hypot(end[w, 0, 0] - goal[w, 0, 0], end[w, 0, 1] - goal[w, 0, 1])
+        if step[w] * dt >= last_start:
+            outcome[w] = Outcome.TIMEOUT.value
+        elif gap[w] < 0.0:
+            outcome[w] = Outcome.COLLISION.value
+        elif left < radius[w, 0]:
+            outcome[w] = Outcome.SUCCESS.value
+        else:
+            outcome[w] = Outcome.RUNNING.value

@@ -1,0 +1,215 @@
+"""The data that everything is made of: worlds, what a planner sees of them, and what an episode leaves.
+
+Axes always come in the order world, action, mode, time, agent, xy. Agent 0 is the vehicle, the others
+are pedestrians; an axis called `pedestrian` leaves the vehicle out. Units are SI: metres, seconds,
+metres per second, radians.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt
+
+from crowdbench import rng
+
+HISTORY = 8
+"""Number of past positions in an observation, the present one included."""
+
+DISCOMFORT_GAP = 0.2
+"""A gap below this, in metres, is uncomfortable (Chen et al. 2019)."""
+
+
+class Outcome(enum.IntEnum):
+    """How an episode ended, or that it goes on."""
+
+    RUNNING = 0
+    SUCCESS = 1
+    COLLISION = 2
+    TIMEOUT = 3
+
+    @property
+    def label(self) -> str:
+        """The lower-case word used in files and tables."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What a scenario fixes for all its cases.
+
+    `collision` is "swept" (true relative motion over the step) or "crowdnav" (pedestrians swept with
+    their velocity before the step). `visible` says whether pedestrians see the vehicle.
+    """
+
+    dt: float = 0.25
+    time_limit: float = 25.0
+    collision: str = "swept"
+    visible: bool = False
+
+    @property
+    def last_start(self) -> float:
+        """Clock before a step from which on that step is the last: CrowdNav's limit less one second."""
+        return self.time_limit - 1.0
+
+    @property
+    def max_steps(self) -> int:
+        """Steps after which every episode has ended."""
+        return int(np.ceil(self.last_start / self.dt - 1e-9)) + 1
+
+
+@dataclass(frozen=True)
+class World:
+    """A batch of running simulations. Immutable: the simulator returns a new one.
+
+    `present` is False for the padding of worlds with fewer pedestrians than the widest. `history` holds
+    the pedestrians' last positions, oldest first; before there are enough, the first position is
+    repeated backwards. `policy` tells by its place in `parameters` which of the scenario's policies moves
+    each pedestrian; `parameters[name]` is what that policy is given (column 0, the vehicle's, is not
+    used). `key` starts the random streams of a case.
+    """
+
+    case: Int[np.ndarray, "world"]
+    key: UInt[np.ndarray, "world"]
+    step: Int[np.ndarray, "world"]
+    position: Float[np.ndarray, "world agent 2"]
+    velocity: Float[np.ndarray, "world agent 2"]
+    goal: Float[np.ndarray, "world agent 2"]
+    radius: Float[np.ndarray, "world agent"]
+    preferred_speed: Float[np.ndarray, "world agent"]
+    present: Bool[np.ndarray, "world agent"]
+    history: Float[np.ndarray, "world time pedestrian 2"]
+    policy: Int[np.ndarray, "world pedestrian"]
+    parameters: Mapping[str, Mapping[str, Float[np.ndarray, "world agent"]]]
+    rules: Rules
+
+    def __len__(self) -> int:
+        return len(self.case)
+
+    def replace(self, **changes: object) -> World:
+        """A copy in which the named fields are other arrays."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+    def take(self, rows: np.ndarray) -> World:
+        """The worlds of the given rows, a mask or indices."""
+        arrays = {
+            field.name: getattr(self, field.name)[rows]
+            for field in dataclasses.fields(self)
+            if field.name not in ("parameters", "rules")
+        }
+        parameters = {
+            policy: {name: values[rows] for name, values in table.items()} for policy, table in self.parameters.items()
+        }
+        return World(**arrays, parameters=parameters, rules=self.rules)
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The vehicle as its planner sees it."""
+
+    position: Float[np.ndarray, "*world 2"]
+    velocity: Float[np.ndarray, "*world 2"]
+    goal: Float[np.ndarray, "*world 2"]
+    radius: Float[np.ndarray, "*world"]
+    preferred_speed: Float[np.ndarray, "*world"]
+
+
+@dataclass(frozen=True)
+class Pedestrians:
+    """The pedestrians as the vehicle sees them: their goals and policies are not to be seen.
+
+    `history` is the last 8 positions, oldest first, the last one the present; `observed` says how many
+    of them were really seen, the earlier ones repeat the first.
+    """
+
+    position: Float[np.ndarray, "*world pedestrian 2"]
+    velocity: Float[np.ndarray, "*world pedestrian 2"]
+    radius: Float[np.ndarray, "*world pedestrian"]
+    present: Bool[np.ndarray, "*world pedestrian"]
+    history: Float[np.ndarray, "*world time pedestrian 2"]
+    observed: Int[np.ndarray, "*world"]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a planner is given at each step, for every world that is still running.
+
+    `case` tells which case each row is: worlds that have ended leave the batch, so a planner with a
+    memory keys it by case. A planner for one world at a time sees the same without the world axis.
+    """
+
+    vehicle: Vehicle
+    pedestrians: Pedestrians
+    case: Int[np.ndarray, "*world"]
+    key: UInt[np.ndarray, "*world"]
+    step: Int[np.ndarray, "*world"]
+    dt: float
+    reveal: Callable[[], Float[np.ndarray, "*world pedestrian 2"]] | None = None
+    record: Callable[[str, np.ndarray], None] | None = None
+
+    def __len__(self) -> int:
+        return len(self.case)
+
+    @property
+    def time(self) -> Float[np.ndarray, "*world"]:
+        """Seconds since the start."""
+        return self.step * self.dt
+
+    def normal(self, purpose: str, n: int) -> Float[np.ndarray, "*world pedestrian n"]:
+        """Standard normal noise that depends on seed, case, purpose, step and pedestrian alone.
+
+        It is the same in any batch, at any padding, however often it is asked for.
+        """
+        pedestrians = self.pedestrians.present.shape[-1]
+        noise = rng.normal(np.atleast_1d(self.key), purpose, np.atleast_1d(self.step), pedestrians, n)
+        return noise.reshape(*np.shape(self.key), pedestrians, n)
+
+    def true_next(self) -> Float[np.ndarray, "*world pedestrian 2"]:
+        """The velocities the pedestrians will really take in this step.
+
+        Raises PermissionError unless the planner is `privileged`.
+        """
+        if self.reveal is None:
+            raise PermissionError(
+                "true_next() shows what no vehicle can see: only a planner with `privileged = True` may call it"
+            )
+        return self.reveal()
+
+    def log(self, name: str, values: np.ndarray) -> None:
+        """Put something of the planner's own, `[world, ...]`, into the recording."""
+        if self.record is not None:
+            self.record(name, values)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The episodes that a rollout leaves; metrics are functions of it.
+
+    States are indexed by `time` from 0 (the start) to `steps`, and NaN beyond; step t leads from state
+    t to state t + 1, so the command of step t is `velocity[:, t + 1, 0]`. `gap[:, t]` is the closest
+    distance between the rims of the vehicle and any pedestrian during step t, as the judge measured it
+    (infinite among no pedestrians). `undisturbed` holds where the pedestrians walk when the vehicle is
+    not there; it is kept only where they see the vehicle. `logs` holds what the planner logged.
+    """
+
+    split: str
+    case: Int[np.ndarray, "world"]
+    outcome: Int[np.ndarray, "world"]
+    steps: Int[np.ndarray, "world"]
+    position: Float[np.ndarray, "world time agent 2"]
+    velocity: Float[np.ndarray, "world time agent 2"]
+    gap: Float[np.ndarray, "world step"]
+    goal: Float[np.ndarray, "world agent 2"]
+    radius: Float[np.ndarray, "world agent"]
+    preferred_speed: Float[np.ndarray, "world agent"]
+    present: Bool[np.ndarray, "world agent"]
+    rules: Rules
+    undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None = None
+    logs: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.case)
