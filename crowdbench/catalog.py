@@ -14,6 +14,7 @@ from typing import Any
 
 from crowdbench import scenario_file
 from crowdbench.errors import InputError
+from crowdbench.metrics import METRICS, Metric
 from crowdbench.planner import Planner
 from crowdbench.scenario import Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
@@ -53,14 +54,33 @@ def load_policy(spec: str) -> tuple[str, PedestrianPolicy]:
     return name, made
 
 
-def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """A scenario by name or path, with dotted keys overridden: `{"vehicle.visible": True}`."""
+def load_metric(spec: str) -> tuple[str, Metric]:
+    """A metric's name and the metric, from `file.py` (its function `metric`) or `file.py:function`."""
+    file, _, function = spec.partition(":")
+    metric = getattr(load_module(Path(file)), function or "metric", None)
+    if not callable(metric):
+        raise InputError(f"{file} defines no function {function or 'metric'}(trace)")
+    name = function or Path(file).stem
+    if name in METRICS:
+        raise InputError(f"{spec}: a metric called {name} exists already: give it another name")
+    return name, metric
+
+
+def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestrians: str | None = None) -> Scenario:
+    """A scenario by name or path, with dotted keys overridden: `{"vehicle.visible": True}`.
+
+    `pedestrians` puts one policy in the place of the scenario's own, and of what it sets for them.
+    """
     path = Path(spec) if spec.endswith(".toml") else FOLDERS["scenarios"] / f"{spec}.toml"
     if not spec.endswith(".toml") and not path.is_file():
         raise InputError(
             f"no scenario is called {spec!r}; there are {_known('scenarios')}, or give a file: ./mine.toml"
         )
     table = scenario_file.read_table(path)
+    if pedestrians is not None:
+        crowd = table.get("pedestrians", {})
+        own = [key for key, value in crowd.items() if isinstance(value, dict) and "mean" not in value]
+        table["pedestrians"] = {key: crowd[key] for key in crowd if key not in own} | {"policy": pedestrians}
     for key, value in (overrides or {}).items():
         _set(table, key, value, path)
     return scenario_file.parse(table, path.stem, str(path) if spec.endswith(".toml") else path.name, load_policy)

@@ -203,7 +203,7 @@ class _Section:
                 f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
                 f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std",
             )
-        return Quantity(**table)
+        return Quantity(**{name: float(value) for name, value in table.items()})
 
     def close(self) -> None:
         for key in self.table:

@@ -13,8 +13,10 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Shaped
 from numba import njit, prange
+
+from crowdbench.sim.kernels import per_agent
 
 PARALLEL_AGENTS = 400
 """Agents in a batch from which the 110 microseconds that starting threads costs are worth paying."""
@@ -32,7 +34,7 @@ def orca_velocities(
     *,
     time_step: float = 0.25,
     neighbor_distance: float | Float[np.ndarray, "world agent"] = 10.0,
-    max_neighbors: int | Int[np.ndarray, "..."] = 10,
+    max_neighbors: int | Shaped[np.ndarray, "..."] = 10,
     time_horizon: float | Float[np.ndarray, "world agent"] = 5.0,
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
@@ -56,20 +58,14 @@ def orca_velocities(
         np.ascontiguousarray(radius),
         np.ascontiguousarray(max_speed),
         time_step,
-        _per_agent(neighbor_distance, shape),
-        _per_agent(limits[:, None] if limits.ndim == 1 else limits, shape),
-        _per_agent(time_horizon, shape),
+        per_agent(neighbor_distance, shape),
+        per_agent(limits[:, None] if limits.ndim == 1 else limits, shape, np.int64),
+        per_agent(time_horizon, shape),
         everybody if seen is None else np.ascontiguousarray(seen),
         everybody if moves is None else np.ascontiguousarray(moves),
         out,
     )
     return out
-
-
-def _per_agent(value: float | np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    if isinstance(value, float | int):
-        return np.full(shape, value)
-    return np.ascontiguousarray(np.broadcast_to(value, shape))
 
 
 @no_type_check

@@ -1,0 +1,252 @@
+"""The command line: reads options, calls what does the work, prints. Imports what a command needs when it runs."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.exceptions import TyperException
+
+from crowdbench.errors import InputError
+
+if TYPE_CHECKING:
+    from crowdbench.metrics import Metric
+    from crowdbench.scenario import Scenario
+
+DEBUG = "--debug"
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    help="The benchmark for navigation in crowds.",
+    epilog=f"{DEBUG}, anywhere, shows the traceback of an error.",
+)
+
+PlannerOption = Annotated[str, typer.Option(help="A name, ./mine.py or ./mine.py:factory.")]
+OptionOption = Annotated[list[str] | None, typer.Option("--option", help="key=value for the planner; repeatable.")]
+ScenarioOption = Annotated[str, typer.Option(help="A name or ./mine.toml.")]
+CasesOption = Annotated[str, typer.Option(help="500, 2000:2500 or val:100.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="key=value in the scenario, such as vehicle.visible=true; repeatable.")
+]
+PedestriansOption = Annotated[str | None, typer.Option(help="The policy of all pedestrians: a name or ./mine.py.")]
+MetricOption = Annotated[
+    list[str] | None, typer.Option("--metric", help="A metric of your own: ./mine.py; repeatable.")
+]
+LimitOption = Annotated[float, typer.Option(help="Seconds that a planner may think about one step.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
+
+
+@app.command()
+def run(
+    planner: PlannerOption,
+    scenario: ScenarioOption = "circle_crossing_5",
+    cases: CasesOption = "500",
+    option: OptionOption = None,
+    overrides: SetOption = None,
+    pedestrians: PedestriansOption = None,
+    metric: MetricOption = None,
+    out: Annotated[Path | None, typer.Option(help="[default: runs/<planner>-<scenario>-<n>]")] = None,
+    record: Annotated[str, typer.Option(help="failures (and the first ten), all or none.")] = "failures",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run.")] = False,
+    batch: Annotated[int, typer.Option(min=1, help="Cases that run in lock-step.")] = 500,
+    threads: Annotated[int | None, typer.Option(min=1, help="[default: all cores]")] = None,
+    decision_limit: LimitOption = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Drive a planner through the cases of a scenario and score it."""
+    from crowdbench import catalog
+    from crowdbench import run as runs
+    from crowdbench.cases import Cases
+    from crowdbench.console import announce_compilation, progress, say
+    from crowdbench.driver import Driver
+
+    if record not in runs.RECORD:
+        raise InputError(f"--record {record} is not one of {', '.join(runs.RECORD)}")
+    announce_compilation()
+    _use_threads(threads)
+    wanted = Cases.parse(cases)
+    options = catalog.assignments(option or [], "--option")
+    name, made = catalog.load_planner(planner, options)
+    place = _scenario(scenario, overrides, pedestrians)
+    directory = out or Path("runs") / f"{name}-{place.name}-{len(wanted)}"
+    with progress(len(wanted), "cases") as tell:
+        finished = runs.run(
+            Driver(made, name, decision_limit),
+            place,
+            wanted,
+            directory,
+            metrics=_metrics(metric),
+            about={"options": options, "overrides": catalog.assignments(overrides or [], "--set")},
+            record=record,
+            batch=batch,
+            overwrite=overwrite,
+            progress=tell,
+        )
+    result = finished.result
+    if as_json:
+        print(json.dumps(result, indent=2))
+    else:
+        from crowdbench.tables import result_table
+
+        _print(result_table(f"{name} on {place.name}, cases {result['cases']}", result["metrics"]))
+        print(f"\nKept in {directory}. See it with: crowdbench view {directory}")
+    if finished.interrupted:
+        say(f"crowdbench: interrupted: kept cases {result['cases']}, all that were finished in order, in {directory}")
+        raise typer.Exit(130)
+
+
+@app.command("list")
+def list_(
+    kind: Annotated[str, typer.Argument(help="planners, pedestrians, scenarios or metrics.")],
+) -> None:
+    """List planners, pedestrians, scenarios or metrics."""
+    from crowdbench import catalog
+    from crowdbench.tables import listing_table
+
+    if kind == "metrics":
+        from crowdbench.metrics import METRICS
+
+        rows = [(name, (metric.__doc__ or "").partition("\n")[0]) for name, metric in METRICS.items()]
+    elif kind in catalog.FOLDERS:
+        rows = catalog.listing(kind)
+    else:
+        raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(catalog.FOLDERS)} or metrics")
+    _print(listing_table(kind, rows))
+
+
+@app.command()
+def check(
+    planner: Annotated[str, typer.Argument(help="A name, ./mine.py or ./mine.py:factory.")],
+    option: OptionOption = None,
+    scenario: ScenarioOption = "circle_crossing_5",
+    cases: CasesOption = "val:20",
+    decision_limit: LimitOption = 60.0,
+) -> None:
+    """Say point by point whether a planner keeps the contract."""
+    from crowdbench import catalog
+    from crowdbench.cases import Cases
+    from crowdbench.check import check as examine
+    from crowdbench.console import announce_compilation
+    from crowdbench.tables import check_table
+
+    announce_compilation()
+    options = catalog.assignments(option or [], "--option")
+    name, _ = catalog.load_planner(planner, options)
+    points = examine(
+        lambda: catalog.load_planner(planner, options)[1],
+        name,
+        catalog.load_scenario(scenario),
+        Cases.parse(cases),
+        decision_limit,
+    )
+    _print(check_table(name, points))
+    if not all(point.kept for point in points):
+        raise typer.Exit(1)
+
+
+@app.command()
+def compare(
+    a: Annotated[Path, typer.Argument(help="The directory of a run.")],
+    b: Annotated[Path, typer.Argument(help="Another, of the same scenario and cases.")],
+) -> None:
+    """Compare two runs case by case."""
+    from crowdbench.compare import compare as pair
+    from crowdbench.tables import changed_cases, comparison_table
+
+    found = pair(a, b)
+    _print(comparison_table(found))
+    print("\nRates are over all shared cases (p: McNemar's exact test), the rest over cases that both solve.")
+    print(changed_cases(found) or "No case ends differently.")
+
+
+@app.command()
+def view(
+    run: Annotated[Path, typer.Argument(help="The directory of a run, or an .rrd file.")],
+    case: Annotated[int | None, typer.Option(help="Show this case alone.")] = None,
+) -> None:
+    """Open a recording in the Rerun viewer."""
+    from crowdbench import record
+
+    record.view(_recording(run), case)
+
+
+@app.command()
+def score(
+    recording: Annotated[Path, typer.Argument(help="An .rrd file, or the directory of a run.")],
+    metric: MetricOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compute the metrics again from a recording alone."""
+    from crowdbench.score import score as measure
+    from crowdbench.tables import episodes_table, result_table
+
+    scored = measure(_recording(recording), _metrics(metric))
+    if as_json:
+        print(json.dumps(scored.to_json(), indent=2))
+    elif scored.complete:
+        _print(result_table(f"{scored.planner} on {scored.scenario}, from {recording}", scored.to_json()["metrics"]))
+    else:
+        _print(episodes_table(scored.cases, scored.episodes))
+
+
+def main() -> None:
+    """The entry point: every error of the user's is one sentence and a non-zero exit."""
+    debug = DEBUG in sys.argv
+    arguments = [argument for argument in sys.argv[1:] if argument != DEBUG]
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        sys.exit(app(arguments, standalone_mode=False))
+    except (InputError, TyperException) as error:
+        if debug:
+            raise
+        message = error.format_message() if isinstance(error, TyperException) else str(error)
+        print(f"crowdbench: {message}", file=sys.stderr)
+        sys.exit(2 if isinstance(error, TyperException) else 1)
+    except (KeyboardInterrupt, typer.Abort):
+        print("crowdbench: interrupted: nothing was kept", file=sys.stderr)
+        sys.exit(130)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _scenario(spec: str, overrides: list[str] | None, pedestrians: str | None) -> Scenario:
+    from crowdbench import catalog
+
+    settings = catalog.assignments(overrides or [], "--set")
+    return catalog.load_scenario(spec, settings, pedestrians)
+
+
+def _metrics(specs: list[str] | None) -> dict[str, Metric]:
+    from crowdbench import catalog
+    from crowdbench.metrics import METRICS
+
+    return METRICS | dict(catalog.load_metric(spec) for spec in specs or [])
+
+
+def _recording(path: Path) -> Path:
+    from crowdbench.results import RECORDING
+
+    return path / RECORDING if path.is_dir() else path
+
+
+def _use_threads(threads: int | None) -> None:
+    import numba
+
+    if threads is not None:
+        if threads > numba.config.NUMBA_NUM_THREADS:
+            raise InputError(f"--threads {threads} is more than the {numba.config.NUMBA_NUM_THREADS} there are")
+        numba.set_num_threads(threads)
+
+
+def _print(table: Any) -> None:
+    from rich.console import Console
+
+    Console().print(table)

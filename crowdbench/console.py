@@ -1,0 +1,58 @@
+"""What the command line says while it works: progress, and waiting for the compiler. All on standard error."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+PLAIN_INTERVAL = 5.0
+"""Seconds between two lines of progress where there is no terminal."""
+
+
+@contextlib.contextmanager
+def progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
+    """Gives a function that is told how many more are done: a bar on a terminal, plain lines elsewhere."""
+    if sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(what, total=total)
+            yield lambda done: bar.advance(task, done)
+        return
+    done_so_far, last = 0, time.monotonic()
+
+    def tell(done: int) -> None:
+        nonlocal done_so_far, last
+        done_so_far += done
+        if time.monotonic() - last >= PLAIN_INTERVAL:
+            last = time.monotonic()
+            say(f"{done_so_far} of {total} {what}")
+
+    yield tell
+
+
+def say(text: str) -> None:
+    """One line for the user that is no result."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def announce_compilation() -> None:
+    """Say what is being waited for when the simulator is compiled, the first time it runs on a machine."""
+    from numba.core import event
+
+    class Once(event.Listener):  # type: ignore[misc]
+        said = False
+
+        def on_start(self, event: object) -> None:
+            if not self.said:
+                say("compiling the simulator for this machine (once, about 15 s; later runs take it from a cache)")
+            self.said = True
+
+        def on_end(self, event: object) -> None:
+            """Nothing to say."""
+
+    event.register("numba:compile", Once())

@@ -1,0 +1,229 @@
+"""What is measured: functions `Trace -> one value per episode`, NaN where a metric is undefined.
+
+The first line of each docstring is what `crowdbench list metrics` shows; its unit stands in brackets.
+Booleans are averaged as rates. To add a metric, write its function and name it in `METRICS`.
+
+Sums run step by step in the order of time, so that an episode's value does not depend on its batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.geometry import norm, wrap_angle
+from crowdbench.reward import discount, reward
+from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
+
+Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
+
+STANDSTILL = 0.05
+"""A speed below this, in m/s, counts as standing."""
+
+HALL_ZONES = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
+"""Outer bounds in metres of the zones of Hall, The Hidden Dimension (1966)."""
+
+
+def success_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes in which the vehicle reached its goal [1]."""
+    return trace.outcome == Outcome.SUCCESS
+
+
+def collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended in a collision [1]."""
+    return trace.outcome == Outcome.COLLISION
+
+
+def timeout_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ran out of time [1]."""
+    return trace.outcome == Outcome.TIMEOUT
+
+
+def navigation_time(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Time from start to goal, over successes [s]."""
+    return np.where(success_rate(trace), trace.steps * trace.rules.dt, np.nan)
+
+
+def navigation_time_or_limit(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Time from start to goal, a failure counting as the time limit [s]."""
+    return np.where(success_rate(trace), trace.steps * trace.rules.dt, trace.rules.time_limit)
+
+
+def path_length(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Length of the vehicle's path [m]."""
+    return _sum(norm(np.diff(trace.position[:, :, 0], axis=1)))
+
+
+def spl(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Success weighted by path length: shortest over real path, 0 for a failure [1].
+
+    Anderson et al. 2018, "On evaluation of embodied navigation agents". The shortest path is the straight
+    line to the rim of the goal, whose radius is the vehicle's.
+    """
+    shortest = norm(trace.goal[:, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0]
+    return success_rate(trace) * shortest / np.maximum(path_length(trace), shortest)
+
+
+def max_velocity_change(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Largest change of velocity from one step to the next, the start from rest included [m/s].
+
+    Our reading of the "Max Acc" of Li et al., whose figures have this size.
+    """
+    return np.nanmax(_velocity_changes(trace), axis=1)
+
+
+def max_acceleration(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Largest change of velocity over the time step, the start from rest included [m/s^2]."""
+    return max_velocity_change(trace) / trace.rules.dt
+
+
+def mean_acceleration(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Mean over steps of the change of velocity over the time step [m/s^2]."""
+    return _sum(_velocity_changes(trace)) / trace.rules.dt / trace.steps
+
+
+def jerk(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Mean size of the change of acceleration over the time step [m/s^3].
+
+    Undefined in an episode of one step.
+    """
+    change = norm(np.diff(trace.velocity[:, :, 0], n=2, axis=1)) / trace.rules.dt**2
+    return _sum(change) / np.where(trace.steps > 1, trace.steps - 1, np.nan)
+
+
+def max_turn(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Largest change of heading between two steps, both driven at 0.05 m/s at least [rad]."""
+    velocity = trace.velocity[:, 1:, 0]
+    heading = np.where(norm(velocity) >= STANDSTILL, np.arctan2(velocity[..., 1], velocity[..., 0]), np.nan)
+    turn = np.abs(wrap_angle(np.diff(heading, axis=1)))
+    return np.max(turn, axis=1, initial=0.0, where=~np.isnan(turn))
+
+
+def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Smallest distance between the vehicle's rim and a pedestrian's, as the judge measured it [m].
+
+    Negative where they overlapped; undefined among no pedestrians.
+    """
+    gap = np.nanmin(trace.gap, axis=1)
+    return np.where(np.isfinite(gap), gap, np.nan)
+
+
+def discomfort(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps with a gap below 0.2 m [1]."""
+    return _sum(1.0 * (trace.gap < DISCOMFORT_GAP)) / trace.steps
+
+
+def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of all steps with a gap below 0.2 m that did not end the episode, pooled as in CrowdNav [1]."""
+    before_last = np.arange(trace.gap.shape[1]) < trace.steps[:, None] - 1
+    return _sum(1.0 * ((trace.gap < DISCOMFORT_GAP) & before_last)) / trace.steps
+
+
+def intimate_zone(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps with somebody's rim within Hall's intimate distance, 0.45 m of the rim [1]."""
+    return _in_zone(trace, "intimate")
+
+
+def personal_zone(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps with somebody's rim within Hall's personal distance, 1.2 m of the rim [1]."""
+    return _in_zone(trace, "personal")
+
+
+def social_zone(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps with somebody's rim within Hall's social distance, 3.6 m of the rim [1]."""
+    return _in_zone(trace, "social")
+
+
+def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Smallest time until the vehicle would touch somebody if both kept their velocities of the step [s].
+
+    Undefined in an episode without any such encounter.
+    """
+    position = trace.position[:, :-1, 1:] - trace.position[:, :-1, :1]
+    velocity = trace.velocity[:, 1:, 1:] - trace.velocity[:, 1:, :1]
+    reach = (trace.radius[:, 1:] + trace.radius[:, :1])[:, None]
+    a = _dot(velocity, velocity)
+    b = _dot(position, velocity)
+    c = _dot(position, position) - reach**2
+    root = b**2 - a * c
+    meets = (b < 0) & (root >= 0)
+    with np.errstate(invalid="ignore"):
+        time = np.where(meets, c / (np.sqrt(np.where(meets, root, 0.0)) - b), np.inf)
+    least = np.min(np.maximum(time, 0.0), axis=(1, 2), initial=np.inf)
+    return np.where(np.isfinite(least), least, np.nan)
+
+
+def stopped_time(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Time spent slower than 0.05 m/s [s]."""
+    return _sum(1.0 * (norm(trace.velocity[:, 1:, 0]) < STANDSTILL)) * trace.rules.dt
+
+
+def discounted_return(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Sum of discounted rewards from the start [1]."""
+    steps = np.arange(trace.gap.shape[1])
+    outcome = np.where(steps == trace.steps[:, None] - 1, trace.outcome[:, None], Outcome.RUNNING)
+    factor = discount(trace.preferred_speed[:, :1], trace.rules.dt) ** steps
+    return _sum(factor * reward(outcome, trace.gap, trace.rules.dt))
+
+
+def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Mean distance of pedestrians from where they would be in the same case without the vehicle [m].
+
+    Over pedestrians and steps; undefined where pedestrians do not see the vehicle, or there are none.
+    """
+    if trace.undisturbed is None:
+        return np.full(len(trace), np.nan)
+    moved = norm(trace.position[:, 1:, 1:] - trace.undisturbed[:, 1:])
+    pedestrians = trace.present[:, 1:].sum(axis=1)
+    return _sum(_sum(moved.swapaxes(1, 2))) / np.where(pedestrians > 0, pedestrians * trace.steps, np.nan)
+
+
+METRICS: dict[str, Metric] = {
+    metric.__name__: metric
+    for metric in (
+        success_rate,
+        collision_rate,
+        timeout_rate,
+        navigation_time,
+        navigation_time_or_limit,
+        path_length,
+        spl,
+        minimum_gap,
+        discomfort,
+        discomfort_frequency,
+        intimate_zone,
+        personal_zone,
+        social_zone,
+        time_to_collision,
+        max_velocity_change,
+        max_acceleration,
+        mean_acceleration,
+        jerk,
+        max_turn,
+        stopped_time,
+        discounted_return,
+        deflection,
+    )
+}
+
+POOLED = frozenset({"discomfort_frequency"})
+"""Metrics averaged over all steps of all episodes, not over episodes."""
+
+
+def _velocity_changes(trace: Trace) -> Float[np.ndarray, "world step"]:
+    return norm(np.diff(trace.velocity[:, :, 0], axis=1))
+
+
+def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
+    return _sum(1.0 * (trace.gap < HALL_ZONES[zone])) / trace.steps
+
+
+def _sum(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch"]:
+    # np.sum groups its terms by the shape of the array; a running sum always goes from left to right.
+    return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]
+
+
+def _dot(a: Float[np.ndarray, "*batch 2"], b: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]

@@ -1,0 +1,172 @@
+"""A run's results: one row per episode, a summary of them, and the directory that holds both."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import json
+import math
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int, Shaped
+
+from crowdbench.errors import InputError
+from crowdbench.metrics import Metric
+from crowdbench.summary import Estimate, summarize
+from crowdbench.types import Outcome, Trace
+
+RESULT = "result.json"
+EPISODES = "episodes.csv"
+RECORDING = "run.rrd"
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """One row per episode: case, outcome, steps, and a column for each metric (booleans are rates)."""
+
+    case: Int[np.ndarray, "case"]
+    outcome: Int[np.ndarray, "case"]
+    steps: Int[np.ndarray, "case"]
+    columns: Mapping[str, Shaped[np.ndarray, "case"]]
+
+    def __len__(self) -> int:
+        return len(self.case)
+
+    @classmethod
+    def of(cls, trace: Trace, metrics: Mapping[str, Metric]) -> Episodes:
+        """Measure a trace. Raises InputError where a metric fails or does not give one value per episode."""
+        return cls(
+            trace.case,
+            trace.outcome,
+            trace.steps,
+            {name: _measure(name, metric, trace) for name, metric in metrics.items()},
+        )
+
+    @classmethod
+    def joined(cls, parts: list[Episodes]) -> Episodes:
+        """The rows of all parts, one after the other."""
+        return cls(
+            np.concatenate([part.case for part in parts]),
+            np.concatenate([part.outcome for part in parts]),
+            np.concatenate([part.steps for part in parts]),
+            {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
+        )
+
+    def take(self, rows: Shaped[np.ndarray, "row"]) -> Episodes:
+        """The given rows."""
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns)
+
+    def summary(self) -> dict[str, Estimate]:
+        """Each metric's mean and interval."""
+        return summarize(self.columns, self.steps)
+
+    def write(self, path: Path) -> None:
+        """Write as CSV; numbers are written so that they read back to the last bit."""
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["case", "outcome", "steps", *self.columns])
+            labels = [Outcome(outcome).label for outcome in self.outcome]
+            columns = [_texts(values) for values in self.columns.values()]
+            writer.writerows(zip(self.case.tolist(), labels, self.steps.tolist(), *columns, strict=True))
+
+    @classmethod
+    def read(cls, path: Path) -> Episodes:
+        """Read what `write` wrote. Raises InputError where the file is missing or something else."""
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                header, *rows = list(csv.reader(file))
+            by_name = dict(zip(header, zip(*rows, strict=True), strict=True))
+            case, steps = (np.array([int(text) for text in by_name.pop(name)]) for name in ("case", "steps"))
+            outcome = np.array([Outcome[text.upper()] for text in by_name.pop("outcome")], np.int64)
+            return cls(case, outcome, steps, {name: _values(texts) for name, texts in by_name.items()})
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: {error.strerror}") from None
+        except (ValueError, KeyError) as error:
+            raise InputError(f"{path} is not a table of episodes as crowdbench writes it: {error}") from None
+
+
+def read_result(directory: Path) -> dict[str, Any]:
+    """The `result.json` of a run. Raises InputError where there is none or it is broken."""
+    path = directory / RESULT
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
+        ) from None
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON: {error}") from None
+    if not isinstance(result, dict) or not {"planner", "scenario", "cases", "metrics"} <= set(result):
+        raise InputError(f"{path} is not a result of crowdbench: it lacks planner, scenario, cases or metrics")
+    return result
+
+
+def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int | None]]:
+    """A summary as plain numbers; undefined ones become null."""
+    return {
+        name: {
+            key: None if isinstance(value, float) and math.isnan(value) else value
+            for key, value in dataclasses.asdict(estimate).items()
+        }
+        for name, estimate in summary.items()
+    }
+
+
+@contextlib.contextmanager
+def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A directory to write into, which becomes `path` in one move if all goes well, and vanishes otherwise.
+
+    Raises InputError where `path` exists and may not be overwritten, or cannot be made.
+    """
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
+    if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
+        raise InputError(
+            f"{path} holds something other than a run, and is not overwritten: name another place with --out"
+        )
+    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
+    try:
+        partial.mkdir(parents=True)
+        yield partial
+        if path.exists():
+            shutil.rmtree(path)
+        partial.rename(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
+    try:
+        values = metric(trace)
+    except Exception as error:
+        raise InputError(f"metric {name} raised {type(error).__name__}: {error}") from error
+    if not isinstance(values, np.ndarray) or values.shape != (len(trace),) or values.dtype.kind not in "bfiu":
+        found = (
+            f"shape {list(values.shape)} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
+        )
+        raise InputError(
+            f"metric {name} returned {found}, but must return one number or boolean per episode, [{len(trace)}]"
+        )
+    return values if values.dtype == bool else values.astype(np.float64)
+
+
+def _texts(values: Shaped[np.ndarray, "case"]) -> list[str]:
+    if values.dtype == bool:
+        return ["true" if value else "false" for value in values]
+    return ["" if math.isnan(value) else repr(value) for value in values.tolist()]
+
+
+def _values(texts: tuple[str, ...]) -> Shaped[np.ndarray, "case"]:
+    if set(texts) <= {"true", "false"}:
+        return np.array([text == "true" for text in texts])
+    return np.array([float(text) if text else math.nan for text in texts])

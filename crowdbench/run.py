@@ -1,0 +1,124 @@
+"""One run: a planner through the cases of a scenario, measured and written to a directory."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import json
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crowdbench.cases import Cases
+from crowdbench.driver import Driver
+from crowdbench.errors import InputError
+from crowdbench.metrics import Metric
+from crowdbench.results import EPISODES, RECORDING, RESULT, Episodes, new_directory, to_json
+from crowdbench.rollout import rollout
+from crowdbench.scenario import Scenario
+from crowdbench.types import Outcome, Trace
+
+BATCH = 500
+"""Cases that run in lock-step unless told otherwise: enough to keep all cores busy, few enough for memory."""
+
+FIRST_RECORDED = 10
+"""Under `--record failures`, this many first cases are recorded whatever their outcome."""
+
+RECORD = ("failures", "all", "none")
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a run left: its result, as in `result.json`, and whether it was interrupted before its last case."""
+
+    result: dict[str, Any]
+    interrupted: bool
+
+
+def run(
+    driver: Driver,
+    scenario: Scenario,
+    cases: Cases,
+    out: Path,
+    *,
+    metrics: Mapping[str, Metric],
+    about: Mapping[str, Any],
+    record: str = "failures",
+    batch: int = BATCH,
+    overwrite: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Finished:
+    """Drive, measure and write `result.json`, `episodes.csv` and, unless `record` is "none", `run.rrd`.
+
+    `about` goes into the result as it is. An interrupt (Ctrl-C) keeps the batches that are finished, if
+    any: they are the first cases, so their rates are not biased towards short episodes. Raises InputError,
+    leaving nothing behind, where anything breaks its contract or `out` cannot be written.
+    """
+    start = time.perf_counter()
+    interrupted = False
+    parts: list[Episodes] = []
+    with new_directory(out, overwrite) as directory:
+        with _recorder(record, directory / RECORDING, driver, scenario, len(cases)) as keep:
+            try:
+                for part in cases.batches(batch):
+                    trace = rollout(driver, scenario, part, keep_logs=record != "none", progress=progress)
+                    episodes = Episodes.of(trace, metrics)
+                    keep(trace, episodes, part.start - cases.start)
+                    parts.append(episodes)
+            except KeyboardInterrupt:
+                interrupted = True
+                if not parts:
+                    raise InputError(
+                        f"interrupted before the first {min(batch, len(cases))} cases were done: nothing was kept"
+                    ) from None
+        episodes = Episodes.joined(parts)
+        done = Cases(cases.split, cases.start, cases.start + len(episodes))
+        result = {
+            "planner": driver.name,
+            "privileged": driver.planner.privileged,
+            **about,
+            "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
+            "cases": str(done),
+            "outcomes": {outcome.label: int((episodes.outcome == outcome).sum()) for outcome in list(Outcome)[1:]},
+            "metrics": to_json(episodes.summary()),
+            "timing": {
+                "decision_ms_per_step": 1e3 * driver.seconds / int(episodes.steps.sum()),
+                "seconds": time.perf_counter() - start,
+            },
+            "versions": {
+                "python": platform.python_version(),
+                **{name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba")},
+            },
+        }
+        episodes.write(directory / EPISODES)
+        (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    return Finished(result, interrupted)
+
+
+Keep = Callable[[Trace, Episodes, int], None]
+
+
+@contextlib.contextmanager
+def _recorder(record: str, path: Path, driver: Driver, scenario: Scenario, cases: int) -> Iterator[Keep]:
+    """Gives a function that records those episodes of a batch that are wanted; `offset` is its first case's place."""
+    if record == "none":
+        yield lambda trace, episodes, offset: None
+        return
+    from crowdbench.record import Recorder
+
+    with Recorder(
+        path, planner=driver.name, scenario=scenario.name, scenario_digest=scenario.digest, cases=cases
+    ) as recorder:
+
+        def keep(trace: Trace, episodes: Episodes, offset: int) -> None:
+            wanted = np.full(len(trace), record == "all")
+            wanted |= trace.outcome != Outcome.SUCCESS
+            wanted[: max(0, FIRST_RECORDED - offset)] = True
+            recorder.add(trace, np.flatnonzero(wanted), episodes.columns)
+
+        yield keep

@@ -1,0 +1,114 @@
+"""What the command line prints: tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.table import Table
+
+from crowdbench.check import Point
+from crowdbench.compare import Comparison
+from crowdbench.metrics import METRICS
+from crowdbench.results import Episodes
+from crowdbench.types import Outcome
+
+
+def result_table(title: str, metrics: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Every metric with its interval. `metrics` as in `result.json`."""
+    table = _table(
+        title, ("metric", "left"), ("mean", "right"), ("95 % interval", "left"), ("max", "right"), ("n", "right")
+    )
+    for name, estimate in metrics.items():
+        if estimate["n"]:
+            unit = _unit(name)
+            share = unit == "%"
+            interval = f"{_number(estimate['low'], share)} to {_number(estimate['high'], share)}"
+            largest = "" if share else _number(estimate["max"])
+            table.add_row(name, f"{_number(estimate['mean'], share)} {unit}", interval, largest, str(estimate["n"]))
+    return table
+
+
+def episodes_table(cases: int, episodes: Episodes) -> Table:
+    """The episodes of a recording that does not have them all: no means, which would mislead."""
+    title = f"{len(episodes)} of {cases} cases are recorded; the rates of these alone would mislead"
+    shown = ("navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk")
+    table = _table(title, ("case", "right"), ("outcome", "left"), *((name, "right") for name in shown))
+    for row, case in enumerate(episodes.case.tolist()):
+        values = (episodes.columns[name][row] for name in shown)
+        table.add_row(str(case), Outcome(episodes.outcome[row]).label, *map(_number, values))
+    return table
+
+
+def comparison_table(found: Comparison) -> Table:
+    """Both runs side by side, with the paired difference."""
+    a, b = found.names
+    title = f"{a} and {b}: {found.cases} shared cases, {found.both_solved} solved by both"
+    table = _table(
+        title,
+        ("metric", "left"),
+        (a, "right"),
+        (b, "right"),
+        ("difference", "right"),
+        ("95 % interval", "left"),
+        ("p", "right"),
+    )
+    for name, row in found.rows.items():
+        if row.difference.n:
+            share = row.p is not None
+            low, high = _number(row.difference.low, share), _number(row.difference.high, share)
+            p = "" if row.p is None else f"{row.p:.2g}"
+            values = (_number(value, share) for value in (row.a, row.b, row.difference.mean))
+            table.add_row(name, *values, f"{low} to {high}", p)
+    return table
+
+
+def changed_cases(found: Comparison) -> str:
+    """One line for every pair of outcomes that differ, with the cases."""
+    groups: dict[tuple[int, int], list[int]] = {}
+    for case, one, two in found.changed:
+        groups.setdefault((one, two), []).append(case)
+    lines = []
+    for (one, two), cases in sorted(groups.items()):
+        labels = f"{found.names[0]} {Outcome(one).label}, {found.names[1]} {Outcome(two).label}"
+        lines.append(f"{labels} ({len(cases)}): {', '.join(map(str, cases))}")
+    return "\n".join(lines)
+
+
+def check_table(name: str, points: list[Point]) -> Table:
+    """The points of the contract."""
+    table = _table(f"The contract, as {name} keeps it", ("", "left"), ("point", "left"), ("seen", "left"))
+    for point in points:
+        table.add_row("[green]kept[/]" if point.kept else "[red]broken[/]", point.name, point.seen)
+    return table
+
+
+def listing_table(title: str, rows: list[tuple[str, str]]) -> Table:
+    """Names and what they are."""
+    table = _table(title, ("name", "left"), ("", "left"))
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _table(title: str, *columns: tuple[str, Any]) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for name, justify in columns:
+        table.add_column(name, justify=justify)
+    return table
+
+
+def _unit(name: str) -> str:
+    """The unit in brackets at the end of the metric's first docstring line; shares are shown in per cent."""
+    docstring = METRICS[name].__doc__ if name in METRICS else None
+    first = (docstring or "").partition("\n")[0]
+    unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
+    if name.endswith("_rate"):
+        return "%"
+    return "" if unit == "1" else unit
+
+
+def _number(value: float, share: bool = False) -> str:
+    if value != value:
+        return ""
+    return f"{100 * value:.1f}" if share else f"{value:.3f}"

@@ -1,0 +1,28 @@
+"""What all tests share: shapes are checked at every call, and reference data is found or its tests skip."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jaxtyping import install_import_hook
+
+install_import_hook("crowdbench", "typecheck.checked")
+
+SHARED = "CROWDBENCH_SHARED"
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder with reference data, which does not come with the project."""
+    path = os.environ.get(SHARED)
+    if path is None:
+        pytest.skip(f"needs the reference data: set {SHARED} to the folder that holds it")
+    assert Path(path).is_dir(), f"{SHARED} is {path}, which is no folder"
+    return Path(path)
+
+
+@pytest.fixture
+def reference(shared):
+    """Opens one of the reference files."""
+    return lambda name: np.load(shared / "reference" / f"{name}.npz")

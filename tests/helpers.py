@@ -1,0 +1,81 @@
+"""Small worlds and traces built by hand."""
+
+import dataclasses
+
+import numpy as np
+
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.driver import Driver
+from crowdbench.planner import Planner
+from crowdbench.rollout import rollout
+from crowdbench.types import HISTORY, Outcome, Rules, Trace, World
+
+
+def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules()):  # noqa: B008 (immutable)
+    """One world with the given agents, the vehicle first, all present."""
+    position = np.array([position], float)
+    agents = position.shape[1]
+    parameters = {"orca": {"neighbor_distance": 10.0, "max_neighbors": 10.0, "time_horizon": 5.0, "safety_space": 0.0}}
+    return World(
+        case=np.array([0]),
+        key=np.array([0], np.uint64),
+        step=np.array([step]),
+        position=position,
+        velocity=np.zeros_like(position) if velocity is None else np.array([velocity], float),
+        goal=position + 100.0 if goal is None else np.array([goal], float),
+        radius=np.full((1, agents), radius),
+        preferred_speed=np.ones((1, agents)),
+        present=np.ones((1, agents), bool),
+        history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
+        policy=np.zeros((1, agents - 1), np.int64),
+        parameters={name: {key: np.full((1, agents), value) for key, value in table.items()} for name, table in parameters.items()},
+        rules=rules,
+    )
+
+
+def trace(position, outcome=Outcome.SUCCESS, *, gap=None, goal=None, undisturbed=None, dt=0.25):
+    """One episode from its positions `[time, agent, 2]`, padded as a rollout pads it; radii 0.3, speeds 1."""
+    position = np.array(position, float)
+    steps, agents = len(position) - 1, position.shape[1]
+    rules = Rules(dt=dt)
+    velocity = np.diff(position, axis=0, prepend=position[:1]) / dt
+
+    def padded(values, length):
+        return np.pad(values, [(0, length - len(values))] + [(0, 0)] * (values.ndim - 1), constant_values=np.nan)[None]
+
+    return Trace(
+        split="test",
+        case=np.array([0]),
+        outcome=np.array([int(outcome)]),
+        steps=np.array([steps]),
+        position=padded(position, rules.max_steps + 1),
+        velocity=padded(velocity, rules.max_steps + 1),
+        gap=padded(np.full(steps, 1.0) if gap is None else np.array(gap, float), rules.max_steps),
+        goal=position[-1:] if goal is None else np.array([goal], float),
+        radius=np.full((1, agents), 0.3),
+        preferred_speed=np.ones((1, agents)),
+        present=np.ones((1, agents), bool),
+        rules=rules,
+        undisturbed=None if undisturbed is None else padded(np.array(undisturbed, float), rules.max_steps + 1),
+    )
+
+
+def drive(planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0, **overrides):
+    """A trace of a planner, by name or as an object; overrides use `__` for dots."""
+    name, made = load_planner(planner) if isinstance(planner, str) else (type(planner).__name__, planner)
+    place = load_scenario(scenario, {key.replace("__", "."): value for key, value in overrides.items()})
+    return rollout(Driver(made, name, decision_limit), place, Cases.parse(cases))
+
+
+def same(one, two):
+    """Whether two traces hold the same bits."""
+    names = [field.name for field in dataclasses.fields(Trace) if field.name not in ("split", "rules", "logs")]
+    return all(np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True) if getattr(one, name) is not None else getattr(two, name) is None for name in names)
+
+
+class Still(Planner):
+    """Stands where it is."""
+
+    def plan(self, obs):
+        return np.zeros((len(obs), 2))

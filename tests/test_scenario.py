@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+
+from crowdbench.cases import Cases, parse_case
+from crowdbench.catalog import load_scenario
+from crowdbench.errors import InputError
+from crowdbench.types import World
+
+ARRAYS = ("key", "position", "goal", "radius", "preferred_speed", "present", "policy")
+
+
+def arrays(world: World):
+    return [getattr(world, name) for name in ARRAYS] + [
+        values for table in world.parameters.values() for values in table.values()
+    ]
+
+
+def equal(one, two):
+    return all(np.array_equal(a, b) for a, b in zip(arrays(one), arrays(two), strict=True))
+
+
+@pytest.mark.parametrize("scenario", ["circle_crossing_5", "circle_crossing_5_gaussian", "square_crossing_5"])
+def test_a_case_does_not_depend_on_its_batch(scenario):
+    place = load_scenario(scenario)
+    together = place.draw("test", np.array([3, 700, 12, 4]))
+    for row, case in enumerate((3, 700, 12, 4)):
+        assert equal(together.take(np.array([row])), place.draw("test", np.array([case])))
+
+
+def test_cases_outside_crowdnavs_500_are_all_different():
+    place = load_scenario("circle_crossing_5")
+    drawn = [place.draw("test", np.arange(450, 1100)), place.draw("val", np.arange(600)), place.draw("train", np.arange(1500))]
+    starts = np.concatenate([world.position[:, 1] for world in drawn])
+    assert len(np.unique(starts, axis=0)) == len(starts)
+
+
+def test_another_seed_gives_other_cases_but_crowdnavs_stay():
+    cases = np.array([0, 499, 500, 501])
+    one = load_scenario("circle_crossing_5").draw("test", cases).position
+    two = load_scenario("circle_crossing_5", {"seed": 1}).draw("test", cases).position
+    assert np.array_equal(one[:2], two[:2])
+    assert not (one[2:, 1:] == two[2:, 1:]).any()
+
+
+def test_nobody_starts_too_close_to_anybody():
+    for scenario in ("circle_crossing_10", "square_crossing_5", "circle_crossing_5_gaussian"):
+        world = load_scenario(scenario).draw("val", np.arange(200))
+        distance = np.linalg.norm(world.position[:, :, None] - world.position[:, None], axis=-1)
+        reach = world.radius[:, :, None] + world.radius[:, None] + 0.2
+        agents = np.arange(distance.shape[1])
+        distance[:, agents, agents] = np.inf
+        assert (distance >= reach - 1e-12).all()
+
+
+def test_gaussian_parameters_vary_within_their_bounds():
+    world = load_scenario("circle_crossing_5_gaussian").draw("val", np.arange(400))
+    speed = world.preferred_speed[:, 1:]
+    assert 0.5 <= speed.min() < 0.6
+    assert 1.4 < speed.max() <= 1.5
+    assert abs(speed.mean() - 1.0) < 0.02
+    horizon = world.parameters["orca"]["time_horizon"][:, 1:]
+    assert 2.0 <= horizon.min() < horizon.max() <= 8.0
+    assert (world.preferred_speed[:, 0] == 1.0).all()
+    assert world.position[:, 0].std(axis=0).min() > 0.1
+    assert world.goal[:, 0].std(axis=0).min() > 0.1
+
+
+def test_a_number_range_gives_worlds_of_every_size():
+    world = load_scenario("circle_crossing_5", {"pedestrians.number": [1, 4]}).draw("val", np.arange(100))
+    numbers = world.present[:, 1:].sum(axis=1)
+    assert set(numbers) == {1, 2, 3, 4}
+    assert world.present[:, 0].all()
+    assert (np.diff(world.present.astype(int), axis=1) <= 0).all()
+
+
+def test_no_pedestrians_is_a_crowd_too():
+    world = load_scenario("circle_crossing_5", {"pedestrians.number": 0}).draw("test", np.arange(3))
+    assert world.position.shape == (3, 1, 2)
+
+
+def test_policies_share_a_crowd_as_asked():
+    place = load_scenario("circle_crossing_5", {"pedestrians.policy": {"orca": 3, "social_force": 1}})
+    assert list(place.policies) == ["orca", "social_force"]
+    assert place.draw("val", np.arange(400)).policy.mean() == pytest.approx(0.25, abs=0.04)
+
+
+def test_the_digest_tells_scenarios_apart():
+    digests = {load_scenario("circle_crossing_5", changes).digest for changes in ({}, {"dt": 0.2}, {"vehicle.radius": 0.4})}
+    assert len(digests) == 3
+    assert load_scenario("circle_crossing_5").digest == load_scenario("circle_crossing_5", {"dt": 0.25}).digest
+
+
+BROKEN = {
+    "colision = 'swept'": ["colision", "unknown key", "collision"],
+    "collision = 'sweep'": ["collision", "swept", "crowdnav"],
+    "dt = '0.25'": ["dt", "number"],
+    "dt = -1": ["dt", "-1", "above 0"],
+    "[pedestrians]\nnumber = 60": ["no room", "pedestrians.number", "circle_radius"],
+    "[pedestrians]\nnumber = -1": ["pedestrians.number", "whole number"],
+    "[pedestrians]\nnumber = [5, 2]": ["pedestrians.number", "least, most"],
+    "[pedestrians]\npolicy = 'orka'": ["orka", "orca"],
+    "[pedestrians]\nradius = {mean = 0.3, std = 0.1}": ["pedestrians.radius", "Gaussian"],
+    "[pedestrians.orca]\ntime_horison = 3": ["pedestrians.orca.time_horison", "time_horizon"],
+    "[pedestrians.social_force]\nx = 3": ["pedestrians.social_force", "unknown key"],
+    "[layout]\ngenerator = 'circle'": ["layout.generator", "circle_crossing"],
+    "[layout]\ncircle_radius = 'wide'": ["layout.circle_radius", "number"],
+    "[layout]\nsquare_width = 3": ["layout.square_width", "circle_radius"],
+    "[vehicle]\nvisible = 1": ["vehicle.visible", "true or false"],
+    "vehicle = 3": ["vehicle", "table"],
+    "time_limit = ": ["TOML"],
+}
+
+
+@pytest.mark.parametrize("text", BROKEN)
+def test_a_broken_file_gets_one_sentence(tmp_path, text):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        load_scenario(str(path)).worlds(Cases.parse("1"))
+    message = str(error.value)
+    assert "\n" not in message
+    for part in BROKEN[text]:
+        assert part in message
+    if "policy" not in text:
+        assert "mine.toml" in message
+
+
+def test_a_missing_scenario_is_told_with_what_there_is():
+    with pytest.raises(InputError, match=r"circle_crossing_5, .*square_crossing_5"):
+        load_scenario("circle_crossing_7")
+    with pytest.raises(InputError, match=r"nowhere.toml cannot be read"):
+        load_scenario("nowhere.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("500", "test:0:500"), ("2000:2500", "test:2000:2500"), ("val:100", "val:0:100"), ("train:5:6", "train:5:6")],
+)
+def test_cases_are_read(text, expected):
+    assert str(Cases.parse(text)) == expected
+
+
+@pytest.mark.parametrize("text", ["0", "5:5", "dev:3", "-1", "", "a", "1:2:3", "test:", "5.5"])
+def test_cases_that_are_none_are_refused(text):
+    with pytest.raises(InputError, match="2000:2500"):
+        Cases.parse(text)
+
+
+def test_a_case_is_named_by_split_and_number():
+    assert parse_case("test:37") == ("test", 37)
+    for text in ("37", "test:-1", "dev:1", "test:1:2"):
+        with pytest.raises(InputError, match="test:37"):
+            parse_case(text)

@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+from helpers import world
+
+from crowdbench.catalog import load_policy
+from crowdbench.reward import discount, reward
+from crowdbench.sim.simulator import advance, crowd_velocities, judge, observe
+from crowdbench.types import HISTORY, Outcome, Rules
+
+POLICIES = dict([load_policy("orca")])
+
+
+def outcome_of(before, velocity):
+    after = advance(before, np.array([velocity], float))
+    outcome, gap = judge(before, after)
+    return Outcome(outcome[0]), gap[0]
+
+
+def test_everybody_moves_with_its_velocity():
+    after = advance(world([[0, 0], [3, 0]]), np.array([[[0.4, 0.2], [-1.0, 0.0]]]))
+    assert after.position.tolist() == [[[0.1, 0.05], [2.75, 0.0]]]
+    assert after.velocity.tolist() == [[[0.4, 0.2], [-1.0, 0.0]]]
+    assert after.step.tolist() == [1]
+
+
+def test_speed_is_limited_to_the_preferred_speed_but_for_rounding():
+    after = advance(world([[0, 0], [9, 0]]), np.array([[[3.0, 4.0], [1.0 + 5e-7, 0.0]]]))
+    assert after.velocity[0, 0] == pytest.approx([0.6, 0.8], abs=1e-15)
+    assert after.velocity[0, 1, 0] == 1.0 + 5e-7
+
+
+def test_the_world_is_left_as_it_was():
+    before = world([[0, 0], [3, 0]])
+    copies = {name: getattr(before, name).copy() for name in ("position", "velocity", "history", "step")}
+    advance(before, np.ones((1, 2, 2)))
+    assert all(np.array_equal(getattr(before, name), copy) for name, copy in copies.items())
+
+
+def test_absent_agents_do_not_move_collide_or_count():
+    before = world([[0, 0], [0.1, 0]]).replace(present=np.array([[True, False]]))
+    after = advance(before, np.ones((1, 2, 2)))
+    assert after.position[0, 1].tolist() == [0.1, 0.0]
+    outcome, gap = judge(before, after)
+    assert (outcome[0], gap[0]) == (Outcome.RUNNING, np.inf)
+
+
+def test_history_holds_the_last_positions_and_says_how_many_are_real():
+    now = world([[0, 0], [0, 5]])
+    seen = [now.position[0, 1].copy()]
+    for step in range(10):
+        pedestrians = observe(now).pedestrians
+        assert pedestrians.observed[0] == min(step + 1, HISTORY)
+        expected = ([seen[0]] * HISTORY + seen)[-HISTORY:]
+        assert np.array_equal(pedestrians.history[0, :, 0], expected)
+        now = advance(now, np.array([[[0, 0], [0.1 * step, -0.3]]]))
+        seen.append(now.position[0, 1].copy())
+
+
+def test_passing_through_somebody_within_a_step_is_a_collision():
+    assert outcome_of(world([[0, 0], [0.65, 0.3]]), [[1, 0], [-1, 0]])[0] is Outcome.COLLISION
+    outcome, gap = outcome_of(world([[0, 0], [2.0, 0.7]]), [[1, 0], [-1, 0]])
+    assert outcome is Outcome.RUNNING
+    assert gap == pytest.approx(np.hypot(1.5, 0.7) - 0.6)
+
+
+def test_the_rules_differ_in_the_pedestrians_velocity():
+    position, before, after = [[0, 0], [0.8, 0]], [[0, 0], [0, 0]], [[0, 0], [-1, 0]]
+    swept = outcome_of(world(position, before), after)
+    crowdnav = outcome_of(world(position, before, rules=Rules(collision="crowdnav")), after)
+    assert swept[0] is Outcome.COLLISION
+    assert crowdnav[0] is Outcome.RUNNING
+    assert crowdnav[1] == pytest.approx(0.2)
+
+
+def test_touching_is_no_collision_yet():
+    assert outcome_of(world([[0, 0], [0.5, 0]], radius=0.25), [[0, 0], [0, 0]]) == (Outcome.RUNNING, 0.0)
+
+
+def test_the_goal_is_reached_nearer_than_the_radius():
+    assert outcome_of(world([[0, 0], [5, 5]], goal=[[0.5, 0], [9, 9]]), [[1, 0], [0, 0]])[0] is Outcome.SUCCESS
+    assert outcome_of(world([[0, 0], [5, 5]], goal=[[0.5501, 0], [9, 9]]), [[1, 0], [0, 0]])[0] is Outcome.RUNNING
+
+
+def test_time_out_comes_before_collision_and_collision_before_success():
+    into = [[1, 0], [0, 0]]
+    place, goal = [[0, 0], [0.6, 0]], [[0.25, 0], [9, 9]]
+    assert outcome_of(world(place, goal=goal), into)[0] is Outcome.COLLISION
+    assert outcome_of(world(place, goal=goal, step=96), into)[0] is Outcome.TIMEOUT
+    assert outcome_of(world([[0, 0], [9, 0]], goal=goal, step=95), into)[0] is Outcome.SUCCESS
+    assert Rules().max_steps == 97
+
+
+def test_pedestrians_see_the_vehicle_only_where_it_is_visible():
+    place, goal = [[0, 0.05], [2, 0]], [[9, 0], [-4, 0]]
+    moving = [[1, 0], [-1, 0]]
+    unseen = crowd_velocities(world(place, moving, goal), POLICIES)
+    seen = crowd_velocities(world(place, moving, goal, rules=Rules(visible=True)), POLICIES)
+    assert unseen[0, 0] == pytest.approx([-1, 0])
+    assert abs(seen[0, 0, 1]) > 0.05
+
+
+def test_the_future_is_shown_to_privileged_planners_only():
+    now = world([[0, 0], [3, 0]])
+    with pytest.raises(PermissionError, match="privileged"):
+        observe(now).true_next()
+    future = np.ones((1, 1, 2))
+    assert observe(now, reveal=lambda: future).true_next() is future
+
+
+def test_the_reward_of_each_branch():
+    outcome = np.array([Outcome.RUNNING, Outcome.RUNNING, Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT])
+    gap = np.array([0.1, 0.3, 0.1, -0.1, -0.1])
+    assert reward(outcome, gap, 0.25) == pytest.approx([-0.1 * 0.5 * 0.25, 0, 1, -0.25, 0])
+    assert reward(outcome, gap, 0.5)[0] == pytest.approx(-0.1 * 0.5 * 0.5)
+    assert discount(np.array([1.0, 2.0]), 0.25) == pytest.approx([0.9**0.25, 0.9**0.5])
