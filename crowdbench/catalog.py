@@ -30,6 +30,8 @@ FOLDERS = {
 }
 """Where the built-in things of each kind lie, one file each."""
 
+WORDS = {"planners": "planner", "pedestrians": "pedestrian policy"}
+
 
 def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Planner]:
     """A planner's name and the planner, from a name, `file.py` or `file.py:factory`.
@@ -54,16 +56,19 @@ def load_policy(spec: str) -> tuple[str, PedestrianPolicy]:
     return name, made
 
 
-def load_metric(spec: str) -> tuple[str, Metric]:
-    """A metric's name and the metric, from `file.py` (its function `metric`) or `file.py:function`."""
-    file, _, function = spec.partition(":")
-    metric = getattr(load_module(Path(file)), function or "metric", None)
-    if not callable(metric):
-        raise InputError(f"{file} defines no function {function or 'metric'}(trace)")
-    name = function or Path(file).stem
-    if name in METRICS:
-        raise InputError(f"{spec}: a metric called {name} exists already: give it another name")
-    return name, metric
+def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
+    """The built-in metrics and those of `file.py` (its function `metric`) or `file.py:function`."""
+    metrics = dict(METRICS)
+    for spec in specs:
+        file, _, function = spec.partition(":")
+        metric = getattr(load_module(Path(file)), function or "metric", None)
+        if not callable(metric):
+            raise InputError(f"{file} defines no function {function or 'metric'}(trace)")
+        name = function or Path(file).stem
+        if name in metrics:
+            raise InputError(f"{spec}: a metric called {name} exists already: give it another name")
+        metrics[name] = metric
+    return metrics
 
 
 def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestrians: str | None = None) -> Scenario:
@@ -135,7 +140,7 @@ def _factory(kind: str, default: str, spec: str) -> tuple[str, Callable[..., obj
         for entry in _entry_points(kind):
             if entry.name == spec:
                 return spec, entry.load()
-        raise InputError(f"no {kind[:-1]} is called {spec!r}; there are {_known(kind)}, or give a file: ./mine.py")
+        raise InputError(f"no {WORDS[kind]} is called {spec!r}; there are {_known(kind)}, or give a file: ./mine.py")
     factory = getattr(load_module(path), function or default, None)
     if not callable(factory):
         raise InputError(f"{path} defines no function {function or default}()")

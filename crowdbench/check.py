@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,7 +16,7 @@ from crowdbench.errors import InputError
 from crowdbench.planner import Planner
 from crowdbench.rollout import rollout
 from crowdbench.scenario import Scenario
-from crowdbench.types import Observation
+from crowdbench.types import Observation, Pedestrians, Vehicle
 
 ROUNDING = 1e-6
 """Commands that differ by no more than this, in m/s, are the same up to rounding."""
@@ -126,7 +127,11 @@ def _share_changed(a: Float[np.ndarray, "command 2"], b: Float[np.ndarray, "comm
 
 def _arrays(obs: Observation) -> list[tuple[str, str, np.ndarray]]:
     """Every array of an observation as (part, field, array); the part is empty for the observation's own."""
-    parts = {"": obs, "vehicle": obs.vehicle, "pedestrians": obs.pedestrians}
+    parts: dict[str, Observation | Vehicle | Pedestrians] = {
+        "": obs,
+        "vehicle": obs.vehicle,
+        "pedestrians": obs.pedestrians,
+    }
     return [
         (part, field.name, getattr(owner, field.name))
         for part, owner in parts.items()
@@ -137,15 +142,9 @@ def _arrays(obs: Observation) -> list[tuple[str, str, np.ndarray]]:
 
 def _copy(obs: Observation, rows: Int[np.ndarray, "row"] | slice = slice(None)) -> Observation:
     """The observation's rows, in arrays of their own."""
-    new: dict[str, dict[str, np.ndarray]] = {"": {}, "vehicle": {}, "pedestrians": {}}
+    new: dict[str, dict[str, Any]] = {"": {}, "vehicle": {}, "pedestrians": {}}
     for part, field, values in _arrays(obs):
         new[part][field] = values[rows].copy()
-    revealed = None if obs.reveal is None else obs.true_next()[rows].copy()
-    return dataclasses.replace(
-        obs,
-        vehicle=dataclasses.replace(obs.vehicle, **new["vehicle"]),
-        pedestrians=dataclasses.replace(obs.pedestrians, **new["pedestrians"]),
-        reveal=None if revealed is None else lambda: revealed,
-        record=None,
-        **new[""],
-    )
+    vehicle = dataclasses.replace(obs.vehicle, **new["vehicle"])
+    pedestrians = dataclasses.replace(obs.pedestrians, **new["pedestrians"])
+    return dataclasses.replace(obs, vehicle=vehicle, pedestrians=pedestrians, record=None, **new[""])

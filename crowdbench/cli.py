@@ -7,16 +7,12 @@ import signal
 import sys
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
 
 from crowdbench.errors import InputError
-
-if TYPE_CHECKING:
-    from crowdbench.metrics import Metric
-    from crowdbench.scenario import Scenario
 
 DEBUG = "--debug"
 
@@ -52,7 +48,7 @@ def run(
     pedestrians: PedestriansOption = None,
     metric: MetricOption = None,
     out: Annotated[Path | None, typer.Option(help="[default: runs/<planner>-<scenario>-<n>]")] = None,
-    record: Annotated[str, typer.Option(help="failures (and the first ten), all or none.")] = "failures",
+    record: Annotated[str, typer.Option(help="failures (at most 1,000, and the first ten), all or none.")] = "failures",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run.")] = False,
     batch: Annotated[int, typer.Option(min=1, help="Cases that run in lock-step.")] = 500,
     threads: Annotated[int | None, typer.Option(min=1, help="[default: all cores]")] = None,
@@ -73,7 +69,8 @@ def run(
     wanted = Cases.parse(cases)
     options = catalog.assignments(option or [], "--option")
     name, made = catalog.load_planner(planner, options)
-    place = _scenario(scenario, overrides, pedestrians)
+    settings = catalog.assignments(overrides or [], "--set")
+    place = catalog.load_scenario(scenario, settings, pedestrians)
     directory = out or Path("runs") / f"{name}-{place.name}-{len(wanted)}"
     with progress(len(wanted), "cases") as tell:
         finished = runs.run(
@@ -81,8 +78,8 @@ def run(
             place,
             wanted,
             directory,
-            metrics=_metrics(metric),
-            about={"options": options, "overrides": catalog.assignments(overrides or [], "--set")},
+            metrics=catalog.load_metrics(metric or []),
+            about={"options": options, "overrides": settings},
             record=record,
             batch=batch,
             overwrite=overwrite,
@@ -169,11 +166,12 @@ def compare(
 def view(
     run: Annotated[Path, typer.Argument(help="The directory of a run, or an .rrd file.")],
     case: Annotated[int | None, typer.Option(help="Show this case alone.")] = None,
+    screenshot: Annotated[Path | None, typer.Option(help="Write a picture of the last state, open no window.")] = None,
 ) -> None:
     """Open a recording in the Rerun viewer."""
     from crowdbench import record
 
-    record.view(_recording(run), case)
+    record.view(_recording(run), case, screenshot)
 
 
 @app.command()
@@ -183,16 +181,34 @@ def score(
     as_json: JsonOption = False,
 ) -> None:
     """Compute the metrics again from a recording alone."""
+    from crowdbench import catalog
     from crowdbench.score import score as measure
     from crowdbench.tables import episodes_table, result_table
 
-    scored = measure(_recording(recording), _metrics(metric))
+    scored = measure(_recording(recording), catalog.load_metrics(metric or []))
     if as_json:
         print(json.dumps(scored.to_json(), indent=2))
     elif scored.complete:
         _print(result_table(f"{scored.planner} on {scored.scenario}, from {recording}", scored.to_json()["metrics"]))
     else:
         _print(episodes_table(scored.cases, scored.episodes))
+
+
+@app.command()
+def bench() -> None:
+    """Measure the speed here, beside navground's where that is installed."""
+    from crowdbench.bench.measure import rows
+    from crowdbench.console import progress
+    from crowdbench.tables import bench_table
+
+    with progress(9, "measurements") as tell:
+        measured = []
+        for row in rows():
+            measured.append(row)
+            tell(1)
+    _print(bench_table(measured))
+    if all(row.theirs is None for row in measured):
+        print("\nnavground is not installed, so its column is skipped: pip install 'crowdbench[bench]'")
 
 
 def main() -> None:
@@ -215,20 +231,6 @@ def main() -> None:
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
-
-
-def _scenario(spec: str, overrides: list[str] | None, pedestrians: str | None) -> Scenario:
-    from crowdbench import catalog
-
-    settings = catalog.assignments(overrides or [], "--set")
-    return catalog.load_scenario(spec, settings, pedestrians)
-
-
-def _metrics(specs: list[str] | None) -> dict[str, Metric]:
-    from crowdbench import catalog
-    from crowdbench.metrics import METRICS
-
-    return METRICS | dict(catalog.load_metric(spec) for spec in specs or [])
 
 
 def _recording(path: Path) -> Path:

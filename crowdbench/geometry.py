@@ -42,7 +42,20 @@ def toward_goal(
 
     So an agent slows down over its last metre, as in CrowdNav.
     """
-    offset = goal - position
-    distance = norm(offset)
-    scale = preferred_speed / np.maximum(distance, preferred_speed)
-    return offset * scale[..., None]
+    out = np.empty(position.shape)
+    _toward_goal(
+        np.ascontiguousarray(position).reshape(-1, 2),
+        np.ascontiguousarray(goal).reshape(-1, 2),
+        np.ascontiguousarray(preferred_speed).reshape(-1),
+        out.reshape(-1, 2),
+    )
+    return out
+
+
+@no_type_check
+@njit(cache=True)
+def _toward_goal(position, goal, preferred_speed, out):
+    for i in range(len(position)):
+        x, y = goal[i, 0] - position[i, 0], goal[i, 1] - position[i, 1]
+        scale = preferred_speed[i] / max(math.sqrt(x * x + y * y), preferred_speed[i])
+        out[i, 0], out[i, 1] = scale * x, scale * y

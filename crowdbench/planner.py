@@ -55,14 +55,14 @@ def _one_world(obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Observa
     return Observation(
         vehicle=_row(obs.vehicle, w),
         pedestrians=_row(obs.pedestrians, w),
-        case=obs.case[w],
-        key=obs.key[w],
-        step=obs.step[w],
+        case=obs.case[w, ...],
+        key=obs.key[w, ...],
+        step=obs.step[w, ...],
         dt=obs.dt,
-        reveal=None if obs.reveal is None else lambda: obs.true_next()[w],
+        future=None if obs.future is None else obs.future[w],
         record=record,
     )
 
 
 def _row(state: State, w: int) -> State:
-    return type(state)(**{field.name: getattr(state, field.name)[w] for field in dataclasses.fields(state)})
+    return type(state)(**{field.name: getattr(state, field.name)[w, ...] for field in dataclasses.fields(state)})

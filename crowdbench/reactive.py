@@ -9,6 +9,7 @@ from crowdbench.geometry import toward_goal
 from crowdbench.planner import Planner
 from crowdbench.sim.orca import orca_velocities
 from crowdbench.sim.pedestrians import ORCA_MARGIN
+from crowdbench.sim.social_force import social_force_velocities
 from crowdbench.types import Observation
 
 
@@ -33,6 +34,35 @@ class ORCAPlanner(Planner):
             preferred,
             radius + (ORCA_MARGIN + self.safety_space),
             np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
+            time_step=obs.dt,
+            seen=present,
+            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
+        )[:, 0]
+
+
+class SocialForcePlanner(Planner):
+    """The social force model with the parameters of Helbing and Molnár (1995).
+
+    The other agents go on with their velocities, as far as it can see. `safety_space`, in metres, is added
+    to every radius. It does not fluctuate.
+    """
+
+    def __init__(self, safety_space: float = 0.0) -> None:
+        self.safety_space = safety_space
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle = obs.vehicle
+        position, velocity, radius, present = everybody(obs)
+        goal = position.copy()
+        goal[:, 0] = vehicle.goal
+        return social_force_velocities(
+            position,
+            velocity,
+            goal,
+            radius + self.safety_space,
+            np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
+            np.zeros_like(position),
             time_step=obs.dt,
             seen=present,
             moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),

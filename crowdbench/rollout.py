@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -37,8 +38,8 @@ def rollout(
         crowd = crowd_velocities(world, scenario.policies)
         obs = observe(
             world,
-            reveal=(lambda crowd=crowd: crowd) if driver.planner.privileged else None,
-            record=(lambda name, values, rows=rows, t=t: log.log(rows, t, name, values)) if keep_logs else None,
+            future=crowd if driver.planner.privileged else None,
+            record=functools.partial(log.log, rows, t) if keep_logs else None,
         )
         command = driver.decide(obs)
         after = advance(world, np.concatenate([command[:, None], crowd], axis=1))

@@ -29,6 +29,9 @@ BATCH = 500
 FIRST_RECORDED = 10
 """Under `--record failures`, this many first cases are recorded whatever their outcome."""
 
+MOST_FAILURES = 1000
+"""Under `--record failures`, no more failures than this: Rerun needs a quarter of a megabyte of memory for each."""
+
 RECORD = ("failures", "all", "none")
 
 
@@ -68,8 +71,8 @@ def run(
                 for part in cases.batches(batch):
                     trace = rollout(driver, scenario, part, keep_logs=record != "none", progress=progress)
                     episodes = Episodes.of(trace, metrics)
-                    keep(trace, episodes, part.start - cases.start)
                     parts.append(episodes)
+                    keep(trace, episodes, part.start - cases.start)
             except KeyboardInterrupt:
                 interrupted = True
                 if not parts:
@@ -114,11 +117,14 @@ def _recorder(record: str, path: Path, driver: Driver, scenario: Scenario, cases
     with Recorder(
         path, planner=driver.name, scenario=scenario.name, scenario_digest=scenario.digest, cases=cases
     ) as recorder:
+        failures = 0
 
         def keep(trace: Trace, episodes: Episodes, offset: int) -> None:
-            wanted = np.full(len(trace), record == "all")
-            wanted |= trace.outcome != Outcome.SUCCESS
+            nonlocal failures
+            failed = trace.outcome != Outcome.SUCCESS
+            wanted = failed & (failures + np.cumsum(failed) <= MOST_FAILURES) | (record == "all")
             wanted[: max(0, FIRST_RECORDED - offset)] = True
+            failures += int(failed.sum())
             recorder.add(trace, np.flatnonzero(wanted), episodes.columns)
 
         yield keep

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.table import Table
 
+from crowdbench.bench import Row
 from crowdbench.check import Point
 from crowdbench.compare import Comparison
 from crowdbench.metrics import METRICS
@@ -80,6 +81,16 @@ def check_table(name: str, points: list[Point]) -> Table:
     table = _table(f"The contract, as {name} keeps it", ("", "left"), ("point", "left"), ("seen", "left"))
     for point in points:
         table.add_row("[green]kept[/]" if point.kept else "[red]broken[/]", point.name, point.seen)
+    return table
+
+
+def bench_table(rows: list[Row]) -> Table:
+    """What was measured; the ratio says how many times quicker than navground."""
+    table = _table("Speed", ("work", "left"), ("here", "right"), ("navground", "right"), ("ratio", "right"))
+    for row in rows:
+        theirs = "" if row.theirs is None else f"{row.theirs:.3g} {row.unit}"
+        ratio = "" if row.ratio is None else f"{row.ratio:.1f}x"
+        table.add_row(row.work, f"{row.ours:.3g} {row.unit}", theirs, ratio)
     return table
 
 

@@ -148,7 +148,7 @@ class Observation:
     key: UInt[np.ndarray, "*world"]
     step: Int[np.ndarray, "*world"]
     dt: float
-    reveal: Callable[[], Float[np.ndarray, "*world pedestrian 2"]] | None = None
+    future: Float[np.ndarray, "*world pedestrian 2"] | None = None
     record: Callable[[str, np.ndarray], None] | None = None
 
     def __len__(self) -> int:
@@ -157,7 +157,7 @@ class Observation:
     @property
     def time(self) -> Float[np.ndarray, "*world"]:
         """Seconds since the start."""
-        return self.step * self.dt
+        return np.asarray(self.step * self.dt)
 
     def normal(self, purpose: str, n: int) -> Float[np.ndarray, "*world pedestrian n"]:
         """Standard normal noise that depends on seed, case, purpose, step and pedestrian alone.
@@ -173,16 +173,16 @@ class Observation:
 
         Raises PermissionError unless the planner is `privileged`.
         """
-        if self.reveal is None:
+        if self.future is None:
             raise PermissionError(
                 "true_next() shows what no vehicle can see: only a planner with `privileged = True` may call it"
             )
-        return self.reveal()
+        return self.future
 
-    def log(self, name: str, values: np.ndarray) -> None:
+    def log(self, name: str, values: np.ndarray | float) -> None:
         """Put something of the planner's own, `[world, ...]`, into the recording."""
         if self.record is not None:
-            self.record(name, values)
+            self.record(name, np.asarray(values))
 
 
 @dataclass(frozen=True)

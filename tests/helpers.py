@@ -9,6 +9,7 @@ from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.driver import Driver
 from crowdbench.planner import Planner
 from crowdbench.rollout import rollout
+from crowdbench.sim.pedestrians import ORCA
 from crowdbench.types import HISTORY, Outcome, Rules, Trace, World
 
 
@@ -16,7 +17,6 @@ def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules
     """One world with the given agents, the vehicle first, all present."""
     position = np.array([position], float)
     agents = position.shape[1]
-    parameters = {"orca": {"neighbor_distance": 10.0, "max_neighbors": 10.0, "time_horizon": 5.0, "safety_space": 0.0}}
     return World(
         case=np.array([0]),
         key=np.array([0], np.uint64),
@@ -29,7 +29,7 @@ def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules
         present=np.ones((1, agents), bool),
         history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
         policy=np.zeros((1, agents - 1), np.int64),
-        parameters={name: {key: np.full((1, agents), value) for key, value in table.items()} for name, table in parameters.items()},
+        parameters={"orca": {name: np.full((1, agents), value) for name, value in ORCA.parameters.items()}},
         rules=rules,
     )
 
@@ -71,7 +71,8 @@ def drive(planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0
 def same(one, two):
     """Whether two traces hold the same bits."""
     names = [field.name for field in dataclasses.fields(Trace) if field.name not in ("split", "rules", "logs")]
-    return all(np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True) if getattr(one, name) is not None else getattr(two, name) is None for name in names)
+    pairs = [(getattr(one, name), getattr(two, name)) for name in names]
+    return all(a is b is None or np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
 class Still(Planner):

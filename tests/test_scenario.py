@@ -29,7 +29,8 @@ def test_a_case_does_not_depend_on_its_batch(scenario):
 
 def test_cases_outside_crowdnavs_500_are_all_different():
     place = load_scenario("circle_crossing_5")
-    drawn = [place.draw("test", np.arange(450, 1100)), place.draw("val", np.arange(600)), place.draw("train", np.arange(1500))]
+    ranges = (("test", 450, 1100), ("val", 0, 600), ("train", 0, 1500))
+    drawn = [place.draw(split, np.arange(start, stop)) for split, start, stop in ranges]
     starts = np.concatenate([world.position[:, 1] for world in drawn])
     assert len(np.unique(starts, axis=0)) == len(starts)
 
@@ -85,7 +86,8 @@ def test_policies_share_a_crowd_as_asked():
 
 
 def test_the_digest_tells_scenarios_apart():
-    digests = {load_scenario("circle_crossing_5", changes).digest for changes in ({}, {"dt": 0.2}, {"vehicle.radius": 0.4})}
+    changes = ({}, {"dt": 0.2}, {"vehicle.radius": 0.4})
+    digests = {load_scenario("circle_crossing_5", change).digest for change in changes}
     assert len(digests) == 3
     assert load_scenario("circle_crossing_5").digest == load_scenario("circle_crossing_5", {"dt": 0.25}).digest
 

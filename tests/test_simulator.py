@@ -104,7 +104,7 @@ def test_the_future_is_shown_to_privileged_planners_only():
     with pytest.raises(PermissionError, match="privileged"):
         observe(now).true_next()
     future = np.ones((1, 1, 2))
-    assert observe(now, reveal=lambda: future).true_next() is future
+    assert observe(now, future=future).true_next() is future
 
 
 def test_the_reward_of_each_branch():

@@ -16,10 +16,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from numba import njit, prange
 
-from crowdbench.sim.kernels import per_agent
+from crowdbench.sim.kernels import at, per_agent, serial_and_parallel
 
 PARALLEL_AGENTS = 400
 """Agents in a batch from which the 110 microseconds that starting threads costs are worth paying."""
+
+_BLOCKS = 64
+"""Worlds are shared out to threads in this many blocks, each with memory of its own to work in."""
 
 _PARALLEL = 1e-5
 """Two lines whose directions' cross product is below this count as parallel (RVO2's constant)."""
@@ -46,10 +49,7 @@ def orca_velocities(
     `neighbor_distance` metres; `time_horizon` is the paper's tau, in seconds. Agents that are not `seen`
     are nobody's neighbours; the velocity of agents that do not move (`moves`) is not computed and zero.
     """
-    shape = radius.shape
-    everybody = np.ones(shape, np.bool_)
-    limits = np.asarray(max_neighbors, np.int64)
-    out = np.zeros((*shape, 2))
+    out = np.empty((*radius.shape, 2))
     compute = _orca_parallel if radius.size >= PARALLEL_AGENTS else _orca_serial
     compute(
         np.ascontiguousarray(position),
@@ -58,11 +58,11 @@ def orca_velocities(
         np.ascontiguousarray(radius),
         np.ascontiguousarray(max_speed),
         time_step,
-        per_agent(neighbor_distance, shape),
-        per_agent(limits[:, None] if limits.ndim == 1 else limits, shape, np.int64),
-        per_agent(time_horizon, shape),
-        everybody if seen is None else np.ascontiguousarray(seen),
-        everybody if moves is None else np.ascontiguousarray(moves),
+        per_agent(neighbor_distance),
+        per_agent(max_neighbors, np.int64),
+        per_agent(time_horizon),
+        per_agent(True if seen is None else seen, np.bool_),
+        per_agent(True if moves is None else moves, np.bool_),
         out,
     )
     return out
@@ -85,52 +85,41 @@ def _orca(
 ):
     """The loop over worlds, compiled twice: for one thread and for all."""
     worlds, agents = radius.shape
-    for w in prange(worlds):
-        neighbor = np.empty(agents, np.int64)
-        distance = np.empty(agents)
-        lines = np.empty((agents, 4))
-        scratch = np.empty((agents, 4))
-        for i in range(agents):
-            if not moves[w, i]:
-                continue
-            n = _nearest(i, position[w], seen[w], neighbor_distance[w, i], max_neighbors[w, i], neighbor, distance)
-            for k in range(n):
-                j = neighbor[k]
-                _half_plane(
-                    position[w, i, 0],
-                    position[w, i, 1],
-                    velocity[w, i, 0],
-                    velocity[w, i, 1],
-                    position[w, j, 0],
-                    position[w, j, 1],
-                    velocity[w, j, 0],
-                    velocity[w, j, 1],
-                    radius[w, i] + radius[w, j],
-                    time_horizon[w, i],
-                    time_step,
-                    lines[k],
-                )
-            x, y = preferred[w, i, 0], preferred[w, i, 1]
-            failed, x, y = _nearest_permitted(lines, n, max_speed[w, i], x, y, False)
-            if failed < n:
-                x, y = _least_violation(lines, n, failed, max_speed[w, i], x, y, scratch)
-            out[w, i, 0], out[w, i, 1] = x, y
+    blocks = min(worlds, _BLOCKS)
+    for block in prange(blocks):
+        neighbor, distance = np.empty(agents, np.int64), np.empty(agents)
+        lines, scratch = np.empty((agents, 4)), np.empty((agents, 4))
+        # The index of a prange is unsigned, which would turn the bounds into floats.
+        first = np.int64(block) * worlds // blocks
+        for w in range(first, (np.int64(block) + 1) * worlds // blocks):
+            for i in range(agents):
+                x, y = 0.0, 0.0
+                if at(moves, w, i):
+                    reach, limit = at(neighbor_distance, w, i), at(max_neighbors, w, i)
+                    horizon = at(time_horizon, w, i)
+                    n = _nearest(w, i, position, seen, reach, limit, neighbor, distance)
+                    for k in range(n):
+                        _half_plane(position, velocity, radius, w, i, neighbor[k], horizon, time_step, lines, k)
+                    x, y = preferred[w, i, 0], preferred[w, i, 1]
+                    failed, x, y = _nearest_permitted(lines, n, max_speed[w, i], x, y, False)
+                    if failed < n:
+                        x, y = _least_violation(lines, n, failed, max_speed[w, i], x, y, scratch)
+                out[w, i, 0], out[w, i, 1] = x, y
 
 
-_orca_serial = njit(cache=True)(_orca)
-_orca_parallel = njit(cache=True, parallel=True)(_orca)
+_orca_serial, _orca_parallel = serial_and_parallel(_orca)
 
 
 @no_type_check
 @njit(cache=True)
-def _nearest(i, position, seen, reach, limit, neighbor, distance):
+def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
     """Fill `neighbor` with the nearest agents, nearest first; return how many there are."""
     n = 0
     reach_squared = reach * reach
-    for j in range(len(position)):
-        if j == i or not seen[j]:
+    for j in range(position.shape[1]):
+        if j == i or not at(seen, w, j):
             continue
-        dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+        dx, dy = position[w, j, 0] - position[w, i, 0], position[w, j, 1] - position[w, i, 1]
         squared = dx * dx + dy * dy
         if squared >= reach_squared or limit == 0:
             continue
@@ -157,14 +146,17 @@ def _unit(x, y):
 
 @no_type_check
 @njit(cache=True)
-def _half_plane(px, py, vx, vy, qx, qy, ux, uy, reach, time_horizon, time_step, line):
-    """The line that agent (p, v) owes neighbour (q, u), whose radii sum to `reach` (section 4, figure 2).
+def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, lines, k):
+    """Line k: what agent i of world w owes its neighbour j (section 4, figure 2).
 
     The velocity obstacle, in relative velocities, is a cone with a round tip. The line goes through the
     agent's velocity plus half of the smallest change that leads out of it.
     """
+    px, py, qx, qy = position[w, i, 0], position[w, i, 1], position[w, j, 0], position[w, j, 1]
+    vx, vy, ux, uy = velocity[w, i, 0], velocity[w, i, 1], velocity[w, j, 0], velocity[w, j, 1]
     dx, dy = qx - px, qy - py
     rx, ry = vx - ux, vy - uy
+    reach = radius[w, i] + radius[w, j]
     squared = dx * dx + dy * dy
     overlapping = squared <= reach * reach
     # Those who overlap must part within the step, the others within the horizon.
@@ -184,8 +176,8 @@ def _half_plane(px, py, vx, vy, qx, qy, ux, uy, reach, time_horizon, time_step, 
             cx, cy = -(dx * leg + dy * reach) / squared, (dx * reach - dy * leg) / squared
         along = rx * cx + ry * cy
         sx, sy = along * cx - rx, along * cy - ry
-    line[0], line[1] = vx + 0.5 * sx, vy + 0.5 * sy
-    line[2], line[3] = cx, cy
+    lines[k, 0], lines[k, 1] = vx + 0.5 * sx, vy + 0.5 * sy
+    lines[k, 2], lines[k, 3] = cx, cy
 
 
 @no_type_check

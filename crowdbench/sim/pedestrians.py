@@ -9,8 +9,10 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench import rng
 from crowdbench.geometry import toward_goal
 from crowdbench.sim.orca import orca_velocities
+from crowdbench.sim.social_force import FLUCTUATION, SIGHT_ANGLE, social_force_velocities
 from crowdbench.types import World
 
 ORCA_MARGIN = 0.01
@@ -64,6 +66,47 @@ class ORCA(PedestrianPolicy):
             neighbor_distance=parameters["neighbor_distance"],
             max_neighbors=parameters["max_neighbors"],
             time_horizon=parameters["time_horizon"],
+            seen=world.present if world.rules.visible else pedestrian,
+            moves=pedestrian,
+        )[:, 1:]
+
+
+class SocialForce(PedestrianPolicy):
+    """The social force model of Helbing and Molnár (1995), with their parameters; the fluctuation's size is ours."""
+
+    parameters: ClassVar[Mapping[str, float]] = {
+        "relaxation_time": 0.5,
+        "repulsion_strength": 2.1,
+        "repulsion_range": 0.3,
+        "look_ahead": 2.0,
+        "sight_angle": SIGHT_ANGLE,
+        "behind_weight": 0.5,
+        "fluctuation": FLUCTUATION,
+    }
+
+    def velocities(
+        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
+    ) -> Float[np.ndarray, "world pedestrian 2"]:
+        """See `PedestrianPolicy`; the parameters are those of `social_force_velocities`."""
+        pedestrian = world.present.copy()
+        pedestrian[:, 0] = False
+        noise = np.zeros_like(world.position)
+        noise[:, 1:] = rng.normal(world.key, "social_force", world.step, pedestrian.shape[1] - 1, 2)
+        return social_force_velocities(
+            world.position,
+            world.velocity,
+            world.goal,
+            world.radius,
+            world.preferred_speed,
+            noise,
+            time_step=world.rules.dt,
+            relaxation_time=parameters["relaxation_time"],
+            repulsion_strength=parameters["repulsion_strength"],
+            repulsion_range=parameters["repulsion_range"],
+            look_ahead=parameters["look_ahead"],
+            sight_angle=parameters["sight_angle"],
+            behind_weight=parameters["behind_weight"],
+            fluctuation=parameters["fluctuation"],
             seen=world.present if world.rules.visible else pedestrian,
             moves=pedestrian,
         )[:, 1:]

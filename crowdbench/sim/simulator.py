@@ -96,10 +96,13 @@ def judge(before: World, after: World) -> tuple[Int[np.ndarray, "world"], Float[
 
 def observe(
     world: World,
-    reveal: Callable[[], Float[np.ndarray, "world pedestrian 2"]] | None = None,
+    future: Float[np.ndarray, "world pedestrian 2"] | None = None,
     record: Callable[[str, np.ndarray], None] | None = None,
 ) -> Observation:
-    """What the vehicle sees. `reveal` gives the pedestrians' next velocities, `record` keeps what is logged."""
+    """What the vehicle sees.
+
+    `future` is the pedestrians' next velocities, where the planner may see them; `record` keeps what it logs.
+    """
     return Observation(
         vehicle=Vehicle(
             world.position[:, 0],
@@ -120,7 +123,7 @@ def observe(
         key=world.key,
         step=world.step,
         dt=world.rules.dt,
-        reveal=reveal,
+        future=future,
         record=record,
     )
 

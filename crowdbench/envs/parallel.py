@@ -1,0 +1,162 @@
+"""PettingZoo: one world in which every agent may be given a velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.utils import seeding
+from jaxtyping import Float
+from pettingzoo import ParallelEnv
+
+from crowdbench.envs import spaces, stepping
+from crowdbench.envs.observations import flatten_everybody
+from crowdbench.envs.outcomes import everybodys_outcomes
+from crowdbench.envs.render import RENDER_MODES, Renderer
+from crowdbench.errors import InputError
+from crowdbench.reward import reward
+from crowdbench.scenario import Scenario
+from crowdbench.sim.simulator import crowd_velocities
+from crowdbench.types import Outcome, World
+
+VEHICLE = "vehicle"
+"""The name of the agent that is scored; the others are `pedestrian_0`, `pedestrian_1`, ..."""
+
+# Members of an enumeration are slow to reach, and this is the innermost loop of a training.
+_SUCCESS, _COLLISION, _TIMEOUT = (int(o) for o in (Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT))
+_LABELS = stepping.LABELS
+
+Observations = dict[str, Float[np.ndarray, "features"]]
+Infos = dict[str, dict[str, Any]]
+
+
+def parallel_env(
+    scenario: str | Path | Scenario = "circle_crossing_5", render_mode: str | None = None
+) -> CrowdParallelEnv:
+    """The environment of a scenario, given by name, by the path of its file, or itself.
+
+    `render_mode` is "human", "rgb_array" or None. Raises InputError where one of the two does not exist.
+    """
+    return CrowdParallelEnv(stepping.as_scenario(scenario), render_mode)
+
+
+class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
+    """One world of a scenario. See `crowdbench.envs.observations` for what an agent observes.
+
+    An action is a velocity in m/s, slowed down to the agent's preferred speed where it is faster.
+    A pedestrian that is given none (or None) follows the scenario's policy. The vehicle has no policy, so it
+    must be given one.
+
+    The reward is `crowdbench.reward.reward`, for a pedestrian of its own outcome and gap
+    (`crowdbench.envs.outcomes`): what is right for the vehicle, to arrive without coming too close to
+    anybody, is right for those it walks among. A pedestrian that has arrived terminates: it is no agent any
+    more, but its body stays and follows the policy. When the vehicle arrives or collides, all terminate;
+    at the time limit all are truncated.
+
+    `infos` tells of each agent the case, the outcome of the step for it, and its gap in metres.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "crowdbench_v0",
+        "render_modes": RENDER_MODES,
+        "render_fps": 4,
+        "is_parallelizable": True,
+    }
+
+    def __init__(self, scenario: Scenario, render_mode: str | None) -> None:
+        self.scenario = scenario
+        self.render_mode = render_mode
+        self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(scenario.max_agents - 1))]
+        self.agents: list[str] = []
+        self.observation_spaces = {agent: spaces.observation_space(scenario) for agent in self.possible_agents}
+        self.action_spaces = {agent: spaces.pedestrian_action_space(scenario) for agent in self.possible_agents}
+        self.action_spaces[VEHICLE] = spaces.vehicle_action_space(scenario)
+        self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
+        self._renderer = Renderer(render_mode)
+        self._generator: np.random.Generator | None = None
+        self._bodies = 0
+        self._case: str
+        self._world: World
+
+    def observation_space(self, agent: str) -> Box:
+        """The space of what an agent observes, the same object at each call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Box:
+        """The space of an agent's velocities, the same object at each call."""
+        return self.action_spaces[agent]
+
+    def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Observations, Infos]:
+        """Start the case that `options={"case": "test:37"}` names, or else a training case drawn from the seed.
+
+        Raises InputError where there is no such case.
+        """
+        if seed is not None or self._generator is None:
+            self._generator, _ = seeding.np_random(seed)
+        self._case = stepping.chosen_case((options or {}).get("case"), self._generator)
+        self._world = stepping.start(self.scenario, [self._case])
+        self.agents = [agent for agent, here in zip(self.possible_agents, self._world.present[0], strict=True) if here]
+        self._bodies = len(self.agents)
+        self._renderer.show(self._world, self._case)
+        return self._observe(), {agent: {"case": self._case} for agent in self.agents}
+
+    def step(
+        self, actions: Mapping[str, np.ndarray | None]
+    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+        """Move everybody by one dt, agents with velocities `[2]`; what is returned is of those who were agents then.
+
+        Raises InputError where an action is of nobody who acts, or is no velocity, or the vehicle has none.
+        """
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        before, agents = self._world, self.agents
+        self._world, judged, gap = stepping.step(before, *self._velocities(actions))
+        outcomes, gaps = everybodys_outcomes(before, self._world, judged, gap)
+        rewards = reward(outcomes, gaps, before.rules.dt).tolist()
+        observations = self._observe()
+        outcome, gap_of, case = outcomes.tolist(), gaps.tolist(), self._case
+        at = [(agent, self._column[agent]) for agent in agents]
+        truncated = outcome[0] == _TIMEOUT
+        over = outcome[0] in (_SUCCESS, _COLLISION)
+        terminations = {agent: over or outcome[c] == _SUCCESS for agent, c in at}
+        self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
+        self._renderer.show(self._world, case)
+        return (
+            observations,
+            {agent: rewards[c] for agent, c in at},
+            terminations,
+            dict.fromkeys(agents, truncated),
+            {agent: {"outcome": _LABELS[outcome[c]], "gap": gap_of[c], "case": case} for agent, c in at},
+        )
+
+    def render(self) -> np.ndarray | None:
+        """The picture as `[height, width, 3]` uint8 where the mode is "rgb_array", else nothing."""
+        return self._renderer.frame(self._world, self._case)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._renderer.close()
+
+    def _observe(self) -> Observations:
+        views = flatten_everybody(self._world)[0]
+        return {agent: views[self._column[agent]] for agent in self.agents}
+
+    def _velocities(
+        self, actions: Mapping[str, np.ndarray | None]
+    ) -> tuple[Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
+        """The vehicle's velocity and the pedestrians', given or by their policies."""
+        given = {agent: action for agent, action in actions.items() if action is not None}
+        if VEHICLE not in given or not given.keys() <= set(self.agents):
+            raise InputError(
+                f"actions are of {', '.join(given) or 'nobody'}, but must be of the vehicle, which has no policy of "
+                f"its own, and of whom one likes among {', '.join(self.agents[1:]) or 'nobody else'}"
+            )
+        asked = stepping.velocities(list(given.values()), (len(given), 2))
+        velocity = np.zeros(self._world.velocity.shape)
+        if len(given) < self._bodies:
+            velocity[:, 1:] = crowd_velocities(self._world, self.scenario.policies)
+        velocity[0, [self._column[agent] for agent in given]] = asked
+        return velocity[:, 0], velocity[:, 1:]

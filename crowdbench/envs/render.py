@@ -1,0 +1,141 @@
+"""Draws a world from above, into an array or into a window."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import gymnasium
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from crowdbench.errors import InputError
+from crowdbench.types import World
+
+RENDER_MODES = ["human", "rgb_array"]
+
+SIZE = 600
+"""Width and height of the picture in pixels."""
+
+MARGIN = 1.0
+"""Metres that are shown around all starts and goals."""
+
+SMOOTHING = 2
+"""Everything is drawn so many times larger and then scaled down, which smoothes its edges."""
+
+BACKGROUND = (250, 250, 247)
+GRID = (228, 228, 222)
+TEXT = (70, 70, 70)
+VEHICLE = (222, 122, 0)
+PEDESTRIAN = (38, 104, 178)
+
+
+class Renderer:
+    """Shows one world at a time as its render mode says; with no mode it does nothing.
+
+    pygame is imported when there is something to draw. Raises InputError where there is no such mode.
+    """
+
+    def __init__(self, mode: str | None) -> None:
+        if mode is not None and mode not in RENDER_MODES:
+            raise InputError(f"render_mode is {mode!r}, but must be one of {', '.join(RENDER_MODES)}, or None")
+        self.mode = mode
+        self._window: Any = None
+        self._clock: Any = None
+        self._half_width = 0.0
+
+    def show(self, world: World, case: str) -> None:
+        """In mode "human": put the world on the screen and let its dt pass."""
+        if int(world.step[0]) == 0:
+            shown = np.abs(np.stack([world.position[0], world.goal[0]])[:, world.present[0]])
+            self._half_width = float(shown.max()) + MARGIN
+        if self.mode != "human":
+            return
+        pygame = importlib.import_module("pygame")
+        if self._window is None:
+            pygame.display.init()
+            self._window = pygame.display.set_mode((SIZE, SIZE))
+            pygame.display.set_caption("crowdbench")
+            self._clock = pygame.time.Clock()
+        self._window.blit(self._draw(world, case), (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(1 / world.rules.dt)
+
+    def frame(self, world: World, case: str) -> UInt8[np.ndarray, "height width 3"] | None:
+        """In mode "rgb_array": the picture. In mode "human" every step has shown itself already."""
+        if self.mode is None:
+            gymnasium.logger.warn("render() shows nothing, because the environment was made without a render_mode")
+        if self.mode != "rgb_array":
+            return None
+        pygame = importlib.import_module("pygame")
+        return np.ascontiguousarray(pygame.surfarray.array3d(self._draw(world, case)).swapaxes(0, 1))
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            importlib.import_module("pygame").display.quit()
+            self._window = None
+
+    def _draw(self, world: World, case: str) -> Any:
+        pygame = importlib.import_module("pygame")
+        large = pygame.Surface((SIZE * SMOOTHING, SIZE * SMOOTHING))
+        large.fill(BACKGROUND)
+        canvas = _Canvas(pygame, large, self._half_width)
+        canvas.grid()
+        agents = np.flatnonzero(world.present[0]).tolist()
+        colors = [VEHICLE] + [PEDESTRIAN] * (len(agents) - 1)
+        for agent, color in zip(agents, colors, strict=True):
+            canvas.goal(world.goal[0, agent], float(world.radius[0, agent]), color)
+        # The vehicle last, so that nothing hides it.
+        for agent, color in reversed(list(zip(agents, colors, strict=True))):
+            canvas.agent(world.position[0, agent], world.velocity[0, agent], float(world.radius[0, agent]), color)
+        picture = pygame.transform.smoothscale(large, (SIZE, SIZE))
+        seconds = float(world.step[0]) * world.rules.dt
+        pygame.font.init()
+        font = pygame.font.Font(None, 24)
+        picture.blit(font.render(f"{case}   {seconds:.2f} s", True, TEXT), (12, 10))
+        return picture
+
+
+class _Canvas:
+    """Draws in metres, y upwards, the origin in the middle."""
+
+    def __init__(self, pygame: Any, surface: Any, half_width: float) -> None:
+        self.draw = pygame.draw
+        self.surface = surface
+        self.half_width = half_width
+        self.scale = surface.get_width() / (2 * half_width)
+
+    def pixel(self, point: Float[np.ndarray, "2"]) -> tuple[float, float]:
+        return (point[0] + self.half_width) * self.scale, (self.half_width - point[1]) * self.scale
+
+    def grid(self) -> None:
+        last = int(self.half_width)
+        for metre in range(-last, last + 1):
+            for one, other in (((metre, -99.0), (metre, 99.0)), ((-99.0, metre), (99.0, metre))):
+                self.draw.line(self.surface, GRID, self.pixel(np.array(one)), self.pixel(np.array(other)), SMOOTHING)
+
+    def goal(self, at: Float[np.ndarray, "2"], radius: float, color: tuple[int, int, int]) -> None:
+        """A ring: who comes into it with its centre has arrived."""
+        self.draw.circle(self.surface, color, self.pixel(at), radius * self.scale, 2 * SMOOTHING)
+
+    def agent(
+        self,
+        at: Float[np.ndarray, "2"],
+        velocity: Float[np.ndarray, "2"],
+        radius: float,
+        color: tuple[int, int, int],
+    ) -> None:
+        """A disc, and an arrow as long as the way of one second."""
+        self.draw.circle(self.surface, color, self.pixel(at), radius * self.scale)
+        speed = float(np.hypot(*velocity))
+        if speed < 1e-3:
+            return
+        tip = at + velocity
+        along = velocity / speed * 0.15
+        across = np.array([-along[1], along[0]]) * 0.6
+        self.draw.line(self.surface, TEXT, self.pixel(at), self.pixel(tip - along), 2 * SMOOTHING)
+        self.draw.polygon(
+            self.surface, TEXT, [self.pixel(corner) for corner in (tip, tip - along + across, tip - along - across)]
+        )

@@ -1,0 +1,78 @@
+"""Gymnasium: the vehicle acts in one world. For many in lock-step see `crowdbench.envs.vector`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.envs import spaces, stepping
+from crowdbench.envs.observations import flatten
+from crowdbench.envs.render import RENDER_MODES, Renderer
+from crowdbench.reward import reward
+from crowdbench.scenario import Scenario
+from crowdbench.sim.simulator import crowd_velocities, observe
+from crowdbench.types import Outcome, World
+
+
+class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """The vehicle in one world of a scenario, given by name, by the path of its file, or itself.
+
+    The observation is `crowdbench.envs.observations.flatten`'s; the action a velocity in m/s, slowed down
+    to the preferred speed where it is faster; the reward `crowdbench.reward.reward`. Success and collision
+    terminate, the time limit truncates. `info` has the case, and after a step its outcome and gap in metres.
+    Raises InputError where scenario or render mode do not exist.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": RENDER_MODES, "render_fps": 4}  # type: ignore[misc]
+
+    def __init__(self, scenario: str | Path | Scenario = "circle_crossing_5", render_mode: str | None = None) -> None:
+        self.scenario = stepping.as_scenario(scenario)
+        self.render_mode = render_mode
+        self.observation_space = spaces.observation_space(self.scenario)
+        self.action_space = spaces.vehicle_action_space(self.scenario)
+        self._renderer = Renderer(render_mode)
+        self._case: str
+        self._world: World
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float[np.ndarray, "features"], dict[str, Any]]:
+        """Start the case that `options={"case": "test:37"}` names, or else a training case drawn from the seed.
+
+        Raises InputError where there is no such case.
+        """
+        super().reset(seed=seed)
+        self._case = stepping.chosen_case((options or {}).get("case"), self.np_random)
+        self._world = stepping.start(self.scenario, [self._case])
+        self._renderer.show(self._world, self._case)
+        return flatten(observe(self._world))[0], {"case": self._case}
+
+    def step(self, action: np.ndarray) -> tuple[Float[np.ndarray, "features"], float, bool, bool, dict[str, Any]]:
+        """Move everybody by one dt, the vehicle with a velocity `[2]`.
+
+        Raises InputError where the action is no finite velocity.
+        """
+        command = stepping.velocities(action, (2,))[None]
+        crowd = crowd_velocities(self._world, self.scenario.policies)
+        self._world, outcomes, gaps = stepping.step(self._world, command, crowd)
+        self._renderer.show(self._world, self._case)
+        outcome, gap = int(outcomes[0]), float(gaps[0])
+        return (
+            flatten(observe(self._world))[0],
+            float(reward(outcomes, gaps, self._world.rules.dt)[0]),
+            outcome in (Outcome.SUCCESS, Outcome.COLLISION),
+            outcome == Outcome.TIMEOUT,
+            {"outcome": stepping.LABELS[outcome], "gap": gap, "case": self._case},
+        )
+
+    def render(self) -> np.ndarray | None:
+        """The picture as `[height, width, 3]` uint8 where the mode is "rgb_array", else nothing."""
+        return self._renderer.frame(self._world, self._case)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._renderer.close()

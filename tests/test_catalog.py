@@ -1,0 +1,123 @@
+import importlib.metadata
+
+import numpy as np
+import pytest
+
+from crowdbench import catalog
+from crowdbench.errors import InputError
+from crowdbench.metrics import METRICS
+
+PLANNER = '''
+"""Mine."""
+import numpy as np
+from crowdbench import Planner
+
+class Mine(Planner):
+    def __init__(self, speed):
+        self.speed = speed
+    def plan(self, obs):
+        return np.zeros((len(obs), 2))
+
+def planner(speed=0.5):
+    return Mine(speed)
+
+def other(**options):
+    return Mine(options)
+'''
+
+
+@pytest.fixture
+def mine(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(PLANNER)
+    return str(path)
+
+
+def test_a_planner_comes_from_a_file_by_its_factory(mine):
+    name, planner = catalog.load_planner(mine, {"speed": 0.7})
+    assert (name, planner.speed) == ("mine", 0.7)
+    name, planner = catalog.load_planner(f"{mine}:other", {"anything": 1})
+    assert (name, planner.speed) == ("other", {"anything": 1})
+
+
+def test_an_installed_package_can_bring_a_planner(mine, tmp_path, monkeypatch):
+    entry = importlib.metadata.EntryPoint("theirs", "mine:planner", "crowdbench.planners")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry] if group == entry.group else [])
+    assert catalog.load_planner("theirs", {"speed": 0.3})[1].speed == 0.3
+    assert ("theirs", "installed: mine:planner") in catalog.listing("planners")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("import nonsense_module", "cannot be loaded: ModuleNotFoundError"),
+        ("def planner(:", "cannot be loaded: SyntaxError"),
+        ("x = 1", "defines no function planner()"),
+        ("def planner(): return 3", "made a int, but must make a crowdbench.Planner"),
+        ("def planner(): raise OSError('no weights')", "cannot be made with {}: OSError: no weights"),
+    ],
+)
+def test_a_broken_file_gets_one_sentence(tmp_path, text, expected):
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        catalog.load_planner(str(path))
+    assert expected in str(error.value)
+    assert "mine" in str(error.value)
+
+
+def test_unknown_names_and_options_are_told_with_the_known(mine):
+    with pytest.raises(InputError, match=r"no planner is called 'orka'; there are .*orca"):
+        catalog.load_planner("orka")
+    with pytest.raises(InputError, match="there is no file"):
+        catalog.load_planner("./nowhere.py")
+    with pytest.raises(InputError, match="mine has no option 'sped'; its options are: speed"):
+        catalog.load_planner(mine, {"sped": 1})
+
+
+def test_listings_have_a_line_for_everything():
+    for kind in catalog.FOLDERS:
+        rows = catalog.listing(kind)
+        assert len(rows) >= 2
+        assert all(name and line for name, line in rows)
+
+
+def test_assignments_are_toml_or_bare_text():
+    texts = ["a=1", "b = 0.5", "c=true", "d=hello", 'e="1"', "f.g=[1, 2]", "h=a=b"]
+    assert catalog.assignments(texts, "--set") == {
+        "a": 1, "b": 0.5, "c": True, "d": "hello", "e": "1", "f.g": [1, 2], "h": "a=b",
+    }  # fmt: skip
+    with pytest.raises(InputError, match="write --set key=value"):
+        catalog.assignments(["speed"], "--set")
+
+
+def test_a_policy_of_ones_own_moves_the_crowd(tmp_path):
+    path = tmp_path / "stroll.py"
+    path.write_text(
+        "import numpy as np\n"
+        "from crowdbench import PedestrianPolicy\n"
+        "class Stroll(PedestrianPolicy):\n"
+        "    parameters = {'pace': 0.5}\n"
+        "    def velocities(self, world, parameters):\n"
+        "        pace = parameters['pace'][:, 1:, None]\n"
+        "        return np.concatenate([pace, 0 * pace], axis=2)\n"
+        "def policy():\n"
+        "    return Stroll()\n"
+    )
+    from crowdbench.cases import Cases
+    from crowdbench.sim.simulator import crowd_velocities
+
+    place = catalog.load_scenario("circle_crossing_5", {"pedestrians.stroll.pace": 0.7}, str(path))
+    velocity = crowd_velocities(place.worlds(Cases.parse("3")), place.policies)
+    assert np.array_equal(velocity, np.tile([0.7, 0.0], (3, 5, 1)))
+
+
+def test_a_metric_of_ones_own_has_its_files_name(tmp_path):
+    path = tmp_path / "steps_taken.py"
+    path.write_text("def metric(trace):\n    return trace.steps * 1.0\n")
+    metrics = catalog.load_metrics([str(path)])
+    assert list(metrics) == [*METRICS, "steps_taken"]
+    path.rename(tmp_path / "jerk.py")
+    with pytest.raises(InputError, match="jerk exists already"):
+        catalog.load_metrics([str(tmp_path / "jerk.py")])

@@ -1,0 +1,194 @@
+"""The command line as a user meets it: in processes of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+SLOW_PLANNER = """
+import time
+import numpy as np
+from crowdbench import Planner
+
+class Slow(Planner):
+    def plan(self, obs):
+        if obs.case[0] >= 10:
+            time.sleep(1000)
+        return np.zeros((len(obs), 2))
+
+def planner():
+    return Slow()
+"""
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def crowdbench(*arguments):
+    command = [sys.executable, "-m", "crowdbench", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+
+def test_a_run_leaves_a_table_a_result_its_episodes_and_a_recording(tmp_path):
+    done = crowdbench("run", "--planner", "orca", "--cases", "12", "--record", "all")
+    assert done.returncode == 0, done.stderr
+    assert "success_rate" in done.stdout
+    run = tmp_path / "runs" / "orca-circle_crossing_5-12"
+    assert {path.name for path in run.iterdir()} == {"result.json", "episodes.csv", "run.rrd"}
+    again = crowdbench("run", "--planner", "orca", "--cases", "12")
+    assert again.returncode == 1
+    assert again.stderr.startswith("crowdbench: ")
+    assert "--overwrite" in again.stderr
+    scored = crowdbench("score", str(run / "run.rrd"), "--json")
+    result = json.loads((run / "result.json").read_text())
+    for name, estimate in json.loads(scored.stdout)["metrics"].items():
+        assert estimate == pytest.approx(result["metrics"][name], abs=1e-9, nan_ok=True), name
+
+
+def test_a_partial_recording_gives_its_cases_and_no_rates(tmp_path):
+    crowdbench("run", "--planner", "orca", "--cases", "15:40", "--out", "run")
+    scored = json.loads(crowdbench("score", "run", "--json").stdout)
+    assert "metrics" not in scored
+    assert scored["cases"] == 25
+    rows = {
+        int(line.split(",")[0]): line.split(",")
+        for line in (tmp_path / "run" / "episodes.csv").read_text().splitlines()[1:]
+    }
+    header = (tmp_path / "run" / "episodes.csv").read_text().splitlines()[0].split(",")
+    assert 10 <= len(scored["episodes"]) < 25
+    for episode in scored["episodes"]:
+        row = dict(zip(header, rows[episode["case"]], strict=True))
+        assert episode["outcome"] == row["outcome"]
+        for name in ("path_length", "minimum_gap", "jerk", "discounted_return", "time_to_collision"):
+            expected = float(row[name]) if row[name] else None
+            assert episode[name] == pytest.approx(expected, abs=1e-9) if expected is not None else episode[name] is None
+
+
+def test_json_is_all_that_json_prints():
+    done = crowdbench("run", "--planner", "orca", "--cases", "3", "--json", "--set", "collision=crowdnav")
+    result = json.loads(done.stdout)
+    assert result["overrides"] == {"collision": "crowdnav"}
+    assert result["scenario"]["collision"] == "crowdnav"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["run", "--planner", "orka"], "no planner is called 'orka'"),
+        (["run", "--planner", "orca", "--cases", "many"], "write 500"),
+        (["run", "--planner", "orca", "--set", "collision"], "write --set key=value"),
+        (["run", "--planner", "orca", "--set", "vehicle.visable=true"], "unknown key vehicle.visable"),
+        (["run", "--planner", "orca", "--option", "margin=1"], "its options are: safety_space"),
+        (["run", "--planner", "orca", "--record", "some"], "failures, all, none"),
+        (["run", "--planner", "orca", "--threads", "4096"], "--threads 4096 is more than"),
+        (["run", "--planner", "orca", "--pedestrians", "zombies"], "no pedestrian policy is called 'zombies'"),
+        (["run", "--planner", "orca", "--nonsense"], "--nonsense"),
+        (["run"], "--planner"),
+        (["list", "cars"], "nothing is listed as 'cars'"),
+        (["compare", "a", "b"], "not the directory of a run"),
+        (["score", "nothing.rrd"], "nothing.rrd"),
+        (["view", "nothing.rrd"], "nothing.rrd"),
+    ],
+)
+def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, arguments, expected):
+    done = crowdbench(*arguments)
+    assert done.returncode != 0
+    assert done.stdout == ""
+    assert done.stderr.startswith("crowdbench: ")
+    assert done.stderr.count("\n") == 1
+    assert expected in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_debug_shows_the_traceback():
+    done = crowdbench("run", "--planner", "orka", "--debug")
+    assert done.returncode != 0
+    assert "Traceback" in done.stderr
+
+
+@pytest.mark.parametrize("kind", ["planners", "pedestrians", "scenarios", "metrics"])
+def test_everything_is_listed(kind):
+    done = crowdbench("list", kind)
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) >= 4
+
+
+def test_check_tells_by_its_exit_status(tmp_path):
+    good = crowdbench("check", "orca", "--cases", "val:3")
+    assert good.returncode == 0, good.stderr
+    (tmp_path / "mine.py").write_text(SLOW_PLANNER)
+    bad = crowdbench("check", "./mine.py", "--cases", "val:10:12", "--decision-limit", "0.2")
+    assert bad.returncode == 1
+    assert "thought longer" in " ".join(bad.stdout.split())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
+    (tmp_path / "slow.py").write_text(SLOW_PLANNER)
+    command = ["run", "--planner", "./slow.py", "--cases", "30", "--batch", "10", "--record", "none", "--out", "kept"]
+    # A process started in the background ignores SIGINT unless told otherwise.
+    process = subprocess.Popen(
+        [sys.executable, "-m", "crowdbench", *command],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".kept.partial-*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(3.0)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "kept cases test:0:10" in errors
+    assert json.loads((tmp_path / "kept" / "result.json").read_text())["cases"] == "test:0:10"
+    assert list(tmp_path.glob(".kept*")) == []
+
+
+def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
+    (tmp_path / "slow.py").write_text(SLOW_PLANNER)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "crowdbench", "run", "--planner", "./slow.py", "--cases", "10:20", "--out", "kept"]
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".kept.partial-*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    assert not (tmp_path / "kept").exists()
+
+
+def test_the_command_line_starts_without_what_it_does_not_need():
+    code = "import sys, crowdbench.cli; print(sorted({'torch', 'rerun', 'numba', 'pettingzoo'} & set(sys.modules)))"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+    code = (
+        "import sys; sys.argv = ['crowdbench', 'run', '--planner', 'orca', '--cases', '1', '--record', 'none']\n"
+        "from crowdbench.cli import main\n"
+        "try: main()\n"
+        "except SystemExit as stop: assert not stop.code\n"
+        "print('left out:', not {'torch', 'rerun', 'scipy.stats', 'pettingzoo', 'gymnasium'} & set(sys.modules))"
+    )
+    assert "left out: True" in subprocess.check_output([sys.executable, "-c", code], text=True)
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
+    if os.geteuid() != 0:
+        pytest.skip("needs root to mount a small disk")
+    (tmp_path / "disk").mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", "disk"], capture_output=True).returncode:
+        pytest.skip("cannot mount a small disk here")
+    try:
+        for record in ("none", "all"):
+            done = crowdbench("run", "--planner", "orca", "--cases", "400", "--record", record, "--out", "disk/run")
+            assert done.returncode == 1
+            assert "No space left on device" in done.stderr or "disk full" in done.stderr
+            assert done.stderr.count("\n") == 1
+            assert list((tmp_path / "disk").iterdir()) == []
+    finally:
+        subprocess.run(["umount", "disk"], check=True)

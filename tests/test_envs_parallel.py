@@ -1,0 +1,272 @@
+import dataclasses
+import inspect
+import warnings
+
+import numpy as np
+import pytest
+from helpers import world
+from pettingzoo.utils import parallel_to_aec
+
+from crowdbench.catalog import FOLDERS, load_scenario
+from crowdbench.envs import spaces
+from crowdbench.envs.observations import flatten, flatten_everybody
+from crowdbench.envs.outcomes import everybodys_outcomes
+from crowdbench.envs.parallel import parallel_env
+from crowdbench.envs.stepping import step
+from crowdbench.errors import InputError
+from crowdbench.generators import GENERATORS
+from crowdbench.sim.simulator import crowd_velocities, observe
+from crowdbench.types import Outcome, Rules
+
+with warnings.catch_warnings():
+    # pettingzoo's tests import one of its own games in a way that it deprecates.
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
+
+SCENARIOS = sorted(path.stem for path in FOLDERS["scenarios"].glob("*.toml"))
+STILL = np.zeros(2)
+
+
+def standing(scenario, command=STILL, **options):
+    """Every step of an episode in which the vehicle keeps one velocity, as `step` returns it."""
+    env = parallel_env(scenario)
+    env.reset(**options)
+    while env.agents:
+        yield env, env.step({"vehicle": command})
+
+
+def test_it_passes_pettingzoos_tests():
+    parallel_api_test(parallel_env(), num_cycles=200)
+    parallel_seed_test(parallel_env, num_cycles=60)
+
+
+def test_it_renders_as_pettingzoo_expects(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    render_test(lambda render_mode: parallel_to_aec(parallel_env(render_mode=render_mode)))
+
+
+def test_the_picture_shows_vehicle_and_pedestrians_where_they_are():
+    env = parallel_env(render_mode="rgb_array")
+    env.reset(options={"case": "test:0"})
+    picture = env.render()
+    # The vehicle starts 4 m below the middle of a picture that shows about 5 m in each direction.
+    below = picture[300:, 250:350].reshape(-1, 3).tolist()
+    assert below.count([222, 122, 0]) > 500
+    assert picture.reshape(-1, 3).tolist().count([38, 104, 178]) > 2500
+
+
+@pytest.mark.parametrize("mode", ["ansi", "HUMAN"])
+def test_an_unknown_render_mode_is_refused(mode):
+    with pytest.raises(InputError, match="human, rgb_array"):
+        parallel_env(render_mode=mode)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_observations_lie_in_their_finite_space(name):
+    env = parallel_env(name)
+    space = env.observation_space("vehicle")
+    assert np.isfinite(space.low).all()
+    assert np.isfinite(space.high).all()
+    observations, _ = env.reset(options={"case": "val:3"})
+    rng = np.random.default_rng(0)
+    away = {agent: rng.normal(size=2) * 10 for agent in env.agents}
+    while env.agents:
+        assert all(observation in space for observation in observations.values())
+        observations, *_ = env.step({agent: away[agent] for agent in env.agents})
+
+
+@pytest.mark.parametrize("generator", sorted(GENERATORS))
+def test_generators_place_nobody_beyond_the_bound_of_the_spaces(generator):
+    parameters = inspect.signature(GENERATORS[generator]).parameters.values()
+    for option in [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]:
+        layout = {"layout.generator": generator, f"layout.{option}": 9.0, "pedestrians.preferred_speed": 2.0}
+        scenario = load_scenario("circle_crossing_5", layout)
+        starts = scenario.draw("val", np.arange(100))
+        assert max(np.abs(starts.position).max(), np.abs(starts.goal).max()) <= spaces.place_bound(scenario)
+
+
+def test_each_agent_sees_the_others_from_its_own_place():
+    crowd = world(
+        [[0, 0], [3, 0], [0, 4]], [[1, 0], [0, 1], [0.5, 0]], [[9, 1], [-3, 0], [0, -4]], rules=Rules(visible=True)
+    )
+    views = flatten_everybody(crowd)[0]
+    assert views[0, :6].tolist() == [9, 1, 1, 0, 0.3, 1]
+    assert views[0, 6:].tolist() == [3, 0, 0, 1, 0.3, 1, 0, 4, 0.5, 0, 0.3, 1]
+    assert views[1, :6].tolist() == [-6, 0, 0, 1, 0.3, 1]
+    assert views[1, 6:].tolist() == [-3, 0, 1, 0, 0.3, 1, -3, 4, 0.5, 0, 0.3, 1]
+    assert views[2, 6:].tolist() == [0, -4, 1, 0, 0.3, 1, 3, -4, 0, 1, 0.3, 1]
+
+
+def test_nobody_sees_the_absent_nor_pedestrians_an_invisible_vehicle():
+    crowd = world([[0, 0], [3, 0], [0, 4]]).replace(present=np.array([[True, True, False]]))
+    views = flatten_everybody(crowd)[0]
+    assert views[0, 12:].tolist() == [0] * 6
+    assert views[1, 6:].tolist() == [0] * 12
+    assert views[2].tolist() == [0] * 18
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_what_the_vehicle_sees_is_what_flatten_gives_a_planner(name):
+    worlds = load_scenario(name).draw("val", np.arange(4))
+    assert np.array_equal(flatten(observe(worlds)), flatten_everybody(worlds)[:, 0])
+
+
+def test_a_case_can_be_chosen_and_is_told():
+    env = parallel_env()
+    observations, infos = env.reset(options={"case": "test:37"})
+    assert {info["case"] for info in infos.values()} == {"test:37"}
+    start = load_scenario("circle_crossing_5").draw("test", np.array([37]))
+    assert np.array_equal(observations["vehicle"], flatten(observe(start))[0])
+    with pytest.raises(InputError, match="not the name of a case"):
+        env.reset(options={"case": "exam:1"})
+
+
+def test_a_seed_draws_the_same_training_cases_again():
+    def cases(seed):
+        env = parallel_env()
+        return [env.reset(seed=seed if n == 0 else None)[1]["vehicle"]["case"] for n in range(3)]
+
+    assert cases(5) == cases(5)
+    assert len({*cases(5), *cases(6)}) == 6
+    assert all(case.startswith("train:") for case in cases(5))
+
+
+def test_a_timeout_is_a_truncation_of_all():
+    *_, (env, (_, rewards, terminations, truncations, infos)) = standing("circle_crossing_5", options={"case": "val:0"})
+    assert "vehicle" in truncations
+    assert all(truncations.values())
+    assert not any(terminations.values())
+    assert rewards["vehicle"] == 0.0
+    assert infos["vehicle"] | {"gap": None} == {"outcome": "timeout", "gap": None, "case": "val:0"}
+    assert env.agents == []
+
+
+def test_a_pedestrian_that_arrives_terminates_and_its_body_walks_on():
+    arrived = {}
+    for env, (observations, rewards, terminations, _, infos) in standing(
+        "circle_crossing_5", options={"case": "val:0"}
+    ):
+        assert set(observations) == set(rewards) == set(terminations) == set(infos)
+        assert not arrived.keys() & observations.keys()
+        for agent in terminations:
+            if terminations[agent]:
+                assert rewards[agent] == 1.0
+                assert infos[agent]["outcome"] == "success"
+                assert agent not in env.agents
+                arrived[agent] = observations["vehicle"].reshape(-1, 6)[1 + int(agent[-1])]
+    assert len(arrived) == 5
+    last = observations["vehicle"].reshape(-1, 6)
+    for agent, then in arrived.items():
+        now = last[1 + int(agent[-1])]
+        assert now[5] == 1.0
+        assert not np.array_equal(now, then)
+
+
+def test_the_vehicles_collision_terminates_all():
+    env = parallel_env()
+    env.reset(options={"case": "val:0"})
+    while env.agents:
+        views = flatten_everybody(env._world)[0]
+        toward = {f"pedestrian_{p}": -views[0, 6 + 6 * p : 8 + 6 * p] for p in range(5)}
+        _, rewards, terminations, truncations, infos = env.step(
+            {agent: toward.get(agent, STILL) for agent in env.agents}
+        )
+    assert infos["vehicle"]["outcome"] == "collision"
+    assert rewards["vehicle"] == -0.25
+    assert all(terminations.values())
+    assert not any(truncations.values())
+
+
+def outcomes(before, velocity):
+    velocity = np.array([velocity], float)
+    after, outcome, gap = step(before, velocity[:, 0], velocity[:, 1:])
+    return everybodys_outcomes(before, after, outcome, gap)
+
+
+def test_a_pedestrian_is_judged_by_the_motion_of_those_it_sees():
+    start = world([[0, 0], [9, 0], [10, 0]], goal=[[50, 50], [10, 0], [-50, 0]])
+    outcome, gap = outcomes(start, [[0, 0], [0.5, 0], [-0.5, 0]])
+    assert outcome.tolist() == [Outcome.RUNNING] * 3
+    assert gap[1:] == pytest.approx([0.15, 0.15])
+    outcome, gap = outcomes(start, [[0, 0], [1, 0], [-1, 0]])
+    assert outcome.tolist() == [Outcome.RUNNING, Outcome.COLLISION, Outcome.COLLISION]
+    assert gap[0] == pytest.approx(8.4 - 0.0)
+    near = world([[0, 0], [9.5, 0], [20, 0]], goal=[[50, 50], [10, 0], [-50, 0]])
+    assert outcomes(near, [[0, 0], [1, 0], [0, 0]])[0].tolist() == [Outcome.RUNNING, Outcome.SUCCESS, Outcome.RUNNING]
+
+
+@pytest.mark.parametrize("visible", [False, True])
+def test_a_pedestrian_that_cannot_see_the_vehicle_does_not_pay_for_touching_it(visible):
+    outcome, gap = outcomes(world([[0, 0], [0.7, 0]], rules=Rules(visible=visible)), [[1, 0], [0, 0]])
+    assert outcome.tolist() == [Outcome.COLLISION, Outcome.COLLISION if visible else Outcome.RUNNING]
+    assert gap[1] == (gap[0] if visible else np.inf)
+
+
+def test_whoever_is_given_no_velocity_follows_its_policy():
+    env = parallel_env()
+    env.reset(options={"case": "val:0"})
+    scenario = env.scenario
+    policy = crowd_velocities(env._world, scenario.policies)[0]
+    env.step({"vehicle": STILL, "pedestrian_1": np.array([0.3, -0.4]), "pedestrian_2": None})
+    policy[1] = [0.3, -0.4]
+    assert np.array_equal(env._world.velocity[0], np.concatenate([[STILL], policy]))
+
+
+@pytest.mark.parametrize(
+    ("actions", "said"),
+    [
+        ({}, "must be of the vehicle"),
+        ({"vehicle": None}, "must be of the vehicle"),
+        ({"vehicle": STILL, "pedestrian_7": STILL}, "must be of the vehicle"),
+        ({"vehicle": np.array([np.nan, 0.0])}, "finite velocity"),
+        ({"vehicle": np.zeros(1)}, "finite velocity"),
+    ],
+)
+def test_actions_that_mean_nothing_are_refused(actions, said):
+    env = parallel_env()
+    env.reset(seed=0)
+    with pytest.raises(InputError, match=said):
+        env.step(actions)
+
+
+def test_only_those_present_are_agents():
+    scenario = load_scenario("circle_crossing_5", {"pedestrians.number": [1, 4]})
+    env = parallel_env(scenario)
+    assert env.possible_agents == ["vehicle", *(f"pedestrian_{p}" for p in range(4))]
+    counts = set()
+    for seed in range(16):
+        observations, _ = env.reset(seed=seed)
+        assert list(observations) == env.agents == env.possible_agents[: len(env.agents)]
+        counts.add(len(env.agents))
+        seen = observations["vehicle"].reshape(-1, 6)[1:, 5]
+        assert seen.sum() == len(env.agents) - 1
+        env.step({"vehicle": STILL})
+    assert counts == {2, 3, 4, 5}
+
+
+def test_a_vehicle_may_be_alone():
+    scenario = load_scenario("circle_crossing_5", {"pedestrians.number": 0})
+    *_, (_, (_, rewards, terminations, _, infos)) = standing(scenario, np.array([0.0, 1.0]), seed=0)
+    assert terminations == {"vehicle": True}
+    assert rewards == {"vehicle": 1.0}
+    assert infos["vehicle"]["gap"] == np.inf
+
+
+def test_a_scenario_may_be_a_path_a_name_or_itself(tmp_path):
+    source = FOLDERS["scenarios"] / "circle_crossing_5.toml"
+    path = tmp_path / "mine.toml"
+    path.write_text(source.read_text())
+    scenario = load_scenario("circle_crossing_5")
+    starts = [parallel_env(one).reset(seed=1)[0]["vehicle"] for one in ("circle_crossing_5", path, scenario)]
+    assert np.array_equal(starts[0], starts[1])
+    assert np.array_equal(starts[0], starts[2])
+    with pytest.raises(InputError, match="no scenario is called"):
+        parallel_env("roundabout")
+
+
+def test_bounds_follow_the_fastest_pedestrian():
+    scenario = load_scenario("circle_crossing_5_gaussian")
+    assert spaces.pedestrian_action_space(scenario).high.tolist() == [1.5, 1.5]
+    assert spaces.vehicle_action_space(scenario).high.tolist() == [1.0, 1.0]
+    fast = dataclasses.replace(scenario, vehicle_speed=3.0)
+    assert spaces.position_bound(fast) > spaces.position_bound(scenario)

@@ -1,0 +1,125 @@
+import numpy as np
+import pytest
+from helpers import drive, trace
+
+from crowdbench import metrics
+from crowdbench.metrics import METRICS, POOLED
+from crowdbench.types import Outcome
+
+STRAIGHT = [[[0.25 * t, 0], [1, 3 - 0.25 * t]] for t in range(5)]
+"""The vehicle walks 1 m along x at 1 m/s; a pedestrian comes down at x = 1."""
+
+
+def value(name, episode):
+    return METRICS[name](episode)[0]
+
+
+@pytest.mark.parametrize("outcome", [Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT])
+def test_rates_tell_the_outcome(outcome):
+    episode = trace(STRAIGHT, outcome)
+    assert [value(name, episode) for name in ("success_rate", "collision_rate", "timeout_rate")] == [
+        outcome == other for other in (Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT)
+    ]
+
+
+def test_times_of_success_and_failure():
+    assert value("navigation_time", trace(STRAIGHT)) == 1.0
+    assert value("navigation_time_or_limit", trace(STRAIGHT)) == 1.0
+    failure = trace(STRAIGHT, Outcome.COLLISION)
+    assert np.isnan(value("navigation_time", failure))
+    assert value("navigation_time_or_limit", failure) == 25.0
+
+
+def test_path_length_and_spl_of_a_detour():
+    corner = [[[0, 0], [9, 9]], [[0, 0.3], [9, 9]], [[0.4, 0.3], [9, 9]]]
+    episode = trace(corner, goal=[[0.6, 0.3 + 0.1], [9, 9]])
+    assert value("path_length", episode) == pytest.approx(0.7)
+    assert value("spl", episode) == pytest.approx((np.hypot(0.6, 0.4) - 0.3) / 0.7)
+    assert value("spl", trace(corner, Outcome.COLLISION, goal=[[0.6, 0.4], [9, 9]])) == 0.0
+    assert value("spl", trace(STRAIGHT, goal=[[1.3, 0], [0, 0]])) == 1.0
+
+
+def test_changes_of_velocity_count_the_start_from_rest():
+    # Velocities: rest, (1, 0), (0, 1), (0, 1).
+    x = np.cumsum([[0, 0], [0.25, 0], [0, 0.25], [0, 0.25]], axis=0)
+    episode = trace(np.stack([x, x + 5], axis=1))
+    changes = [1, np.sqrt(2), 0]
+    assert value("max_velocity_change", episode) == pytest.approx(np.sqrt(2))
+    assert value("max_acceleration", episode) == pytest.approx(np.sqrt(2) / 0.25)
+    assert value("mean_acceleration", episode) == pytest.approx(np.mean(changes) / 0.25)
+    assert value("max_turn", episode) == pytest.approx(np.pi / 2)
+    accelerations = np.array([[1, 0], [-1, 1], [0, 0]]) / 0.25
+    assert value("jerk", episode) == pytest.approx(np.linalg.norm(np.diff(accelerations, axis=0), axis=1).mean() / 0.25)
+
+
+def test_turns_cross_the_branch_cut_the_short_way():
+    heading = np.radians([170, -170])
+    x = np.cumsum(0.25 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    x = np.concatenate([[[0, 0]], x])
+    assert value("max_turn", trace(np.stack([x, x + 5], axis=1))) == pytest.approx(np.radians(20))
+
+
+def test_gaps_zones_and_discomfort():
+    # The last step ends the episode: it is not in CrowdNav's count.
+    episode = trace(STRAIGHT, Outcome.COLLISION, gap=[1.0, 0.3, 0.19, -0.05])
+    assert value("minimum_gap", episode) == -0.05
+    assert value("discomfort", episode) == 0.5
+    assert value("discomfort_frequency", episode) == 0.25
+    assert [value(name, episode) for name in ("intimate_zone", "personal_zone", "social_zone")] == [0.75, 1.0, 1.0]
+    assert np.isnan(value("minimum_gap", trace(STRAIGHT, gap=[np.inf] * 4)))
+
+
+def test_time_to_collision_of_a_head_on_meeting():
+    # They approach at 2 m/s from 4 m; discs of 0.3 m touch after (4 - 0.6) / 2 s, less each step of 0.25 s.
+    walk = [[[0.25 * t, 0], [4 - 0.25 * t, 0]] for t in range(4)]
+    assert value("time_to_collision", trace(walk)) == pytest.approx(3.4 / 2 - 2 * 0.25)
+    apart = [[[-0.25 * t, 0], [4 + 0.25 * t, 0]] for t in range(4)]
+    assert np.isnan(value("time_to_collision", trace(apart)))
+    past = [[[0.25 * t, 0], [4 - 0.25 * t, 0.61]] for t in range(4)]
+    assert np.isnan(value("time_to_collision", trace(past)))
+
+
+def test_stopped_time_counts_steps_slower_than_a_crawl():
+    x = np.cumsum([[0, 0], [0.25, 0], [0.001, 0], [0, 0]], axis=0)
+    assert value("stopped_time", trace(np.stack([x, x + 5], axis=1))) == 0.5
+
+
+def test_discounted_return_pays_the_outcome_at_its_step():
+    gamma = 0.9**0.25
+    expected = gamma * (0.1 - 0.2) * 0.5 * 0.25 + gamma**3
+    assert value("discounted_return", trace(STRAIGHT, gap=[1, 0.1, 1, 0.1])) == pytest.approx(expected)
+    assert value("discounted_return", trace(STRAIGHT, Outcome.COLLISION)) == pytest.approx(-0.25 * gamma**3)
+
+
+def test_deflection_is_the_mean_distance_from_the_undisturbed_walk():
+    path = np.array(STRAIGHT, float)
+    assert np.isnan(value("deflection", trace(path)))
+    moved = path[:, 1:] + np.arange(5)[:, None, None] * [0.3, 0.4]
+    assert value("deflection", trace(path, undisturbed=moved)) == pytest.approx(0.5 * np.mean([1, 2, 3, 4]))
+
+
+def test_every_metric_has_a_line_with_its_unit():
+    for name, metric in METRICS.items():
+        first = metric.__doc__.partition("\n")[0]
+        assert first.endswith("]."), name
+        assert "[" in first, name
+    assert set(METRICS) >= POOLED
+
+
+@pytest.mark.parametrize("scenario", ["circle_crossing_5", "circle_crossing_5_visible"])
+def test_a_metric_does_not_depend_on_the_batch(scenario):
+    together = drive("orca", "12", scenario)
+    alone = [drive("orca", f"{case}:{case + 1}", scenario) for case in range(12)]
+    for name, metric in METRICS.items():
+        values = metric(together)
+        assert values.shape == (12,)
+        singly = np.concatenate([metric(one) for one in alone])
+        assert np.array_equal(values, singly, equal_nan=values.dtype != bool), name
+
+
+def test_an_empty_crowd_leaves_no_metric_infinite():
+    episode = drive("orca", "2", pedestrians__number=0)
+    assert (episode.outcome == Outcome.SUCCESS).all()
+    for name, metric in METRICS.items():
+        assert not np.isinf(metric(episode)).any(), name
+    assert metrics.social_zone(episode).tolist() == [0.0, 0.0]

@@ -1,0 +1,60 @@
+"""What the README and CONTRIBUTING show works as it stands there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_planner, load_policy, load_scenario
+from crowdbench.check import check
+from crowdbench.cli import app
+
+ROOT = Path(__file__).parent.parent
+
+
+def blocks(file):
+    return re.findall(r"^```python\n(.*?)^```", (ROOT / file).read_text(), re.DOTALL | re.MULTILINE)
+
+
+def test_the_planner_of_the_readme_keeps_the_contract(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(blocks("README.md")[0])
+    points = check(
+        lambda: load_planner(str(path))[1], "mine", load_scenario("circle_crossing_5"), Cases.parse("val:5"), 60.0
+    )
+    assert len(points) > 5
+    assert all(point.kept for point in points)
+
+
+def test_the_environments_of_the_readme_start():
+    import gymnasium
+
+    names = {}
+    exec(blocks("README.md")[1], names)
+    assert names["info"]["case"] == "test:37"
+    assert names["many"].num_envs == 64
+    assert isinstance(names["vehicle"], gymnasium.Env)
+
+
+def test_the_policy_of_contributing_loads(tmp_path):
+    path = tmp_path / "stroll.py"
+    path.write_text(blocks("CONTRIBUTING.md")[0])
+    name, policy = load_policy(str(path))
+    assert (name, policy.parameters) == ("stroll", {"pace": 0.5})
+
+
+COMMANDS = [
+    command
+    for command in re.findall(r"`crowdbench (run [^`]*)`", (ROOT / "README.md").read_text())
+    if "ppo.zip" not in command
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_runs_of_the_readme_run(command, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(blocks("README.md")[0])
+    app([*command.split(), "--cases", "val:3", "--record", "none"], standalone_mode=False)
+    assert "success_rate" in capsys.readouterr().out
+    assert len(list(Path("runs").glob("*/episodes.csv"))) == 1

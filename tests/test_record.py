@@ -1,0 +1,168 @@
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import rerun as rr
+from helpers import drive, same, trace
+
+from crowdbench import drawing, record
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_scenario
+from crowdbench.driver import Driver
+from crowdbench.errors import InputError
+from crowdbench.planner import Planner
+from crowdbench.record import Recorder, Recording, read
+from crowdbench.rollout import rollout
+from crowdbench.types import Outcome
+
+RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}
+
+
+def write(path, *traces, rows=None):
+    with Recorder(path, **RUN) as recorder:
+        for one in traces:
+            recorder.add(one, np.arange(len(one)) if rows is None else rows, {"path_length": np.full(len(one), 1.5)})
+    return path
+
+
+def line(steps, pedestrians, outcome=Outcome.SUCCESS, **more):
+    """The vehicle drives up, the pedestrians walk beside it; irrational numbers, so that rounding would show."""
+    time = np.arange(steps + 1)[:, None, None] * np.sqrt(0.05)
+    return trace(time * [0.0, 1.0] + np.arange(pedestrians + 1)[:, None] * [np.pi / 3, 0.0], outcome, **more)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    return drive("orca", "12")
+
+
+@pytest.fixture(scope="module")
+def recorded(driven, tmp_path_factory):
+    return write(tmp_path_factory.mktemp("run") / "run.rrd", driven)
+
+
+def test_a_recording_gives_the_trace_back_bit_for_bit(driven, recorded):
+    recording = read(recorded)
+    assert recording == Recording(recording.trace, **RUN)
+    assert same(recording.trace, driven)
+    assert (recording.trace.split, recording.trace.rules) == (driven.split, driven.rules)
+    assert recording.trace.gap.dtype == np.float64
+
+
+def test_undisturbed_walks_and_absent_pedestrians_are_kept(tmp_path):
+    crowd = drive("orca", "6", "circle_crossing_5_visible", pedestrians__number=[1, 4])
+    assert not crowd.present.all()
+    assert same(read(write(tmp_path / "run.rrd", crowd)).trace, crowd)
+
+
+def test_some_episodes_of_several_batches_come_back_by_case(driven, tmp_path):
+    late = dataclasses.replace(driven, case=driven.case + 12)
+    got = read(write(tmp_path / "run.rrd", late, driven, rows=np.array([7, 2]))).trace
+    assert got.case.tolist() == [2, 7, 14, 19]
+    np.testing.assert_array_equal(got.position[:2], driven.position[[2, 7]])
+
+
+def test_batches_may_differ_in_length_and_in_their_crowds(tmp_path):
+    small, large = line(3, 1), dataclasses.replace(line(9, 4), case=np.array([1]))
+    got = read(write(tmp_path / "run.rrd", small, large)).trace
+    assert got.steps.tolist() == [3, 9]
+    assert got.present.sum(axis=1).tolist() == [2, 5]
+    np.testing.assert_array_equal(got.position[0, :, :2], small.position[0])
+    np.testing.assert_array_equal(got.position[1], large.position[0])
+    assert np.isnan(got.position[0, :, 2:]).all()
+
+
+def test_an_episode_without_pedestrians_is_recorded(tmp_path):
+    alone = line(3, 0, gap=[np.inf] * 3)
+    assert same(read(write(tmp_path / "run.rrd", alone)).trace, alone)
+
+
+def test_all_that_a_planner_logs_can_be_recorded(tmp_path):
+    class Talker(Planner):
+        def plan(self, obs):
+            obs.log("confidence", np.ones(len(obs)))
+            obs.log("aim", np.zeros((len(obs), 2)))
+            obs.log("points", obs.pedestrians.position)
+            obs.log("futures", np.zeros((len(obs), 3, 8, 5, 2)))
+            obs.log("values", np.zeros((len(obs), 81)))
+            return np.zeros((len(obs), 2))
+
+    driver, scenario = Driver(Talker(), "talker", 60.0), load_scenario("circle_crossing_5", {})
+    talked = rollout(driver, scenario, Cases.parse("2"), keep_logs=True)
+    assert len(read(write(tmp_path / "run.rrd", talked)).trace) == 2
+
+
+def test_an_error_leaves_nothing_behind(driven, tmp_path):
+    with pytest.raises(IndexError), Recorder(tmp_path / "run.rrd", **RUN) as recorder:
+        recorder.add(driven, np.array([0, 1, 99]), {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_finished_recording_stands_alone_and_rerun_finds_it_sound(recorded):
+    assert [file.name for file in recorded.parent.iterdir()] == ["run.rrd"]
+    subprocess.run([sys.executable, "-m", "rerun_cli", "rrd", "verify", recorded], check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("keep", [0, 10, 0.5, 0.99, -1])
+def test_a_truncated_recording_is_refused_in_a_sentence(recorded, tmp_path, keep):
+    whole = recorded.read_bytes()
+    cut = tmp_path / "cut.rrd"
+    cut.write_bytes(whole[: int(len(whole) * keep) if isinstance(keep, float) else keep])
+    with pytest.raises(InputError, match=r"cut\.rrd is cut short, damaged or no Rerun file"):
+        read(cut)
+
+
+def test_other_files_are_refused_in_a_sentence(tmp_path):
+    text, foreign = tmp_path / "notes.rrd", tmp_path / "foreign.rrd"
+    text.write_text("these are no episodes\n" * 50)
+    with rr.RecordingStream("another_app") as stream:
+        stream.save(foreign)
+        stream.log("points", rr.Points2D([[1, 2]]))
+    stream.disconnect()
+    for path, sentence in (
+        (text, "no Rerun file"),
+        (foreign, "no episodes of crowdbench"),
+        (tmp_path / "x", "there is no"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            read(path)
+
+
+def test_the_recordings_of_two_runs_do_not_mix(driven, tmp_path):
+    one = write(tmp_path / "one.rrd", driven, rows=np.array([0]))
+    with Recorder(tmp_path / "two.rrd", **RUN | {"planner": "other"}) as recorder:
+        recorder.add(driven, np.array([1]), {})
+    both = [sys.executable, "-m", "rerun_cli", "rrd", "merge", "-o", "both.rrd", one, "two.rrd"]
+    subprocess.run(both, cwd=tmp_path, check=True, capture_output=True)
+    with pytest.raises(InputError, match="mixes several runs"):
+        read(tmp_path / "both.rrd")
+
+
+def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
+    shown = []
+
+    def viewer(command, **_):
+        if "rrd" in command:
+            return run(command, **_)
+        shown.append(read(record.Path(command[-1])).trace.case.tolist())
+        return subprocess.CompletedProcess(command, 0)
+
+    run = subprocess.run
+    monkeypatch.setattr(record.subprocess, "run", viewer)
+    record.view(recorded, 7)
+    record.view(recorded)
+    assert shown == [[7], list(range(12))]
+
+
+def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_path):
+    path = write(tmp_path / "run.rrd", driven, rows=np.array([0, 1, 2, 5]))
+    with pytest.raises(InputError, match=r"case 3 is not recorded in .*: recorded are 0-2, 5$"):
+        record.view(path, 3)
+
+
+def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
+    hit = line(4, 3, Outcome.COLLISION, gap=[1, 1, 1, -0.1])
+    hit.position[0, :, 2] = hit.position[0, :, 0] + [0.5, 0.0]
+    assert drawing._hit(hit, 0) == 2

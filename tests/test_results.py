@@ -1,0 +1,172 @@
+import json
+
+import numpy as np
+import pytest
+from helpers import Still, drive
+
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.compare import compare, mcnemar
+from crowdbench.driver import Driver
+from crowdbench.errors import InputError
+from crowdbench.metrics import METRICS
+from crowdbench.planner import Planner
+from crowdbench.results import Episodes, new_directory, read_result
+from crowdbench.run import run
+from crowdbench.types import Outcome
+
+
+def go(out, planner="orca", cases="30", **settings):
+    name, made = load_planner(planner) if isinstance(planner, str) else ("mine", planner)
+    overrides = settings.pop("overrides", {})
+    place = load_scenario("circle_crossing_5", overrides)
+    settings = {"metrics": METRICS, "about": {"options": {}}, "record": "none"} | settings
+    return run(Driver(made, name), place, Cases.parse(cases), out, **settings)
+
+
+def test_a_result_says_what_was_run_and_what_came_out(tmp_path):
+    finished = go(tmp_path / "a", overrides={"collision": "crowdnav"})
+    result = read_result(tmp_path / "a")
+    assert result == json.loads(json.dumps(finished.result))
+    assert (result["planner"], result["cases"]) == ("orca", "test:0:30")
+    assert result["scenario"]["collision"] == "crowdnav"
+    assert result["scenario"]["name"] == "circle_crossing_5"
+    assert set(result["metrics"]) == set(METRICS)
+    rate = result["metrics"]["success_rate"]
+    assert rate["low"] < rate["mean"] < rate["high"]
+    assert rate["mean"] == result["outcomes"]["success"] / 30
+    assert "decision_ms_per_step" in result["timing"]
+    assert not any("time" in name and "decision" in name for name in result["metrics"])
+
+
+def test_episodes_read_back_to_the_last_bit(tmp_path):
+    episodes = Episodes.of(drive("orca", "20"), METRICS)
+    episodes.write(tmp_path / "episodes.csv")
+    again = Episodes.read(tmp_path / "episodes.csv")
+    assert np.array_equal(again.outcome, episodes.outcome)
+    assert list(again.columns) == list(episodes.columns)
+    for name, values in episodes.columns.items():
+        assert np.array_equal(again.columns[name], values, equal_nan=values.dtype != bool)
+    header, first = (tmp_path / "episodes.csv").read_text().splitlines()[:2]
+    assert header.startswith("case,outcome,steps,success_rate")
+    assert first.split(",")[1] in {outcome.label for outcome in Outcome}
+
+
+def test_batches_leave_the_same_bytes(tmp_path):
+    for batch in (1, 7, 30):
+        go(tmp_path / str(batch), batch=batch)
+    files = {(tmp_path / str(batch) / "episodes.csv").read_bytes() for batch in (1, 7, 30)}
+    assert len(files) == 1
+
+
+def test_an_earlier_run_is_not_overwritten_unasked(tmp_path):
+    go(tmp_path / "a", cases="3")
+    with pytest.raises(InputError, match="--overwrite"):
+        go(tmp_path / "a", cases="4")
+    assert read_result(tmp_path / "a")["cases"] == "test:0:3"
+    go(tmp_path / "a", cases="4", overwrite=True)
+    assert read_result(tmp_path / "a")["cases"] == "test:0:4"
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter1.tex").touch()
+    with pytest.raises(InputError, match="holds something other than a run"):
+        go(tmp_path / "thesis", cases="3", overwrite=True)
+
+
+class Breaks(Planner):
+    """Raises `error` in the step after the first batch."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def plan(self, obs):
+        if obs.case[0] >= 10:
+            raise self.error
+        return np.zeros((len(obs), 2))
+
+
+def test_an_error_leaves_nothing_behind(tmp_path):
+    with pytest.raises(InputError, match="ZeroDivisionError"):
+        go(tmp_path / "a", Breaks(ZeroDivisionError()), batch=10)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_keeps_the_finished_batches(tmp_path):
+    finished = go(tmp_path / "a", Breaks(KeyboardInterrupt()), batch=10)
+    assert finished.interrupted
+    assert read_result(tmp_path / "a")["cases"] == "test:0:10"
+    assert len(Episodes.read(tmp_path / "a" / "episodes.csv")) == 10
+    with pytest.raises(InputError, match="nothing was kept"):
+        go(tmp_path / "b", Breaks(KeyboardInterrupt()), cases="10:20")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_directory_appears_whole_or_not_at_all(tmp_path):
+    def write(directory):
+        (directory / "x").write_text("half")
+        assert not (tmp_path / "a").exists()
+        raise RuntimeError
+
+    with pytest.raises(RuntimeError), new_directory(tmp_path / "a", False) as partial:
+        write(partial)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="cannot be written"), new_directory(tmp_path / "b", False):
+        raise OSError(28, "No space left on device")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("metric", "expected"),
+    [
+        (lambda trace: 1 / 0, "metric mine raised ZeroDivisionError"),
+        (lambda trace: 3.0, "metric mine returned float"),
+        (lambda trace: trace.gap, "metric mine returned shape"),
+        (lambda trace: np.array(["a"] * len(trace)), "metric mine returned shape"),
+    ],
+)
+def test_a_broken_metric_gets_one_sentence(tmp_path, metric, expected):
+    with pytest.raises(InputError, match=expected):
+        go(tmp_path / "a", cases="3", metrics={"mine": metric})
+
+
+def test_a_comparison_is_paired_by_case(tmp_path):
+    go(tmp_path / "a", cases="40")
+    go(tmp_path / "b", Still(), cases="10:50")
+    found = compare(tmp_path / "a", tmp_path / "b")
+    assert (found.cases, found.both_solved) == (30, 0)
+    outcome = drive("orca", "10:40").outcome
+    solved = int((outcome == Outcome.SUCCESS).sum())
+    rate = found.rows["success_rate"]
+    assert (rate.a, rate.b) == (solved / 30, 0.0)
+    assert rate.difference.mean == pytest.approx(-solved / 30)
+    assert rate.p == pytest.approx(2 * 0.5**solved)
+    changed = [case for case, *_ in found.changed]
+    assert changed == [case for case, one in zip(range(10, 40), outcome, strict=True) if one != Outcome.TIMEOUT]
+    same = compare(tmp_path / "a", tmp_path / "a")
+    assert same.changed == []
+    assert same.rows["success_rate"].p == 1.0
+    assert same.rows["navigation_time"].difference.mean == 0.0
+
+
+def test_mcnemar_counts_only_cases_that_differ():
+    a = np.array([True] * 12 + [False] * 5)
+    b = np.array([True] * 2 + [False] * 15)
+    assert mcnemar(a, b) == pytest.approx(2 * 0.5**10)
+    assert mcnemar(a, a) == 1.0
+
+
+def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
+    go(tmp_path / "a", cases="5")
+    go(tmp_path / "b", cases="5", overrides={"vehicle.visible": True})
+    go(tmp_path / "c", cases="5:9")
+    go(tmp_path / "d", cases="val:5")
+    with pytest.raises(InputError, match="different scenarios"):
+        compare(tmp_path / "a", tmp_path / "b")
+    with pytest.raises(InputError, match="share no case"):
+        compare(tmp_path / "a", tmp_path / "c")
+    with pytest.raises(InputError, match="val cases"):
+        compare(tmp_path / "a", tmp_path / "d")
+    with pytest.raises(InputError, match="not the directory of a run"):
+        compare(tmp_path / "a", tmp_path / "nowhere")
+    (tmp_path / "a" / "episodes.csv").write_text("case,outcome\n1,sucess\n")
+    with pytest.raises(InputError, match="not a table of episodes"):
+        compare(tmp_path / "a", tmp_path / "c")

@@ -1,0 +1,117 @@
+import numba
+import numpy as np
+import pytest
+from helpers import Still, drive, same
+
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.driver import Driver
+from crowdbench.rollout import rollout
+from crowdbench.types import Outcome
+
+SCENARIOS = ["circle_crossing_5", *(f"circle_crossing_5_{kind}" for kind in ("visible", "gaussian", "social_force"))]
+
+
+def rows(trace, chosen):
+    """The trace of some of its episodes, as far as `same` looks."""
+    import dataclasses
+
+    changes = {
+        field.name: getattr(trace, field.name)[chosen]
+        for field in dataclasses.fields(trace)
+        if isinstance(getattr(trace, field.name), np.ndarray)
+    }
+    return dataclasses.replace(trace, **changes)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_case_does_not_depend_on_its_batch(scenario):
+    together = drive("orca", "120", scenario)
+    for start in (0, 57, 119):
+        assert same(drive("orca", f"{start}:{start + 1}", scenario), rows(together, slice(start, start + 1)))
+
+
+def test_threads_change_nothing():
+    one_thread, threads = 1, numba.get_num_threads()
+    parallel = drive("orca", "150")
+    numba.set_num_threads(one_thread)
+    try:
+        assert same(parallel, drive("orca", "150"))
+    finally:
+        numba.set_num_threads(threads)
+
+
+def test_padding_changes_nothing():
+    padded = drive("orca", "val:60", pedestrians__number=[5, 9])
+    fives = np.flatnonzero(padded.present.sum(axis=1) == 6)
+    assert len(fives) > 3
+    tight = drive("orca", "val:60", pedestrians__number=[5, 5])
+    # With another range, other crowds are drawn: the places differ, so only the arrays' meaning is compared.
+    assert tight.position.shape[2] == 6
+    assert np.isnan(padded.position[fives, 0, 6:]).all()
+    assert np.isfinite(padded.position[fives, 0, :6]).all()
+
+
+def test_an_episode_is_nan_after_its_end():
+    trace = drive("orca", "30")
+    after = np.arange(trace.position.shape[1]) > trace.steps[:, None]
+    assert np.isnan(trace.position[after]).all()
+    assert np.isfinite(trace.position[~after]).all()
+    assert np.isnan(trace.gap[after[:, 1:]]).all()
+
+
+def test_standing_still_ends_in_time_out():
+    trace = drive(Still(), "50")
+    assert set(trace.outcome) == {Outcome.TIMEOUT}
+    assert (trace.steps == 97).all()
+
+
+def test_the_undisturbed_crowd_is_the_crowd_of_an_invisible_vehicle():
+    visible, unseen = drive("orca", "30", "circle_crossing_5_visible"), drive("orca", "30")
+    both = np.minimum(visible.steps, unseen.steps)
+    for w in range(30):
+        assert np.array_equal(visible.undisturbed[w, : both[w] + 1], unseen.position[w, : both[w] + 1, 1:])
+    assert unseen.undisturbed is None
+
+
+def test_what_a_planner_logs_lands_at_its_case_and_step():
+    class Talker(Still):
+        def plan(self, obs):
+            obs.log("clock", obs.case * 1000.0 + obs.step)
+            return super().plan(obs)
+
+    trace = rollout(Driver(Talker(), "talker"), load_scenario("circle_crossing_5"), Cases.parse("20"), keep_logs=True)
+    steps = np.arange(trace.gap.shape[1])
+    expected = np.where(steps < trace.steps[:, None], trace.case[:, None] * 1000.0 + steps, np.nan)
+    assert np.array_equal(trace.logs["clock"], expected, equal_nan=True)
+
+
+def test_a_privileged_planner_sees_the_true_next_velocities():
+    seen = []
+
+    class Oracle(Still):
+        privileged = True
+
+        def plan(self, obs):
+            seen.append(obs.true_next().copy())
+            return super().plan(obs)
+
+    trace = drive(Oracle(), "1")
+    assert np.array_equal(np.concatenate(seen), trace.velocity[0, 1 : len(seen) + 1, 1:])
+
+
+def test_mixed_crowds_move_each_by_its_own_policy():
+    # Shares decide who follows which; in a crowd of one policy everybody moves as there.
+    shares = {"orca": 1, "social_force": 1}
+    both = drive("orca", "val:40", pedestrians__policy=shares)
+    orca = drive("orca", "val:40")
+    place = load_scenario("circle_crossing_5", {"pedestrians.policy": shares})
+    policy = place.worlds(Cases.parse("val:40")).policy
+    first = both.velocity[:, 1, 1:], orca.velocity[:, 1, 1:]
+    alike = np.abs(first[0] - first[1]).max(axis=-1) < 1e-12
+    assert np.array_equal(alike, policy == 0)
+
+
+def test_planners_load_with_their_options():
+    _, planner = load_planner("orca", {"safety_space": 0.2})
+    assert planner.safety_space == 0.2
