@@ -1,13 +1,15 @@
 """crowdbench: the benchmark for navigation in crowds.
 
 The names below are the public ones. They are imported when first used, so that `import crowdbench` and
-the command line start at once.
+the command line start at once. `crowdbench/Vehicle-v0` is registered with Gymnasium right away.
 """
 
 from __future__ import annotations
 
 import importlib
 from typing import TYPE_CHECKING
+
+from crowdbench.envs import registration
 
 if TYPE_CHECKING:
     from crowdbench.cases import Cases
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from crowdbench.scenario import Scenario
     from crowdbench.sim.pedestrians import PedestrianPolicy
     from crowdbench.types import Observation, Outcome, Rules, Trace, World
+
+registration.register()
 
 _HOMES = {
     "Cases": "cases",

@@ -188,7 +188,7 @@ def _names(
     places[:, :-1] = position.swapaxes(0, 1)
     places[:, :-1, 1] -= radius
     places[:, -1] = goal + np.array([0.0, radius[0] + label])
-    names = ["vehicle", *(str(agent) for agent in number[1:]), "goal"]
+    names = ["vehicle", *(str(agent - 1) for agent in number[1:]), "goal"]
     colors = [*_each(VEHICLE, PEDESTRIAN, agents), VEHICLE]
     style = rr.Points2D.from_fields(labels=names, colors=colors, radii=rr.Radius.ui_points(0))
     yield still("world/names", style)
@@ -204,7 +204,7 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
         sentence = "runs out of time"
     elif outcome is Outcome.COLLISION:
         hit = _hit(trace, row)
-        sentence, involved = f"hits pedestrian {hit}", [0, hit]
+        sentence, involved = f"hits pedestrian {hit}", [0, hit + 1]
     centers = trace.position[row, steps, involved]
     middle, ring = centers.mean(0), 3.0 * trace.radius[row, 0]
     color = SUCCESS if outcome is Outcome.SUCCESS else FAILURE
@@ -224,7 +224,7 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
 
 
 def _hit(trace: Trace, row: int) -> int:
-    """The pedestrian (1, 2, ...) that came nearest to the vehicle in the last step, as the collision rule sees it."""
+    """The pedestrian (0, 1, ...) that came nearest to the vehicle in the last step, as the collision rule sees it."""
     before, after = trace.steps[row] - 1, trace.steps[row]
     crowd = trace.velocity[row, after if trace.rules.collision == "swept" else before, 1:]
     offset = trace.position[row, before, 1:] - trace.position[row, before, 0]
@@ -232,7 +232,7 @@ def _hit(trace: Trace, row: int) -> int:
     squared = np.maximum((motion * motion).sum(-1), np.finfo(float).tiny)
     share = np.clip(-(offset * motion).sum(-1) / squared, 0.0, 1.0)
     gap = norm(offset + share[:, None] * motion) - trace.radius[row, 1:]
-    return int(np.where(trace.present[row, 1:], gap, np.inf).argmin()) + 1
+    return int(np.where(trace.present[row, 1:], gap, np.inf).argmin())
 
 
 def _plots(trace: Trace, row: int) -> Iterator[Chunk]:

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from crowdbench.cases import Cases
 from crowdbench.driver import Driver
 from crowdbench.scenario import Scenario
-from crowdbench.sim.simulator import advance, crowd_velocities, judge, observe
+from crowdbench.sim.simulator import advance, crowd_velocities, observe, step
 from crowdbench.types import Outcome, Trace, World
 
 
@@ -41,9 +41,7 @@ def rollout(
             future=crowd if driver.planner.privileged else None,
             record=functools.partial(log.log, rows, t) if keep_logs else None,
         )
-        command = driver.decide(obs)
-        after = advance(world, np.concatenate([command[:, None], crowd], axis=1))
-        outcome, gap = judge(world, after)
+        after, outcome, gap = step(world, driver.decide(obs), crowd)
         log.step(rows, t, after, outcome, gap)
         running = outcome == Outcome.RUNNING
         if not running.all():

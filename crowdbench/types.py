@@ -96,13 +96,29 @@ class World:
 
     def take(self, rows: np.ndarray) -> World:
         """The worlds of the given rows, a mask or indices."""
+        return self._map(lambda own: own[rows])
+
+    def put(self, rows: Int[np.ndarray, "row"], others: World) -> World:
+        """These worlds with other ones, of the same scenario, in the given rows."""
+
+        def replaced(own: np.ndarray, other: np.ndarray) -> np.ndarray:
+            both = own.copy()
+            both[rows] = other
+            return both
+
+        return self._map(replaced, others)
+
+    def _map(self, function: Callable[..., np.ndarray], *others: World) -> World:
+        """The worlds that a function makes of each array here and in the others."""
+        worlds = (self, *others)
         arrays = {
-            field.name: getattr(self, field.name)[rows]
+            field.name: function(*(getattr(world, field.name) for world in worlds))
             for field in dataclasses.fields(self)
             if field.name not in ("parameters", "rules")
         }
         parameters = {
-            policy: {name: values[rows] for name, values in table.items()} for policy, table in self.parameters.items()
+            policy: {name: function(*(world.parameters[policy][name] for world in worlds)) for name in table}
+            for policy, table in self.parameters.items()
         }
         return World(**arrays, parameters=parameters, rules=self.rules)
 

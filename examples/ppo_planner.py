@@ -1,4 +1,7 @@
-"""A policy that stable-baselines3's PPO has learned, as a planner (see train_ppo.py)."""
+"""A policy that stable-baselines3's PPO has learned, as a planner (see train_ppo.py).
+
+stable-baselines3 unpickles parts of such a file: load none that you do not trust.
+"""
 
 import numpy as np
 from stable_baselines3 import PPO

@@ -8,16 +8,18 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
+import torch
 from stable_baselines3 import PPO
 
-import crowdbench.envs  # registers crowdbench/Vehicle-v0
+import crowdbench  # registers crowdbench/Vehicle-v0
 from crowdbench.reward import discount
 
-gymnasium.register_envs(crowdbench.envs)
+gymnasium.register_envs(crowdbench)
 
 
 def train(steps: int, scenario: str, seed: int, rollout: int = 2048) -> PPO:
     """A policy after `steps` steps of the vehicle, learned from after every `rollout` of them."""
+    torch.set_num_threads(1)  # for networks this small, threads cost more than they bring
     env = gymnasium.make("crowdbench/Vehicle-v0", scenario=scenario)
     place = env.unwrapped.scenario
     gamma = float(discount(np.array([place.vehicle_speed]), place.rules.dt)[0])

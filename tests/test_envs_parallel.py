@@ -12,10 +12,9 @@ from crowdbench.envs import spaces
 from crowdbench.envs.observations import flatten, flatten_everybody
 from crowdbench.envs.outcomes import everybodys_outcomes
 from crowdbench.envs.parallel import parallel_env
-from crowdbench.envs.stepping import step
 from crowdbench.errors import InputError
 from crowdbench.generators import GENERATORS
-from crowdbench.sim.simulator import crowd_velocities, observe
+from crowdbench.sim.simulator import crowd_velocities, observe, step
 from crowdbench.types import Outcome, Rules
 
 with warnings.catch_warnings():
@@ -139,6 +138,9 @@ def test_a_timeout_is_a_truncation_of_all():
     assert rewards["vehicle"] == 0.0
     assert infos["vehicle"] | {"gap": None} == {"outcome": "timeout", "gap": None, "case": "val:0"}
     assert env.agents == []
+    assert env.step({}) == ({}, {}, {}, {}, {})
+    with pytest.raises(InputError, match="the episode is over"):
+        env.step({"vehicle": STILL})
 
 
 def test_a_pedestrian_that_arrives_terminates_and_its_body_walks_on():

@@ -27,7 +27,7 @@ def test_it_passes_gymnasiums_checks(monkeypatch):
 def test_gymnasium_finds_it_by_its_module():
     code = (
         "import gymnasium\n"
-        "env = gymnasium.make('crowdbench.envs:crowdbench/Vehicle-v0', scenario='circle_crossing_10')\n"
+        "env = gymnasium.make('crowdbench:crowdbench/Vehicle-v0', scenario='circle_crossing_10')\n"
         "envs = gymnasium.make_vec('crowdbench/Vehicle-v0', num_envs=3, scenario='circle_crossing_5')\n"
         "print(env.observation_space.shape, type(envs).__name__, envs.observation_space.shape)"
     )

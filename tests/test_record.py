@@ -165,4 +165,4 @@ def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_
 def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
     hit = line(4, 3, Outcome.COLLISION, gap=[1, 1, 1, -0.1])
     hit.position[0, :, 2] = hit.position[0, :, 0] + [0.5, 0.0]
-    assert drawing._hit(hit, 0) == 2
+    assert drawing._hit(hit, 0) == 1

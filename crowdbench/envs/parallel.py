@@ -19,7 +19,7 @@ from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
 from crowdbench.scenario import Scenario
-from crowdbench.sim.simulator import crowd_velocities
+from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
 VEHICLE = "vehicle"
@@ -108,12 +108,13 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """Move everybody by one dt, agents with velocities `[2]`; what is returned is of those who were agents then.
 
-        Raises InputError where an action is of nobody who acts, or is no velocity, or the vehicle has none.
+        Raises InputError where an action is of nobody who acts (any more), or is no velocity, or the vehicle
+        has none.
         """
-        if not self.agents:
+        if not self.agents and not actions:
             return {}, {}, {}, {}, {}
         before, agents = self._world, self.agents
-        self._world, judged, gap = stepping.step(before, *self._velocities(actions))
+        self._world, judged, gap = step(before, *self._velocities(actions))
         outcomes, gaps = everybodys_outcomes(before, self._world, judged, gap)
         rewards = reward(outcomes, gaps, before.rules.dt).tolist()
         observations = self._observe()
@@ -149,6 +150,8 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     ) -> tuple[Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
         """The vehicle's velocity and the pedestrians', given or by their policies."""
         given = {agent: action for agent, action in actions.items() if action is not None}
+        if not self.agents:
+            raise InputError("the episode is over and nobody acts any more: call reset()")
         if VEHICLE not in given or not given.keys() <= set(self.agents):
             raise InputError(
                 f"actions are of {', '.join(given) or 'nobody'}, but must be of the vehicle, which has no policy of "

@@ -18,7 +18,7 @@ from crowdbench.envs.observations import flatten
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
 from crowdbench.scenario import Scenario
-from crowdbench.sim.simulator import crowd_velocities, observe
+from crowdbench.sim.simulator import crowd_velocities, observe, step
 from crowdbench.types import Outcome, World
 
 LABELS = np.array(stepping.LABELS, object)
@@ -91,7 +91,7 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
         command = stepping.velocities(actions, (self.num_envs, 2))
         crowd = crowd_velocities(self._worlds, self.scenario.policies)
-        worlds, outcome, gap = stepping.step(self._worlds, command, crowd)
+        worlds, outcome, gap = step(self._worlds, command, crowd)
         anew = self._over
         if anew.any():
             # NEXT_STEP: this step was their reset, and what the simulator made of the ended world is forgotten.
@@ -119,7 +119,7 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         names = [self._case(row, cases[row] if cases else None) for row in rows.tolist()]
         fresh = stepping.start(self.scenario, names)
         self._cases[rows] = names
-        return fresh if worlds is None or mask.all() else stepping.put(worlds, rows, fresh)
+        return fresh if worlds is None or mask.all() else worlds.put(rows, fresh)
 
     def _case(self, row: int, case: str | None) -> str:
         generator = self._generators[row]

@@ -14,7 +14,7 @@ from crowdbench.envs.observations import flatten
 from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.reward import reward
 from crowdbench.scenario import Scenario
-from crowdbench.sim.simulator import crowd_velocities, observe
+from crowdbench.sim.simulator import crowd_velocities, observe, step
 from crowdbench.types import Outcome, World
 
 
@@ -58,7 +58,7 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         command = stepping.velocities(action, (2,))[None]
         crowd = crowd_velocities(self._world, self.scenario.policies)
-        self._world, outcomes, gaps = stepping.step(self._world, command, crowd)
+        self._world, outcomes, gaps = step(self._world, command, crowd)
         self._renderer.show(self._world, self._case)
         outcome, gap = int(outcomes[0]), float(gaps[0])
         return (

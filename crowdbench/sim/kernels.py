@@ -17,14 +17,14 @@ def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], C
     # and would hand out one's machine code for the other.
     twin = types.FunctionType(loop.__code__, loop.__globals__, f"{loop.__name__}_parallel")
     twin.__module__, twin.__qualname__ = loop.__module__, twin.__name__
-    return njit(cache=True)(loop), njit(cache=True, parallel=True)(twin)
+    return njit(cache=True, error_model="numpy")(loop), njit(cache=True, error_model="numpy", parallel=True)(twin)
 
 
 def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> np.ndarray:
     """A number, or an array [world] or [world, agent], in the form in which kernels read it by `at`."""
     if isinstance(value, float | int):
         return _number(value, dtype)
-    array = np.ascontiguousarray(value, dtype)
+    array: np.ndarray = np.ascontiguousarray(value, dtype)
     return array if array.ndim == 2 else array.reshape(-1, 1)
 
 

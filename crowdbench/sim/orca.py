@@ -111,7 +111,7 @@ _orca_serial, _orca_parallel = serial_and_parallel(_orca)
 
 
 @no_type_check
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
     """Fill `neighbor` with the nearest agents, nearest first; return how many there are."""
     n = 0
@@ -136,7 +136,7 @@ def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
 
 
 @no_type_check
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _unit(x, y):
     length = math.sqrt(x * x + y * y)
     if length == 0.0:
@@ -145,7 +145,7 @@ def _unit(x, y):
 
 
 @no_type_check
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, lines, k):
     """Line k: what agent i of world w owes its neighbour j (section 4, figure 2).
 
@@ -160,7 +160,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
     squared = dx * dx + dy * dy
     overlapping = squared <= reach * reach
     # Those who overlap must part within the step, the others within the horizon.
-    rate = 1.0 / time_step if overlapping else 1.0 / time_horizon
+    rate = 1.0 / (time_step if overlapping else time_horizon)
     wx, wy = rx - rate * dx, ry - rate * dy
     dot = wx * dx + wy * dy
     if overlapping or (dot < 0.0 and dot * dot > reach * reach * (wx * wx + wy * wy)):
@@ -169,11 +169,10 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
         depth = reach * rate - length
         sx, sy = depth * nx, depth * ny
     else:
-        leg = math.sqrt(squared - reach * reach)
-        if _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
-            cx, cy = (dx * leg - dy * reach) / squared, (dx * reach + dy * leg) / squared
-        else:
-            cx, cy = -(dx * leg + dy * reach) / squared, (dx * reach - dy * leg) / squared
+        # The legs are the way to the neighbour turned by the half angle of the cone; the right one leads back.
+        side = 1.0 if _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate) else -1.0
+        leg, scale = side * math.sqrt(squared - reach * reach), 1.0 / squared
+        cx, cy = (dx * leg - dy * reach) * scale, (dx * reach + dy * leg) * scale
         along = rx * cx + ry * cy
         sx, sy = along * cx - rx, along * cy - ry
     lines[k, 0], lines[k, 1] = vx + 0.5 * sx, vy + 0.5 * sy
@@ -181,7 +180,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
 
 
 @no_type_check
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
     """Whether the nearer leg of the cone is the left one.
 
@@ -195,7 +194,7 @@ def _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
 
 
 @no_type_check
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _nearest_on_line(lines, k, speed, x, y, as_direction):
     """The best velocity on line k that lines 0 to k - 1 and the speed permit; the first result says if any."""
     px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
@@ -227,7 +226,7 @@ def _nearest_on_line(lines, k, speed, x, y, as_direction):
 
 
 @no_type_check
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _nearest_permitted(lines, n, speed, x, y, as_direction):
     """The permitted velocity nearest to (x, y), or farthest in its direction, no faster than `speed`.
 
@@ -249,7 +248,7 @@ def _nearest_permitted(lines, n, speed, x, y, as_direction):
 
 
 @no_type_check
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _least_violation(lines, n, failed, speed, x, y, scratch):
     """The velocity that lies least far beyond any line, from the best before line `failed` (section 5.3)."""
     worst = 0.0

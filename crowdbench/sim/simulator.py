@@ -65,6 +65,18 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
     )
 
 
+def step(
+    world: World, command: Float[np.ndarray, "world 2"], crowd: Float[np.ndarray, "world pedestrian 2"]
+) -> tuple[World, Int[np.ndarray, "world"], Float[np.ndarray, "world"]]:
+    """The world one step later, the outcome of the step, and the vehicle's gap in it in metres.
+
+    `command` is the vehicle's velocity and `crowd` the pedestrians', in m/s; `advance` limits both. Rollouts
+    and environments all step by this.
+    """
+    after = advance(world, np.concatenate([command[:, None], crowd], axis=1))
+    return after, *judge(world, after)
+
+
 def judge(before: World, after: World) -> tuple[Int[np.ndarray, "world"], Float[np.ndarray, "world"]]:
     """The outcome of a step and the closest distance, in metres, between the vehicle's rim and another's in it.
 
