@@ -251,4 +251,5 @@ def _use_threads(threads: int | None) -> None:
 def _print(table: Any) -> None:
     from rich.console import Console
 
-    Console().print(table)
+    # Without a terminal there is no width to fit; brackets are units, not markup.
+    Console(width=None if sys.stdout.isatty() else 200, markup=False).print(table)

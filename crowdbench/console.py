@@ -49,7 +49,7 @@ def announce_compilation() -> None:
 
         def on_start(self, event: object) -> None:
             if not self.said:
-                say("compiling the simulator for this machine (once, about 15 s; later runs take it from a cache)")
+                say("compiling the simulator for this machine (once, some seconds; later runs take it from a cache)")
             self.said = True
 
         def on_end(self, event: object) -> None:

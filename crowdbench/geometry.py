@@ -43,18 +43,16 @@ def toward_goal(
     So an agent slows down over its last metre, as in CrowdNav.
     """
     out = np.empty(position.shape)
-    _toward_goal(
-        np.ascontiguousarray(position).reshape(-1, 2),
-        np.ascontiguousarray(goal).reshape(-1, 2),
-        np.ascontiguousarray(preferred_speed).reshape(-1),
-        out.reshape(-1, 2),
-    )
+    _toward_goal(np.ascontiguousarray(position), np.ascontiguousarray(goal), np.ascontiguousarray(preferred_speed), out)
     return out
 
 
 @no_type_check
 @njit(cache=True)
 def _toward_goal(position, goal, preferred_speed, out):
+    # Reshaped here, where it costs nothing: these few numbers are wanted at every step.
+    position, goal, out = position.reshape(-1, 2), goal.reshape(-1, 2), out.reshape(-1, 2)
+    preferred_speed = preferred_speed.reshape(-1)
     for i in range(len(position)):
         x, y = goal[i, 0] - position[i, 0], goal[i, 1] - position[i, 1]
         scale = preferred_speed[i] / max(math.sqrt(x * x + y * y), preferred_speed[i])

@@ -26,6 +26,9 @@ from crowdbench.types import Outcome, Trace
 BATCH = 500
 """Cases that run in lock-step unless told otherwise: enough to keep all cores busy, few enough for memory."""
 
+MEMORY = 256e6
+"""Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches."""
+
 FIRST_RECORDED = 10
 """Under `--record failures`, this many first cases are recorded whatever their outcome."""
 
@@ -68,7 +71,7 @@ def run(
     with new_directory(out, overwrite) as directory:
         with _recorder(record, directory / RECORDING, driver, scenario, len(cases)) as keep:
             try:
-                for part in cases.batches(batch):
+                for part in cases.batches(_fitting(batch, scenario)):
                     trace = rollout(driver, scenario, part, keep_logs=record != "none", progress=progress)
                     episodes = Episodes.of(trace, metrics)
                     parts.append(episodes)
@@ -101,6 +104,12 @@ def run(
         episodes.write(directory / EPISODES)
         (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return Finished(result, interrupted)
+
+
+def _fitting(batch: int, scenario: Scenario) -> int:
+    # Positions and velocities of every state, and as much again for what metrics make of them.
+    each = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
+    return max(1, min(batch, int(MEMORY / each)))
 
 
 Keep = Callable[[Trace, Episodes, int], None]

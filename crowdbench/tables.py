@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from crowdbench.bench import Row
 from crowdbench.check import Point
@@ -80,7 +81,7 @@ def check_table(name: str, points: list[Point]) -> Table:
     """The points of the contract."""
     table = _table(f"The contract, as {name} keeps it", ("", "left"), ("point", "left"), ("seen", "left"))
     for point in points:
-        table.add_row("[green]kept[/]" if point.kept else "[red]broken[/]", point.name, point.seen)
+        table.add_row(Text("kept", "green") if point.kept else Text("broken", "red"), point.name, point.seen)
     return table
 
 

@@ -52,14 +52,12 @@ class Rules:
     visible: bool = False
 
     @property
-    def last_start(self) -> float:
-        """Clock before a step from which on that step is the last: CrowdNav's limit less one second."""
-        return self.time_limit - 1.0
-
-    @property
     def max_steps(self) -> int:
-        """Steps after which every episode has ended."""
-        return int(np.ceil(self.last_start / self.dt - 1e-9)) + 1
+        """Steps after which every episode has ended.
+
+        As in CrowdNav, the step is the last whose clock, before it, is within a second of the limit or later.
+        """
+        return int(np.ceil((self.time_limit - 1.0) / self.dt - 1e-9)) + 1
 
 
 @dataclass(frozen=True)

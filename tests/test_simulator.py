@@ -3,7 +3,9 @@ import pytest
 from helpers import world
 
 from crowdbench.catalog import load_policy
+from crowdbench.errors import InputError
 from crowdbench.reward import discount, reward
+from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.simulator import advance, crowd_velocities, judge, observe
 from crowdbench.types import HISTORY, Outcome, Rules
 
@@ -88,6 +90,45 @@ def test_time_out_comes_before_collision_and_collision_before_success():
     assert outcome_of(world(place, goal=goal, step=96), into)[0] is Outcome.TIMEOUT
     assert outcome_of(world([[0, 0], [9, 0]], goal=goal, step=95), into)[0] is Outcome.SUCCESS
     assert Rules().max_steps == 97
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.25, 0.3, 0.4, 0.7])
+def test_the_last_step_starts_a_second_before_the_limit_at_any_dt(dt):
+    rules = Rules(dt=dt)
+    last = rules.max_steps - 1
+    assert last * dt >= 24.0 - 1e-9 > (last - 1) * dt
+    far = [[0, 0], [9, 9]]
+    assert outcome_of(world(far, step=last, rules=rules), [[0, 0], [0, 0]])[0] is Outcome.TIMEOUT
+    assert outcome_of(world(far, step=last - 1, rules=rules), [[0, 0], [0, 0]])[0] is Outcome.RUNNING
+
+
+def nan_for_the_second(world):
+    velocity = np.zeros((len(world), world.position.shape[1] - 1, 2))
+    velocity[:, 1, 0] = np.nan
+    return velocity
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (lambda world: 1 / 0, "pedestrian policy mine raised ZeroDivisionError: division by zero"),
+        (
+            lambda world: np.zeros((len(world), 2)),
+            "returned float64 of shape (1, 2), but must return float64 of shape (1, 2, 2)",
+        ),
+        (lambda world: "left", "returned 'left', but must return float64"),
+        (nan_for_the_second, "returned [nan, 0.0] for pedestrian 1 of case 0, but a velocity must be finite"),
+    ],
+)
+def test_a_broken_policy_gets_one_sentence(answer, expected):
+    class Mine(PedestrianPolicy):
+        def velocities(self, world, parameters):
+            return answer(world)
+
+    here = world([[0, 0], [3, 0], [6, 0]])
+    with pytest.raises(InputError) as error:
+        crowd_velocities(here.replace(parameters={"mine": {}}), {"mine": Mine()})
+    assert expected in str(error.value)
 
 
 def test_pedestrians_see_the_vehicle_only_where_it_is_visible():

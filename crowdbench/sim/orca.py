@@ -24,6 +24,9 @@ PARALLEL_AGENTS = 400
 _BLOCKS = 64
 """Worlds are shared out to threads in this many blocks, each with memory of its own to work in."""
 
+_TINY = 1e-9
+"""The least time horizon in seconds: with none at all, others are avoided once they overlap."""
+
 _PARALLEL = 1e-5
 """Two lines whose directions' cross product is below this count as parallel (RVO2's constant)."""
 
@@ -160,7 +163,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
     squared = dx * dx + dy * dy
     overlapping = squared <= reach * reach
     # Those who overlap must part within the step, the others within the horizon.
-    rate = 1.0 / (time_step if overlapping else time_horizon)
+    rate = 1.0 / (time_step if overlapping else max(time_horizon, _TINY))
     wx, wy = rx - rate * dx, ry - rate * dy
     dot = wx * dx + wy * dy
     if overlapping or (dot < 0.0 and dot * dot > reach * reach * (wx * wx + wy * wy)):

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
+from crowdbench.errors import InputError
 from crowdbench.geometry import closest_approach
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle, World
@@ -22,11 +23,31 @@ COLLISION_RULES = ("swept", "crowdnav")
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:
-    """The velocities that the pedestrians' policies ask for, each pedestrian by its own policy."""
-    asked = [policy.velocities(world, world.parameters[name]) for name, policy in policies.items()]
-    if len(asked) == 1:
-        return asked[0]
-    return np.choose(world.policy[:, :, None], asked)
+    """The velocities that the pedestrians' policies ask for, each pedestrian by its own policy.
+
+    Raises InputError, naming the policy, where one raises or does not return a finite velocity per pedestrian.
+    """
+    asked = [_asked(world, name, policy) for name, policy in policies.items()]
+    return asked[0] if len(asked) == 1 else np.choose(world.policy[:, :, None], asked)
+
+
+def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarray, "world pedestrian 2"]:
+    try:
+        velocity = policy.velocities(world, world.parameters[name])
+    except Exception as error:
+        raise InputError(f"pedestrian policy {name} raised {type(error).__name__}: {error}") from error
+    expected = (len(world), world.position.shape[1] - 1, 2)
+    if not isinstance(velocity, np.ndarray) or velocity.shape != expected or velocity.dtype != np.float64:
+        found = f"{velocity.dtype} of shape {velocity.shape}" if isinstance(velocity, np.ndarray) else repr(velocity)
+        raise InputError(f"pedestrian policy {name} returned {found}, but must return float64 of shape {expected}")
+    # A sum is finite where all its terms are, and takes half the time of asking each.
+    if not math.isfinite(velocity.sum()):
+        row, pedestrian, _ = np.argwhere(~np.isfinite(velocity))[0]
+        raise InputError(
+            f"pedestrian policy {name} returned {velocity[row, pedestrian].tolist()} for pedestrian {pedestrian} "
+            f"of case {world.case[row]}, but a velocity must be finite"
+        )
+    return velocity
 
 
 def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World:
@@ -82,9 +103,9 @@ def judge(before: World, after: World) -> tuple[Int[np.ndarray, "world"], Float[
 
     The vehicle collides where its disc touches a pedestrian's during the step: under the rule "swept" in
     their true relative motion; under "crowdnav" with the pedestrian's velocity from before the step,
-    as CrowdNav does. It succeeds where its centre ends nearer to its goal than its radius. The step that
-    starts at `Rules.last_start` or later is the last one, whatever happens in it. CrowdNav's order of
-    precedence: time-out, collision, success.
+    as CrowdNav does. It succeeds where its centre ends nearer to its goal than its radius. The step after
+    which `Rules.max_steps` are done is a time-out, whatever happens in it. CrowdNav's order of precedence:
+    time-out, collision, success.
     """
     outcome = np.empty(len(before), np.int64)
     gap = np.empty(len(before))
@@ -99,7 +120,7 @@ def judge(before: World, after: World) -> tuple[Int[np.ndarray, "world"], Float[
         before.present,
         before.step,
         before.rules.dt,
-        before.rules.last_start,
+        before.rules.max_steps,
         outcome,
         gap,
     )
@@ -167,7 +188,7 @@ def _advance(position, velocity, max_speed, present, history, dt, new_position, 
 
 @no_type_check
 @njit(cache=True)
-def _judge(position, crowd, command, end, goal, radius, present, step, dt, last_start, outcome, gap):
+def _judge(position, crowd, command, end, goal, radius, present, step, dt, max_steps, outcome, gap):
     worlds, agents = radius.shape
     for w in range(worlds):
         gap[w] = np.inf
@@ -181,7 +202,7 @@ def _judge(position, crowd, command, end, goal, radius, present, step, dt, last_
                 )
                 gap[w] = min(gap[w], distance - radius[w, a] - radius[w, 0])
         left = math.hypot(end[w, 0, 0] - goal[w, 0, 0], end[w, 0, 1] - goal[w, 0, 1])
-        if step[w] * dt >= last_start:
+        if step[w] + 1 >= max_steps:
             outcome[w] = Outcome.TIMEOUT.value
         elif gap[w] < 0.0:
             outcome[w] = Outcome.COLLISION.value
