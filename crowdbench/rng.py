@@ -6,6 +6,7 @@ a `Generator` is wanted, the same function compiled here where noise is drawn fo
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 from typing import no_type_check
@@ -37,6 +38,7 @@ def normal(
     return out
 
 
+@functools.cache
 def _purpose(name: str) -> np.uint64:
     return np.uint64(int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little"))
 

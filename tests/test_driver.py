@@ -65,7 +65,8 @@ def test_a_broken_planner_gets_one_sentence(name):
 
 
 def test_a_speed_within_rounding_is_no_offence():
-    drive(Says(lambda obs: np.tile([1.0 + 5e-7, 0.0], (len(obs), 1))), "3")
+    trace = drive(Says(lambda obs: np.tile([1.0 + 5e-7, 0.0], (len(obs), 1))), "3")
+    assert (trace.velocity[:, 3, 0, 0] == 1.0 + 5e-7).all()
 
 
 def test_single_precision_commands_are_taken():
