@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from crowdbench.errors import InputError
     from crowdbench.metrics import METRICS
     from crowdbench.planner import OneWorldPlanner, Planner
-    from crowdbench.rollout import rollout
+    from crowdbench.rollouts import rollout
     from crowdbench.scenario import Scenario
     from crowdbench.sim.pedestrians import PedestrianPolicy
     from crowdbench.types import Observation, Outcome, Rules, Trace, World
@@ -45,7 +45,7 @@ _HOMES = {
     "load_planner": "catalog",
     "load_scenario": "catalog",
     "parallel_env": "envs.parallel",
-    "rollout": "rollout",
+    "rollout": "rollouts",
 }
 
 __all__ = [

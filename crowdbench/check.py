@@ -14,7 +14,7 @@ from crowdbench.cases import Cases
 from crowdbench.driver import Driver
 from crowdbench.errors import InputError
 from crowdbench.planner import Planner
-from crowdbench.rollout import rollout
+from crowdbench.rollouts import rollout
 from crowdbench.scenario import Scenario
 from crowdbench.types import Observation, Pedestrians, Vehicle
 

@@ -15,7 +15,8 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 from rerun.chunk import Chunk
 
-from crowdbench.geometry import norm
+from crowdbench.geometry import nearest_in_step, norm
+from crowdbench.sim.simulator import swept_motion
 from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
 
 Color = tuple[int, int, int]
@@ -224,15 +225,12 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
 
 
 def _hit(trace: Trace, row: int) -> int:
-    """The pedestrian (0, 1, ...) that came nearest to the vehicle in the last step, as the collision rule sees it."""
-    before, after = trace.steps[row] - 1, trace.steps[row]
-    crowd = trace.velocity[row, after if trace.rules.collision == "swept" else before, 1:]
-    offset = trace.position[row, before, 1:] - trace.position[row, before, 0]
-    motion = (crowd - trace.velocity[row, after, 0]) * trace.rules.dt
-    squared = np.maximum((motion * motion).sum(-1), np.finfo(float).tiny)
-    share = np.clip(-(offset * motion).sum(-1) / squared, 0.0, 1.0)
-    gap = norm(offset + share[:, None] * motion) - trace.radius[row, 1:]
-    return int(np.where(trace.present[row, 1:], gap, np.inf).argmin())
+    """The pedestrian (0, 1, ...) that came nearest to the vehicle in the last step, as the judge sees it."""
+    last = slice(row, row + 1), trace.steps[row] - 1
+    end = trace.position[row : row + 1, trace.steps[row]]
+    motion = swept_motion(trace.position[last], end, trace.velocity[last], trace.rules)[0]
+    _, nearest = nearest_in_step(0, trace.position[last][0], motion, trace.radius[row], trace.present[row])
+    return int(nearest) - 1
 
 
 def _plots(trace: Trace, row: int) -> Iterator[Chunk]:

@@ -10,26 +10,36 @@ from collections.abc import Iterator
 from types import FrameType
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from crowdbench.errors import InputError
 from crowdbench.geometry import norm
 from crowdbench.planner import Planner
+from crowdbench.settings import DECISION_LIMIT
 from crowdbench.sim.simulator import SPEED_TOLERANCE
 from crowdbench.types import Observation
 
-DECISION_LIMIT = 60.0
-"""Seconds that a planner may think about one step unless told otherwise."""
-
 
 class Driver:
-    """Asks a planner for commands. `seconds` is the time that it has taken for them so far."""
+    """Asks a planner for commands. `seconds` is the time that it has taken for them so far.
+
+    `decision_limit`, in seconds, is for all worlds of a batch together. Raises InputError where it is not positive.
+    """
 
     def __init__(self, planner: Planner, name: str, decision_limit: float = DECISION_LIMIT) -> None:
+        if not decision_limit > 0.0:
+            raise InputError(f"a decision limit of {decision_limit:g} s leaves no time to decide: it must be above 0")
         self.planner = planner
         self.name = name
         self.decision_limit = decision_limit
         self.seconds = 0.0
+
+    def reset(self, cases: Int[np.ndarray, "world"]) -> None:
+        """Tell the planner which cases start. Raises InputError where it raises."""
+        try:
+            self.planner.reset(cases)
+        except (Exception, SystemExit) as error:
+            raise InputError(f"planner {self.name} raised {type(error).__name__} in reset(): {error}") from error
 
     def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """The planner's commands in m/s.
@@ -39,15 +49,20 @@ class Driver:
         """
         start = time.perf_counter()
         try:
-            with _time_limit(self.decision_limit):
+            with _interrupted_after(self.decision_limit):
                 command = self.planner.plan(obs)
         except InputError:
             raise
         except _TimeLimit:
-            raise self._wrong(obs, 0, f"thought longer than the limit of {self.decision_limit:g} s") from None
-        except Exception as error:
-            raise self._wrong(obs, 0, f"raised {type(error).__name__}: {error}") from error
-        self.seconds += time.perf_counter() - start
+            raise self._too_slow(obs) from None
+        except (Exception, SystemExit) as error:
+            row = getattr(error, "row", 0)
+            raise self._wrong(obs, row, f"raised {type(error).__name__}: {error}") from error
+        seconds = time.perf_counter() - start
+        self.seconds += seconds
+        # Nobody interrupts a planner in another thread, or one that swallows what interrupts it.
+        if seconds > self.decision_limit:
+            raise self._too_slow(obs)
         return self._checked(command, obs)
 
     def _checked(self, command: object, obs: Observation) -> Float[np.ndarray, "world 2"]:
@@ -73,6 +88,9 @@ class Driver:
             )
         return command
 
+    def _too_slow(self, obs: Observation) -> InputError:
+        return self._wrong(obs, 0, f"thought longer than the limit of {self.decision_limit:g} s")
+
     def _wrong(self, obs: Observation, row: int, what: str) -> InputError:
         return InputError(f"planner {self.name} {what} (case {obs.case[row]}, step {obs.step[row]})")
 
@@ -82,7 +100,7 @@ class _TimeLimit(BaseException):
 
 
 @contextlib.contextmanager
-def _time_limit(seconds: float) -> Iterator[None]:
+def _interrupted_after(seconds: float) -> Iterator[None]:
     # Signals reach the main thread alone; elsewhere (a user's own threads) nothing can interrupt a planner.
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
         yield
@@ -91,10 +109,11 @@ def _time_limit(seconds: float) -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise _TimeLimit
 
-    before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    handler = signal.signal(signal.SIGALRM, interrupt)
+    # Again and again, for planners that catch everything and go on.
+    timer = signal.setitimer(signal.ITIMER_REAL, seconds, 0.5)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_REAL, *timer)
+        signal.signal(signal.SIGALRM, handler)

@@ -42,15 +42,24 @@ class OneWorldPlanner(Planner):
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """One world after the other."""
         logs: dict[str, np.ndarray] = {}
-        command = np.array([self.decide(_one_world(obs, w, logs)) for w in range(len(obs))], np.float64)
+        command = np.array([self._decide(obs, w, logs) for w in range(len(obs))], np.float64)
         for name, values in logs.items():
             obs.log(name, values)
         return command
 
+    def _decide(self, obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Float[np.ndarray, "2"]:
+        try:
+            return self.decide(_one_world(obs, w, logs))
+        except Exception as error:
+            error.row = w  # type: ignore[attr-defined]  # whoever reports it can tell the case
+            raise
+
 
 def _one_world(obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Observation:
     def record(name: str, values: np.ndarray) -> None:
-        logs.setdefault(name, np.full((len(obs), *np.shape(values)), np.nan))[w] = values
+        if name not in logs:
+            logs[name] = np.full((len(obs), *np.shape(values)), np.nan)
+        logs[name][w] = values
 
     return Observation(
         vehicle=_row(obs.vehicle, w),

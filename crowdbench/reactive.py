@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from crowdbench.geometry import toward_goal
 from crowdbench.planner import Planner
@@ -25,7 +25,7 @@ class ORCAPlanner(Planner):
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         vehicle = obs.vehicle
-        position, velocity, radius, present = everybody(obs)
+        position, velocity, radius, present = obs.everybody()
         preferred = np.zeros_like(position)
         preferred[:, 0] = toward_goal(vehicle.position, vehicle.goal, vehicle.preferred_speed)
         return orca_velocities(
@@ -53,7 +53,7 @@ class SocialForcePlanner(Planner):
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         vehicle = obs.vehicle
-        position, velocity, radius, present = everybody(obs)
+        position, velocity, radius, present = obs.everybody()
         goal = position.copy()
         goal[:, 0] = vehicle.goal
         return social_force_velocities(
@@ -67,21 +67,3 @@ class SocialForcePlanner(Planner):
             seen=present,
             moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
         )[:, 0]
-
-
-def everybody(
-    obs: Observation,
-) -> tuple[
-    Float[np.ndarray, "world agent 2"],
-    Float[np.ndarray, "world agent 2"],
-    Float[np.ndarray, "world agent"],
-    Bool[np.ndarray, "world agent"],
-]:
-    """Position, velocity, radius and presence of vehicle and pedestrians, the vehicle first."""
-    vehicle, crowd = obs.vehicle, obs.pedestrians
-    return (
-        np.concatenate([vehicle.position[:, None], crowd.position], axis=1),
-        np.concatenate([vehicle.velocity[:, None], crowd.velocity], axis=1),
-        np.concatenate([vehicle.radius[:, None], crowd.radius], axis=1),
-        np.concatenate([np.ones((len(obs), 1), bool), crowd.present], axis=1),
-    )

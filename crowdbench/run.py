@@ -19,7 +19,7 @@ from crowdbench.driver import Driver
 from crowdbench.errors import InputError
 from crowdbench.metrics import Metric
 from crowdbench.results import EPISODES, RECORDING, RESULT, Episodes, new_directory, to_json
-from crowdbench.rollout import rollout
+from crowdbench.rollouts import rollout
 from crowdbench.scenario import Scenario
 from crowdbench.types import Outcome, Trace
 

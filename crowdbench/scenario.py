@@ -88,7 +88,6 @@ class Scenario:
         """The start of any cases of a split. Raises InputError where a crowd does not fit its place."""
         keys = rng.case_keys(self.seed, split, cases)
         worlds, agents = len(cases), self.max_agents
-        # Absent agents stand at the origin with radius and speed 1, so that no formula divides by zero.
         position, goal = np.zeros((2, worlds, agents, 2))
         radius, speed = np.ones((2, worlds, agents))
         present = np.zeros((worlds, agents), bool)

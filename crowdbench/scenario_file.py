@@ -12,8 +12,7 @@ from crowdbench.errors import InputError
 from crowdbench.generators import GENERATORS
 from crowdbench.scenario import Quantity, Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.sim.simulator import COLLISION_RULES
-from crowdbench.types import Rules
+from crowdbench.types import COLLISION_RULES, Rules
 
 MAX_PEDESTRIANS = 1000
 PolicyLoader = Callable[[str], tuple[str, PedestrianPolicy]]

@@ -16,9 +16,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from crowdbench import rng
+from crowdbench.errors import InputError
 
 HISTORY = 8
 """Number of past positions in an observation, the present one included."""
+
+COLLISION_RULES = ("swept", "crowdnav")
+"""The two collision tests, see `crowdbench.sim.simulator.judge`."""
 
 DISCOMFORT_GAP = 0.2
 """A gap below this, in metres, is uncomfortable (Chen et al. 2019)."""
@@ -51,6 +55,10 @@ class Rules:
     collision: str = "swept"
     visible: bool = False
 
+    def __post_init__(self) -> None:
+        if self.collision not in COLLISION_RULES:
+            raise InputError(f"collision is {self.collision!r}, but must be one of {', '.join(COLLISION_RULES)}")
+
     @property
     def max_steps(self) -> int:
         """Steps after which every episode has ended.
@@ -64,7 +72,8 @@ class Rules:
 class World:
     """A batch of running simulations. Immutable: the simulator returns a new one.
 
-    `present` is False for the padding of worlds with fewer pedestrians than the widest. `history` holds
+    `present` is False for the padding of worlds with fewer pedestrians than the widest: such agents stand at
+    the origin with radius and speed 1, so that no formula divides by zero. `history` holds
     the pedestrians' last positions, oldest first; before there are enough, the first position is
     repeated backwards. `policy` tells by its place in `parameters` which of the scenario's policies moves
     each pedestrian; `parameters[name]` is what that policy is given (column 0, the vehicle's, is not
@@ -136,6 +145,7 @@ class Vehicle:
 class Pedestrians:
     """The pedestrians as the vehicle sees them: their goals and policies are not to be seen.
 
+    Only those that are `present` are there: the rest, at the origin, is padding and must be left out.
     `history` is the last 8 positions, oldest first, the last one the present; `observed` says how many
     of them were really seen, the earlier ones repeat the first.
     """
@@ -173,13 +183,32 @@ class Observation:
         """Seconds since the start."""
         return np.asarray(self.step * self.dt)
 
+    def everybody(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "world agent 2"],
+        Float[np.ndarray, "world agent 2"],
+        Float[np.ndarray, "world agent"],
+        Bool[np.ndarray, "world agent"],
+    ]:
+        """Position, velocity, radius and presence of all agents, the vehicle first. For batches only."""
+        vehicle, crowd = self.vehicle, self.pedestrians
+        return (
+            np.concatenate([vehicle.position[:, None], crowd.position], axis=1),
+            np.concatenate([vehicle.velocity[:, None], crowd.velocity], axis=1),
+            np.concatenate([vehicle.radius[:, None], crowd.radius], axis=1),
+            np.concatenate([np.ones((len(self), 1), bool), crowd.present], axis=1),
+        )
+
     def normal(self, purpose: str, n: int) -> Float[np.ndarray, "*world pedestrian n"]:
         """Standard normal noise that depends on seed, case, purpose, step and pedestrian alone.
 
         It is the same in any batch, at any padding, however often it is asked for.
         """
         pedestrians = self.pedestrians.present.shape[-1]
-        noise = rng.normal(np.atleast_1d(self.key), purpose, np.atleast_1d(self.step), pedestrians, n)
+        # Apart from the simulator's own streams, which no planner may foresee.
+        own = f"planner: {purpose}"
+        noise = rng.normal(np.atleast_1d(self.key), own, np.atleast_1d(self.step), pedestrians, n)
         return noise.reshape(*np.shape(self.key), pedestrians, n)
 
     def true_next(self) -> Float[np.ndarray, "*world pedestrian 2"]:

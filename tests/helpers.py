@@ -8,7 +8,7 @@ from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.driver import Driver
 from crowdbench.planner import Planner
-from crowdbench.rollout import rollout
+from crowdbench.rollouts import rollout
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.types import HISTORY, Outcome, Rules, Trace, World
 

@@ -14,7 +14,7 @@ from crowdbench.driver import Driver
 from crowdbench.errors import InputError
 from crowdbench.planner import Planner
 from crowdbench.record import Recorder, Recording, read
-from crowdbench.rollout import rollout
+from crowdbench.rollouts import rollout
 from crowdbench.types import Outcome
 
 RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}

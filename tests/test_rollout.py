@@ -6,7 +6,7 @@ from helpers import Still, drive, same
 from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.driver import Driver
-from crowdbench.rollout import rollout
+from crowdbench.rollouts import rollout
 from crowdbench.types import Outcome
 
 SCENARIOS = ["circle_crossing_5", *(f"circle_crossing_5_{kind}" for kind in ("visible", "gaussian", "social_force"))]

@@ -17,7 +17,6 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from crowdbench.reactive import everybody
 from crowdbench.types import Observation, World
 
 AGENT_FEATURES = 6
@@ -26,7 +25,7 @@ AGENT_FEATURES = 6
 
 def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
     """What the vehicle sees, as the environments return it: `6 * (1 + pedestrians)` float64 numbers a world."""
-    position, velocity, radius, present = everybody(obs)
+    position, velocity, radius, present = obs.everybody()
     goal = np.ascontiguousarray(obs.vehicle.goal[:, None])
     speed = np.ascontiguousarray(obs.vehicle.preferred_speed[:, None])
     out = np.zeros((len(obs), 1, AGENT_FEATURES * radius.shape[1]))

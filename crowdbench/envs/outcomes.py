@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from crowdbench.geometry import closest_approach
+from crowdbench.geometry import nearest_in_step
 from crowdbench.types import Outcome, World
 
 
@@ -24,17 +24,17 @@ def everybodys_outcomes(
     A vehicle that it cannot see does not count: a reward that nothing it observes foretells teaches nothing.
     """
     agents = before.radius.shape[1]
-    outcomes, gaps = np.empty(agents, np.int64), np.empty(agents)
-    outcomes[0], gaps[0] = outcome[0], gap[0]
+    outcomes = np.full(agents, outcome[0])
+    gaps = np.full(agents, gap[0])
+    seen = before.present[0].copy()
+    seen[0] &= before.rules.visible
     _judge_pedestrians(
-        before.position,
-        after.velocity,
-        after.position,
-        before.goal,
-        before.radius,
-        before.present,
-        before.rules.visible,
-        before.rules.dt,
+        before.position[0],
+        after.position[0] - before.position[0],
+        after.position[0],
+        before.goal[0],
+        before.radius[0],
+        seen,
         outcomes,
         gaps,
     )
@@ -43,22 +43,10 @@ def everybodys_outcomes(
 
 @no_type_check
 @njit(cache=True)
-def _judge_pedestrians(position, velocity, end, goal, radius, present, visible, dt, outcomes, gaps):
-    position, velocity, end, goal, radius, present = position[0], velocity[0], end[0], goal[0], radius[0], present[0]
-    agents = len(radius)
-    for i in range(1, agents):
-        gaps[i] = np.inf
-        for j in range(agents):
-            if j != i and present[j] and (j > 0 or visible):
-                distance = closest_approach(
-                    position[j, 0] - position[i, 0],
-                    position[j, 1] - position[i, 1],
-                    (velocity[j, 0] - velocity[i, 0]) * dt,
-                    (velocity[j, 1] - velocity[i, 1]) * dt,
-                )
-                gaps[i] = min(gaps[i], distance - radius[j] - radius[i])
+def _judge_pedestrians(position, motion, end, goal, radius, seen, outcomes, gaps):
+    for i in range(1, len(radius)):
+        gaps[i], _ = nearest_in_step(i, position, motion, radius, seen)
         if outcomes[0] == Outcome.TIMEOUT.value:
-            outcomes[i] = outcomes[0]
             continue
         left = math.hypot(end[i, 0] - goal[i, 0], end[i, 1] - goal[i, 1])
         if gaps[i] < 0.0:

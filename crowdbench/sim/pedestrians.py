@@ -22,8 +22,9 @@ ORCA_MARGIN = 0.01
 class PedestrianPolicy(abc.ABC):
     """Moves pedestrians. Subclass it, name what a scenario may set in `parameters`, and fill `velocities`.
 
-    A policy keeps no state: what it returns depends on the world alone, and noise comes from
-    `crowdbench.rng.normal(world.key, purpose, world.step, ...)`.
+    A policy keeps no state and changes nothing: what it returns depends on the world alone, and noise comes
+    from `crowdbench.rng.normal(world.key, purpose, world.step, ...)`. It is shown a world in which a vehicle
+    that pedestrians cannot see is not `present`.
     """
 
     parameters: ClassVar[Mapping[str, float]] = {}
@@ -66,7 +67,7 @@ class ORCA(PedestrianPolicy):
             neighbor_distance=parameters["neighbor_distance"],
             max_neighbors=parameters["max_neighbors"],
             time_horizon=parameters["time_horizon"],
-            seen=world.present if world.rules.visible else pedestrian,
+            seen=world.present,
             moves=pedestrian,
         )[:, 1:]
 
@@ -107,6 +108,6 @@ class SocialForce(PedestrianPolicy):
             sight_angle=parameters["sight_angle"],
             behind_weight=parameters["behind_weight"],
             fluctuation=parameters["fluctuation"],
-            seen=world.present if world.rules.visible else pedestrian,
+            seen=world.present,
             moves=pedestrian,
         )[:, 1:]

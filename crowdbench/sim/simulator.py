@@ -11,38 +11,43 @@ from jaxtyping import Float, Int
 from numba import njit
 
 from crowdbench.errors import InputError
-from crowdbench.geometry import closest_approach
+from crowdbench.geometry import nearest_in_step
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle, World
+from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Rules, Vehicle, World
 
 SPEED_TOLERANCE = 1e-6
 """A speed above the preferred speed by no more than this share is rounding, not speeding."""
-
-COLLISION_RULES = ("swept", "crowdnav")
-"""The two collision tests, see `judge`."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:
     """The velocities that the pedestrians' policies ask for, each pedestrian by its own policy.
 
+    The only place that hides an invisible vehicle: policies are shown a world in which it is not present.
     Raises InputError, naming the policy, where one raises or does not return a finite velocity per pedestrian.
     """
-    asked = [_asked(world, name, policy) for name, policy in policies.items()]
+    shown = world if world.rules.visible else _without_vehicle(world)
+    asked = [_asked(shown, name, policy) for name, policy in policies.items()]
     return asked[0] if len(asked) == 1 else np.choose(world.policy[:, :, None], asked)
+
+
+def _without_vehicle(world: World) -> World:
+    present = world.present.copy()
+    present[:, 0] = False
+    return world.replace(present=present)
 
 
 def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarray, "world pedestrian 2"]:
     try:
         velocity = policy.velocities(world, world.parameters[name])
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"pedestrian policy {name} raised {type(error).__name__}: {error}") from error
     expected = (len(world), world.position.shape[1] - 1, 2)
     if not isinstance(velocity, np.ndarray) or velocity.shape != expected or velocity.dtype != np.float64:
         found = f"{velocity.dtype} of shape {velocity.shape}" if isinstance(velocity, np.ndarray) else repr(velocity)
         raise InputError(f"pedestrian policy {name} returned {found}, but must return float64 of shape {expected}")
-    # A sum is finite where all its terms are, and takes half the time of asking each.
-    if not math.isfinite(velocity.sum()):
-        row, pedestrian, _ = np.argwhere(~np.isfinite(velocity))[0]
+    # A sum is finite only where all its terms are, and takes half the time of asking each.
+    if not math.isfinite(velocity.sum()) and len(wrong := np.argwhere(~np.isfinite(velocity))):
+        row, pedestrian, _ = wrong[0]
         raise InputError(
             f"pedestrian policy {name} returned {velocity[row, pedestrian].tolist()} for pedestrian {pedestrian} "
             f"of case {world.case[row]}, but a velocity must be finite"
@@ -109,17 +114,14 @@ def judge(before: World, after: World) -> tuple[Int[np.ndarray, "world"], Float[
     """
     outcome = np.empty(len(before), np.int64)
     gap = np.empty(len(before))
-    crowd = after.velocity if before.rules.collision == "swept" else before.velocity
     _judge(
         before.position,
-        crowd,
-        after.velocity,
+        swept_motion(before.position, after.position, before.velocity, before.rules),
         after.position,
         before.goal,
         before.radius,
         before.present,
         before.step,
-        before.rules.dt,
         before.rules.max_steps,
         outcome,
         gap,
@@ -127,34 +129,48 @@ def judge(before: World, after: World) -> tuple[Int[np.ndarray, "world"], Float[
     return outcome, gap
 
 
+def swept_motion(
+    before: Float[np.ndarray, "world agent 2"],
+    after: Float[np.ndarray, "world agent 2"],
+    velocity_before: Float[np.ndarray, "world agent 2"],
+    rules: Rules,
+) -> Float[np.ndarray, "world agent 2"]:
+    """How the judge sees everybody move in a step, in metres, from the positions before and after it."""
+    motion = after - before
+    if rules.collision == "crowdnav":
+        motion[:, 1:] = velocity_before[:, 1:] * rules.dt
+    return motion
+
+
 def observe(
     world: World,
     future: Float[np.ndarray, "world pedestrian 2"] | None = None,
     record: Callable[[str, np.ndarray], None] | None = None,
 ) -> Observation:
-    """What the vehicle sees.
+    """What the vehicle sees, in arrays of its own.
 
     `future` is the pedestrians' next velocities, where the planner may see them; `record` keeps what it logs.
     """
+    # Copies: what a planner does to its observation must not reach the world.
     return Observation(
         vehicle=Vehicle(
-            world.position[:, 0],
-            world.velocity[:, 0],
-            world.goal[:, 0],
-            world.radius[:, 0],
-            world.preferred_speed[:, 0],
+            world.position[:, 0].copy(),
+            world.velocity[:, 0].copy(),
+            world.goal[:, 0].copy(),
+            world.radius[:, 0].copy(),
+            world.preferred_speed[:, 0].copy(),
         ),
         pedestrians=Pedestrians(
-            world.position[:, 1:],
-            world.velocity[:, 1:],
-            world.radius[:, 1:],
-            world.present[:, 1:],
-            world.history,
+            world.position[:, 1:].copy(),
+            world.velocity[:, 1:].copy(),
+            world.radius[:, 1:].copy(),
+            world.present[:, 1:].copy(),
+            world.history.copy(),
             np.minimum(world.step + 1, HISTORY),
         ),
-        case=world.case,
-        key=world.key,
-        step=world.step,
+        case=world.case.copy(),
+        key=world.key.copy(),
+        step=world.step.copy(),
         dt=world.rules.dt,
         future=future,
         record=record,
@@ -188,19 +204,9 @@ def _advance(position, velocity, max_speed, present, history, dt, new_position, 
 
 @no_type_check
 @njit(cache=True)
-def _judge(position, crowd, command, end, goal, radius, present, step, dt, max_steps, outcome, gap):
-    worlds, agents = radius.shape
-    for w in range(worlds):
-        gap[w] = np.inf
-        for a in range(1, agents):
-            if present[w, a]:
-                distance = closest_approach(
-                    position[w, a, 0] - position[w, 0, 0],
-                    position[w, a, 1] - position[w, 0, 1],
-                    (crowd[w, a, 0] - command[w, 0, 0]) * dt,
-                    (crowd[w, a, 1] - command[w, 0, 1]) * dt,
-                )
-                gap[w] = min(gap[w], distance - radius[w, a] - radius[w, 0])
+def _judge(position, motion, end, goal, radius, present, step, max_steps, outcome, gap):
+    for w in range(len(radius)):
+        gap[w], _ = nearest_in_step(0, position[w], motion[w], radius[w], present[w])
         left = math.hypot(end[w, 0, 0] - goal[w, 0, 0], end[w, 0, 1] - goal[w, 0, 1])
         if step[w] + 1 >= max_steps:
             outcome[w] = Outcome.TIMEOUT.value

@@ -30,7 +30,7 @@ def rollout(
     many episodes have ended in each step. Raises InputError where planner or scenario break their contract.
     """
     world = scenario.worlds(cases)
-    driver.planner.reset(world.case)
+    driver.reset(world.case)
     log = _Log(world)
     undisturbed = _walk_alone(scenario, world) if scenario.rules.visible else None
     rows = np.arange(len(world))
@@ -38,7 +38,7 @@ def rollout(
         crowd = crowd_velocities(world, scenario.policies)
         obs = observe(
             world,
-            future=crowd if driver.planner.privileged else None,
+            future=crowd.copy() if driver.planner.privileged else None,
             record=functools.partial(log.log, rows, t) if keep_logs else None,
         )
         after, outcome, gap = step(world, driver.decide(obs), crowd)
@@ -97,7 +97,9 @@ class _Log:
 
     def log(self, rows: Int[np.ndarray, "running"], t: int, name: str, values: np.ndarray) -> None:
         shape = (len(self.outcome), self.gap.shape[1], *np.shape(values)[1:])
-        self.logs.setdefault(name, np.full(shape, np.nan))[rows, t] = values
+        if name not in self.logs:
+            self.logs[name] = np.full(shape, np.nan)
+        self.logs[name][rows, t] = values
 
     def trace(self, split: str, undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None) -> Trace:
         absent = ~self.start.present
