@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,9 +51,10 @@ class Cases:
         """The case numbers."""
         return np.arange(self.start, self.stop)
 
-    def batches(self, size: int) -> list[Cases]:
+    def batches(self, size: int) -> Iterator[Cases]:
         """The same cases in order, cut into ranges of at most `size`."""
-        return [Cases(self.split, start, min(start + size, self.stop)) for start in range(self.start, self.stop, size)]
+        for start in range(self.start, self.stop, size):
+            yield Cases(self.split, start, min(start + size, self.stop))
 
 
 def parse_case(text: str) -> tuple[str, int]:

@@ -13,6 +13,7 @@ import typer
 from typer.exceptions import TyperException
 
 from crowdbench.errors import InputError
+from crowdbench.settings import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
 DEBUG = "--debug"
 
@@ -34,8 +35,10 @@ PedestriansOption = Annotated[str | None, typer.Option(help="The policy of all p
 MetricOption = Annotated[
     list[str] | None, typer.Option("--metric", help="A metric of your own: ./mine.py; repeatable.")
 ]
-LimitOption = Annotated[float, typer.Option(help="Seconds that a planner may think about one step.")]
+LimitOption = Annotated[float, typer.Option(help="Seconds that a planner may think about one step of a batch.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
+
+RECORD_HELP = f"failures ({MOST_FAILURES} at most, and the first {FIRST_RECORDED} cases), all or none."
 
 
 @app.command()
@@ -48,22 +51,22 @@ def run(
     pedestrians: PedestriansOption = None,
     metric: MetricOption = None,
     out: Annotated[Path | None, typer.Option(help="[default: runs/<planner>-<scenario>-<n>]")] = None,
-    record: Annotated[str, typer.Option(help="failures (at most 1,000, and the first ten), all or none.")] = "failures",
+    record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run.")] = False,
-    batch: Annotated[int, typer.Option(min=1, help="Cases that run in lock-step.")] = 500,
+    batch: Annotated[int, typer.Option(min=1, help="Cases that run in lock-step.")] = BATCH,
     threads: Annotated[int | None, typer.Option(min=1, help="[default: all cores]")] = None,
-    decision_limit: LimitOption = 60.0,
+    decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:
     """Drive a planner through the cases of a scenario and score it."""
-    from crowdbench import catalog
+    from crowdbench import catalog, plugins
     from crowdbench import run as runs
     from crowdbench.cases import Cases
     from crowdbench.console import announce_compilation, progress, say
     from crowdbench.driver import Driver
 
-    if record not in runs.RECORD:
-        raise InputError(f"--record {record} is not one of {', '.join(runs.RECORD)}")
+    if record not in RECORD:
+        raise InputError(f"--record {record} is not one of {', '.join(RECORD)}")
     announce_compilation()
     _use_threads(threads)
     wanted = Cases.parse(cases)
@@ -79,7 +82,7 @@ def run(
             wanted,
             directory,
             metrics=catalog.load_metrics(metric or []),
-            about={"options": options, "overrides": settings},
+            about={"options": options, "planner_file": plugins.source(planner), "overrides": settings},
             record=record,
             batch=batch,
             overwrite=overwrite,
@@ -92,7 +95,9 @@ def run(
         from crowdbench.tables import result_table
 
         _print(result_table(f"{name} on {place.name}, cases {result['cases']}", result["metrics"]))
-        print(f"\nKept in {directory}. See it with: crowdbench view {directory}")
+        print(
+            f"\nKept in {directory}, {result['recorded']} episodes recorded. See them with: crowdbench view {directory}"
+        )
     if finished.interrupted:
         say(f"crowdbench: interrupted: kept cases {result['cases']}, all that were finished in order, in {directory}")
         raise typer.Exit(130)
@@ -106,14 +111,19 @@ def list_(
     from crowdbench import catalog
     from crowdbench.tables import listing_table
 
+    listings = {
+        "planners": catalog.PLANNERS.names,
+        "pedestrians": catalog.PEDESTRIANS.names,
+        "scenarios": catalog.scenarios,
+    }
     if kind == "metrics":
         from crowdbench.metrics import METRICS
 
         rows = [(name, (metric.__doc__ or "").partition("\n")[0]) for name, metric in METRICS.items()]
-    elif kind in catalog.FOLDERS:
-        rows = catalog.listing(kind)
+    elif kind in listings:
+        rows = listings[kind]()
     else:
-        raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(catalog.FOLDERS)} or metrics")
+        raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(listings)} or metrics")
     _print(listing_table(kind, rows))
 
 
@@ -123,7 +133,7 @@ def check(
     option: OptionOption = None,
     scenario: ScenarioOption = "circle_crossing_5",
     cases: CasesOption = "val:20",
-    decision_limit: LimitOption = 60.0,
+    decision_limit: LimitOption = DECISION_LIMIT,
 ) -> None:
     """Say point by point whether a planner keeps the contract."""
     from crowdbench import catalog
@@ -158,7 +168,8 @@ def compare(
 
     found = pair(a, b)
     _print(comparison_table(found))
-    print("\nRates are over all shared cases (p: McNemar's exact test), the rest over cases that both solve.")
+    print("\nRates (p: McNemar's exact test) and what counts failures are over all shared cases, the rest over those")
+    print("that both solve. Intervals are of the paired difference.")
     print(changed_cases(found) or "No case ends differently.")
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from crowdbench.errors import InputError
-from crowdbench.results import EPISODES, Episodes, read_result
-from crowdbench.summary import Estimate, bootstrap
+from crowdbench.metrics import OVER_ALL, POOLED
+from crowdbench.results import EPISODES, Episodes, planner_label, read_result
+from crowdbench.summary import Estimate, interval, resampled_means
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What `compare` found. Rates are over all shared `cases`, everything else over those `both_solved`.
+    """What `compare` found. Rates, and means that count failures, are over all shared `cases`, other means over
+    those `both_solved`.
 
     `changed` has case, outcome in A and outcome in B of every case in which they differ.
     """
@@ -51,24 +54,38 @@ def compare(a: Path, b: Path) -> Comparison:
         raise InputError(f"{a} ({results[0]['cases']}) and {b} ({results[1]['cases']}) share no case to compare")
     one, two = tables[0].take(rows_a), tables[1].take(rows_b)
     solved = one.columns["success_rate"] & two.columns["success_rate"]
-    rows = {}
-    for name in one.columns.keys() & two.columns.keys():
-        x, y = one.columns[name], two.columns[name]
-        rate = x.dtype == bool
-        if not rate:
-            x, y = x[solved], y[solved]
-        difference = bootstrap(y.astype(float) - x, np.ones(len(x)))
-        both = ~np.isnan(x.astype(float) + y)
-        means = (float(x[both].mean()), float(y[both].mean())) if both.any() else (np.nan, np.nan)
-        rows[name] = Row(*means, difference, mcnemar(x, y) if rate else None)
     differ = one.outcome != two.outcome
     return Comparison(
-        names=(_name(results[0]), _name(results[1])),
+        names=_names(results, a, b),
         cases=len(one),
         both_solved=int(solved.sum()),
-        rows={name: rows[name] for name in one.columns if name in rows},
+        rows={name: _row(name, one, two, solved) for name in one.columns if name in two.columns},
         changed=list(zip(*(table[differ].tolist() for table in (one.case, one.outcome, two.outcome)), strict=True)),
     )
+
+
+def _row(name: str, one: Episodes, two: Episodes, solved: Bool[np.ndarray, "case"]) -> Row:
+    x, y = one.columns[name], two.columns[name]
+    if x.dtype == bool and y.dtype == bool:
+        ones = np.ones(len(x))
+        return Row(*_paired(x.astype(float), y.astype(float), ones, ones), mcnemar(x, y))
+    both = ~np.isnan(x.astype(float) + y) & (solved | (name in OVER_ALL))
+    weights = [table.steps[both] * 1.0 if name in POOLED else np.ones(both.sum()) for table in (one, two)]
+    return Row(*_paired(x[both].astype(float), y[both].astype(float), *weights), None)
+
+
+def _paired(
+    x: Float[np.ndarray, "case"],
+    y: Float[np.ndarray, "case"],
+    x_weights: Float[np.ndarray, "case"],
+    y_weights: Float[np.ndarray, "case"],
+) -> tuple[float, float, Estimate]:
+    """Both weighted means, and the estimate of their difference, from the same resampled cases for both."""
+    if len(x) == 0:
+        return math.nan, math.nan, Estimate(math.nan, math.nan, math.nan, 0, math.nan)
+    a, b = float((x * x_weights).sum() / x_weights.sum()), float((y * y_weights).sum() / y_weights.sum())
+    low, high = interval(resampled_means(y, y_weights) - resampled_means(x, x_weights))
+    return a, b, Estimate(b - a, low, high, len(x), float((y - x).max()))
 
 
 def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
@@ -91,6 +108,7 @@ def _same(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> N
         )
 
 
-def _name(result: dict[str, Any]) -> str:
-    options = ", ".join(f"{key}={value}" for key, value in result.get("options", {}).items())
-    return f"{result['planner']} ({options})" if options else str(result["planner"])
+def _names(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> tuple[str, str]:
+    """What tells the two apart: the planners, or else the directories."""
+    one, two = (planner_label(result["planner"], result.get("options", {})) for result in results)
+    return (one, two) if one != two else (a.name, b.name)

@@ -32,6 +32,9 @@ FAINT: Color = (72, 78, 90)
 GRID: Color = (33, 36, 43)
 BACKGROUND: Color = (17, 19, 24)
 
+PLANNER_PLOTS = "plots/planner"
+"""Where the planner's own curves lie, apart from those of the judge."""
+
 KEY = "*yellow drives, blue walks, small dots are their goals · arrow: the way of 1 s · grid: 1 m*"
 
 
@@ -90,7 +93,7 @@ def layout(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str]) 
     plots = [
         _plot("gap", f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)", gap, (-0.2, 2.0)),
         _plot("speed", "speed, m/s (grey: preferred)", {"speed": VEHICLE, "preferred": MUTED}, (-0.1, 1.5)),
-        *(_plot(name, name, {name: VEHICLE}) for name in plotted),
+        *(rrb.TimeSeriesView(name=name, origin=f"/{PLANNER_PLOTS}/{name}") for name in plotted),
     ]
     text = rrb.TextDocumentView(name="episode", origin="/summary")
     side = rrb.Vertical(text, *plots, row_shares=[3.0] + [1.0] * len(plots))
@@ -104,15 +107,13 @@ def layout(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str]) 
     )
 
 
-def _plot(
-    name: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float] | None = None
-) -> rrb.TimeSeriesView:
+def _plot(name: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float]) -> rrb.TimeSeriesView:
     """A plot of named curves, the first one wide. Its title is its legend: a box would cover the curves."""
     widths = [2.5] + [1.0] * (len(curves) - 1)
     return rrb.TimeSeriesView(
         name=title,
         origin=f"/plots/{name}",
-        axis_y=rrb.ScalarAxis(range=extent) if extent else None,
+        axis_y=rrb.ScalarAxis(range=extent),
         plot_legend=rrb.PlotLegend(visible=False),
         overrides={f"/plots/{name}": rr.SeriesLines(names=list(curves), colors=list(curves.values()), widths=widths)},
     )
@@ -239,26 +240,28 @@ def _plots(trace: Trace, row: int) -> Iterator[Chunk]:
     gap = trace.gap[row, :steps]
     if np.isfinite(gap).all():
         judged = np.stack([gap, np.full(steps, DISCOMFORT_GAP), np.zeros(steps)], axis=1)
-        yield _curves("gap", times(1, steps + 1, dt), judged)
+        yield _curves("plots/gap", times(1, steps + 1, dt), judged)
     speed = norm(trace.velocity[row, : steps + 1, 0])
     preferred = np.full(steps + 1, trace.preferred_speed[row, 0])
-    yield _curves("speed", times(0, steps + 1, dt), np.stack([speed, preferred], axis=1))
+    yield _curves("plots/speed", times(0, steps + 1, dt), np.stack([speed, preferred], axis=1))
 
 
-def _curves(name: str, moments: Sequence[rr.TimeColumn], values: Float[np.ndarray, "time curve"]) -> Chunk:
+def _curves(entity: str, moments: Sequence[rr.TimeColumn], values: Float[np.ndarray, "time curve"]) -> Chunk:
     columns = rr.Scalars.columns(scalars=values.ravel())
-    return Chunk.from_columns(f"plots/{name}", moments, columns.partition([values.shape[1]] * len(values)))
+    return Chunk.from_columns(entity, moments, columns.partition([values.shape[1]] * len(values)))
 
 
 def _logs(trace: Trace, row: int) -> Iterator[Chunk]:
-    """What the planner logged: a number as a curve, xy as points, `[..., time, agent, xy]` as lines over time."""
+    """What the planner logged, of each step: one number or several `[n]` as curves, `[n, xy]` as points, and
+    `[..., time, n, xy]` as lines over time.
+    """
     steps = int(trace.steps[row])
     moments = times(0, steps, trace.rules.dt)
     for name, array in trace.logs.items():
         logged, entity = array[row, :steps], f"world/planner/{name}"
-        if logged.ndim == 1:
-            yield _curves(name, moments, logged[:, None])
-        elif logged.shape[-1] == 2 and logged.ndim <= 3:
+        if is_curve(array):
+            yield _curves(f"{PLANNER_PLOTS}/{name}", moments, logged.reshape(steps, -1))
+        elif logged.shape[-1] == 2 and logged.ndim == 3:
             points = rr.Points2D.columns(positions=logged.reshape(-1, 2))
             yield still(entity, rr.Points2D.from_fields(colors=[MUTED], radii=rr.Radius.ui_points(2)))
             yield Chunk.from_columns(entity, moments, points.partition([logged[0].size // 2] * steps))
@@ -267,6 +270,11 @@ def _logs(trace: Trace, row: int) -> Iterator[Chunk]:
             lines = rr.LineStrips2D.columns(strips=strips)
             yield still(entity, rr.LineStrips2D.from_fields(colors=[MUTED], radii=rr.Radius.ui_points(0.75)))
             yield Chunk.from_columns(entity, moments, lines.partition([len(strips) // steps] * steps))
+
+
+def is_curve(logged: np.ndarray) -> bool:
+    """Whether something logged, `[world, step, ...]`, is shown as curves over time."""
+    return logged.ndim <= 3
 
 
 def _summary(trace: Trace, row: int, title: str, sentence: str, values: Mapping[str, float]) -> str:

@@ -35,15 +35,18 @@ def circle_crossing(
 ) -> Places:
     """Everybody walks from a point near a circle to the opposite one, the vehicle from bottom to top.
 
-    `circle_radius` in metres. `perturbation`, in metres, is the standard deviation of a Gaussian, cut off
-    at twice its size, added to each coordinate of the vehicle's start and of everybody's goal.
+    `circle_radius` in metres. `perturbation`, in metres, is the standard deviation of a Gaussian, redrawn
+    beyond twice its size, that is added to each coordinate of the vehicle's start and of everybody's goal;
+    the pedestrians' starts have CrowdNav's uniform noise in any case.
     """
 
     def nudge(x: float, y: float) -> tuple[float, float]:
         if perturbation == 0.0:
             return x, y
-        dx, dy = np.clip(rng.normal(0.0, perturbation, 2), -2 * perturbation, 2 * perturbation)
-        return x + dx, y + dy
+        while True:
+            dx, dy = rng.normal(0.0, perturbation, 2)
+            if max(abs(dx), abs(dy)) <= 2 * perturbation:
+                return x + dx, y + dy
 
     placed = _Placed(radius)
     placed.add(nudge(0.0, -circle_radius), nudge(0.0, circle_radius))

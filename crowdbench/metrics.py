@@ -60,10 +60,12 @@ def spl(trace: Trace) -> Float[np.ndarray, "world"]:
     """Success weighted by path length: shortest over real path, 0 for a failure [1].
 
     Anderson et al. 2018, "On evaluation of embodied navigation agents". The shortest path is the straight
-    line to the rim of the goal, whose radius is the vehicle's.
+    line to the rim of the goal, whose radius is the vehicle's; who starts within the goal wastes nothing.
     """
-    shortest = norm(trace.goal[:, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0]
-    return success_rate(trace) * shortest / np.maximum(path_length(trace), shortest)
+    shortest = np.maximum(norm(trace.goal[:, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0], 0.0)
+    longest = np.maximum(path_length(trace), shortest)
+    share = np.where(shortest > 0.0, shortest / np.where(longest > 0.0, longest, 1.0), 1.0)
+    return success_rate(trace) * share
 
 
 def max_velocity_change(trace: Trace) -> Float[np.ndarray, "world"]:
@@ -116,7 +118,10 @@ def discomfort(trace: Trace) -> Float[np.ndarray, "world"]:
 
 
 def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of all steps with a gap below 0.2 m that did not end the episode, pooled as in CrowdNav [1]."""
+    """Share of all steps with a gap below 0.2 m that did not end the episode, pooled as in CrowdNav [1].
+
+    Differs from CrowdNav in that a time-out counts the steps it took, not those of the whole time limit.
+    """
     before_last = np.arange(trace.gap.shape[1]) < trace.steps[:, None] - 1
     return _sum(1.0 * ((trace.gap < DISCOMFORT_GAP) & before_last)) / trace.steps
 
@@ -208,6 +213,9 @@ METRICS: dict[str, Metric] = {
     )
 }
 
+OVER_ALL = frozenset({"navigation_time_or_limit", "spl"})
+"""Metrics that count failures, so that two planners are compared in all cases, not only in those both solve."""
+
 POOLED = frozenset({"discomfort_frequency"})
 """Metrics averaged over all steps of all episodes, not over episodes."""
 
@@ -222,6 +230,8 @@ def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
 
 def _sum(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch"]:
     # np.sum groups its terms by the shape of the array; a running sum always goes from left to right.
+    if values.shape[-1] == 0:
+        return np.zeros(values.shape[:-1])
     return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]
 
 

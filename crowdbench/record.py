@@ -93,7 +93,7 @@ class Recorder:
             with self._writing():
                 LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
             self._extents.append(drawing.extent(trace, row))
-        self._plotted |= dict.fromkeys(name for name, logged in trace.logs.items() if logged.ndim == 2)
+        self._plotted |= dict.fromkeys(name for name, logged in trace.logs.items() if drawing.is_curve(logged))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
@@ -281,8 +281,9 @@ def _extract(path: Path, case: int | None, folder: Path) -> Path:
     episode, entry = _episode(chunks), entries[case]
     facts = json.loads(episode["facts"][0])
     extent = drawing.extent(_trace([episode], facts["split"], Rules(**facts["rules"])), 0)
-    plotted = {chunk.entity_path.removeprefix("/plots/") for chunk in chunks if chunk.entity_path.startswith("/plots/")}
-    layout = drawing.layout([extent], sorted(plotted - {"gap", "speed"}))
+    own = f"/{drawing.PLANNER_PLOTS}/"
+    plotted = {chunk.entity_path.removeprefix(own) for chunk in chunks if chunk.entity_path.startswith(own)}
+    layout = drawing.layout([extent], sorted(plotted))
     with _trouble(f"a copy of case {case} could not be written to {folder}: is the disk full?"):
         LazyChunkStream.from_iter(chunks).write_rrd(
             folder / "case.rrd", application_id=entry.application_id, recording_id=entry.recording_id

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import dataclasses
+import errno
 import json
 import math
 import os
@@ -104,16 +105,23 @@ def read_result(directory: Path) -> dict[str, Any]:
         ) from None
     except ValueError as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
-    if not isinstance(result, dict) or not {"planner", "scenario", "cases", "metrics"} <= set(result):
-        raise InputError(f"{path} is not a result of crowdbench: it lacks planner, scenario, cases or metrics")
+    expected = {"planner": str, "scenario": dict, "cases": str, "metrics": dict}
+    if not isinstance(result, dict) or not all(isinstance(result.get(key), kind) for key, kind in expected.items()):
+        raise InputError(f"{path} is not a result of crowdbench: it lacks {', '.join(expected)}, or has them otherwise")
     return result
 
 
+def planner_label(planner: str, options: Mapping[str, Any]) -> str:
+    """A planner's name with its options, as shown to people."""
+    given = ", ".join(f"{key}={value}" for key, value in options.items())
+    return f"{planner} ({given})" if given else planner
+
+
 def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int | None]]:
-    """A summary as plain numbers; undefined ones become null."""
+    """A summary as plain numbers; undefined and infinite ones, which JSON does not have, become null."""
     return {
         name: {
-            key: None if isinstance(value, float) and math.isnan(value) else value
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
             for key, value in dataclasses.asdict(estimate).items()
         }
         for name, estimate in summary.items()
@@ -126,29 +134,38 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
 
     Raises InputError where `path` exists and may not be overwritten, or cannot be made.
     """
+    path = path.resolve()
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file: name a directory with --out")
     if path.exists() and not overwrite:
         raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
     if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
         raise InputError(
-            f"{path} holds something other than a run, and is not overwritten: name another place with --out"
+            f"{path} holds something other than a run and is not overwritten: name another place with --out"
         )
     partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
+    replaced = path.with_name(f".{path.name}.replaced-{os.getpid()}")
     try:
         partial.mkdir(parents=True)
         yield partial
-        if path.exists():
-            shutil.rmtree(path)
+        if overwrite and path.exists():
+            path.rename(replaced)
         partial.rename(path)
     except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise InputError(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
         raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        if replaced.exists() and not path.exists():
+            replaced.rename(path)
+        for left_over in (partial, replaced):
+            shutil.rmtree(left_over, ignore_errors=True)
 
 
 def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
     try:
         values = metric(trace)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"metric {name} raised {type(error).__name__}: {error}") from error
     if not isinstance(values, np.ndarray) or values.shape != (len(trace),) or values.dtype.kind not in "bfiu":
         found = (

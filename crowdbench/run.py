@@ -18,24 +18,14 @@ from crowdbench.cases import Cases
 from crowdbench.driver import Driver
 from crowdbench.errors import InputError
 from crowdbench.metrics import Metric
-from crowdbench.results import EPISODES, RECORDING, RESULT, Episodes, new_directory, to_json
+from crowdbench.results import EPISODES, RECORDING, RESULT, Episodes, new_directory, planner_label, to_json
 from crowdbench.rollouts import rollout
 from crowdbench.scenario import Scenario
+from crowdbench.settings import BATCH, FIRST_RECORDED, MOST_FAILURES
 from crowdbench.types import Outcome, Trace
-
-BATCH = 500
-"""Cases that run in lock-step unless told otherwise: enough to keep all cores busy, few enough for memory."""
 
 MEMORY = 256e6
 """Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches."""
-
-FIRST_RECORDED = 10
-"""Under `--record failures`, this many first cases are recorded whatever their outcome."""
-
-MOST_FAILURES = 1000
-"""Under `--record failures`, no more failures than this: Rerun needs a quarter of a megabyte of memory for each."""
-
-RECORD = ("failures", "all", "none")
 
 
 @dataclass(frozen=True)
@@ -69,13 +59,15 @@ def run(
     interrupted = False
     parts: list[Episodes] = []
     with new_directory(out, overwrite) as directory:
-        with _recorder(record, directory / RECORDING, driver, scenario, len(cases)) as keep:
+        label = planner_label(driver.name, about.get("options", {}))
+        recorded = 0
+        with _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep:
             try:
                 for part in cases.batches(_fitting(batch, scenario)):
                     trace = rollout(driver, scenario, part, keep_logs=record != "none", progress=progress)
                     episodes = Episodes.of(trace, metrics)
                     parts.append(episodes)
-                    keep(trace, episodes, part.start - cases.start)
+                    recorded += keep(trace, episodes, part.start - cases.start)
             except KeyboardInterrupt:
                 interrupted = True
                 if not parts:
@@ -90,6 +82,7 @@ def run(
             **about,
             "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
             "cases": str(done),
+            "recorded": recorded,
             "outcomes": {outcome.label: int((episodes.outcome == outcome).sum()) for outcome in list(Outcome)[1:]},
             "metrics": to_json(episodes.summary()),
             "timing": {
@@ -112,28 +105,31 @@ def _fitting(batch: int, scenario: Scenario) -> int:
     return max(1, min(batch, int(MEMORY / each)))
 
 
-Keep = Callable[[Trace, Episodes, int], None]
+Keep = Callable[[Trace, Episodes, int], int]
 
 
 @contextlib.contextmanager
-def _recorder(record: str, path: Path, driver: Driver, scenario: Scenario, cases: int) -> Iterator[Keep]:
-    """Gives a function that records those episodes of a batch that are wanted; `offset` is its first case's place."""
+def _recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: int) -> Iterator[Keep]:
+    """Gives a function that records the wanted episodes of a batch, whose first case is number `offset` of the run,
+    and tells how many there were.
+    """
     if record == "none":
-        yield lambda trace, episodes, offset: None
+        yield lambda trace, episodes, offset: 0
         return
     from crowdbench.record import Recorder
 
     with Recorder(
-        path, planner=driver.name, scenario=scenario.name, scenario_digest=scenario.digest, cases=cases
+        path, planner=planner, scenario=scenario.name, scenario_digest=scenario.digest, cases=cases
     ) as recorder:
         failures = 0
 
-        def keep(trace: Trace, episodes: Episodes, offset: int) -> None:
+        def keep(trace: Trace, episodes: Episodes, offset: int) -> int:
             nonlocal failures
             failed = trace.outcome != Outcome.SUCCESS
             wanted = failed & (failures + np.cumsum(failed) <= MOST_FAILURES) | (record == "all")
             wanted[: max(0, FIRST_RECORDED - offset)] = True
             failures += int(failed.sum())
             recorder.add(trace, np.flatnonzero(wanted), episodes.columns)
+            return int(wanted.sum())
 
         yield keep

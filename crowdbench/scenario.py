@@ -24,12 +24,16 @@ CROWDNAV_TEST_SEED = 1000
 
 @dataclass(frozen=True)
 class Quantity:
-    """A pedestrian's parameter: fixed (`std` 0), or Gaussian and redrawn until it lies in [low, high]."""
+    """A pedestrian's parameter: fixed (`std` 0), or Gaussian and redrawn until it lies in [low, high].
+
+    A `whole` one is rounded.
+    """
 
     mean: float
     std: float = 0.0
     low: float = -np.inf
     high: float = np.inf
+    whole: bool = False
 
     def draw(self, generator: np.random.Generator, n: int) -> Float[np.ndarray, "{n}"]:
         """One value for each of `n` pedestrians."""
@@ -39,7 +43,7 @@ class Quantity:
             while outside.any():
                 values[outside] = generator.normal(self.mean, self.std, outside.sum())
                 outside = (values < self.low) | (values > self.high)
-        return values
+        return np.rint(values) if self.whole else values
 
 
 @dataclass(frozen=True)
@@ -71,8 +75,8 @@ class Scenario:
 
     @property
     def digest(self) -> str:
-        """Twelve hexadecimal digits that change whenever the scenario does."""
-        text = json.dumps(self.table, sort_keys=True)
+        """Twelve hexadecimal digits that change whenever the scenario does, whatever its description says."""
+        text = json.dumps({key: value for key, value in self.table.items() if key != "description"}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     @property

@@ -15,7 +15,8 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import COLLISION_RULES, Rules
 
 MAX_PEDESTRIANS = 1000
-PolicyLoader = Callable[[str], tuple[str, PedestrianPolicy]]
+MAX_STEPS = 100_000
+PolicyLoader = Callable[[str], tuple[str, PedestrianPolicy, str | None]]
 
 
 def read_table(path: Path) -> dict[str, Any]:
@@ -29,21 +30,62 @@ def read_table(path: Path) -> dict[str, Any]:
 
 
 def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyLoader) -> Scenario:
-    """The scenario that a table describes; `load_policy` turns a policy's name into (name, policy).
+    """The scenario that a table describes; `load_policy` turns what the table says into a policy's
+    name, the policy, and the digest of its file.
 
     Raises InputError, naming `source` and the key, for unknown keys, wrong types and impossible values.
     """
     top = _Section(dict(table), source)
     top.text("description")
+    rules = _rules(top)
+    seed = top.integer("seed", 0, 0, 2**63 - 1)
+    crowdnav_cases = top.integer("crowdnav_cases", 0, 0, 500)
+    generator, layout = _layout(top.section("layout"))
+    vehicle = top.section("vehicle")
+    vehicle_radius = vehicle.number("radius", 0.3, above=0.0, below=100.0)
+    vehicle_speed = vehicle.number("preferred_speed", 1.0, above=0.0, below=100.0)
+    vehicle.close()
+    pedestrians = top.section("pedestrians")
+    number = pedestrians.interval("number", 5, 0, MAX_PEDESTRIANS)
+    radius = pedestrians.quantity("radius", 0.3, least=1e-3)
+    preferred_speed = pedestrians.quantity("preferred_speed", 1.0, least=1e-3)
+    shares, policies = _policies(pedestrians, load_policy)
+    parameters = {policy: _parameters(pedestrians.section(policy), made) for policy, made in policies.items()}
+    pedestrians.close()
+    top.close()
+    return Scenario(
+        name=name,
+        source=source,
+        rules=rules,
+        seed=seed,
+        crowdnav_cases=crowdnav_cases,
+        generator=generator,
+        layout=layout,
+        vehicle_radius=vehicle_radius,
+        vehicle_speed=vehicle_speed,
+        number=number,
+        radius=radius,
+        preferred_speed=preferred_speed,
+        shares=shares,
+        policies=policies,
+        parameters=parameters,
+        table=top.complete,
+    )
+
+
+def _rules(top: _Section) -> Rules:
     rules = Rules(
         dt=top.number("dt", 0.25, above=0.0, below=1.0),
-        time_limit=top.number("time_limit", 25.0, above=1.0, below=1000.0),
+        time_limit=top.number("time_limit", 25.0, above=1.0, below=1e6),
         collision=top.choice("collision", "swept", COLLISION_RULES),
         visible=top.section("vehicle").flag("visible", False),
     )
-    seed = top.integer("seed", 0, 0, 2**63 - 1)
-    crowdnav_cases = top.integer("crowdnav_cases", 0, 0, 500)
-    layout = top.section("layout")
+    if rules.max_steps > MAX_STEPS:
+        raise top.wrong("dt", f"large enough for an episode of time_limit to end within {MAX_STEPS} steps")
+    return rules
+
+
+def _layout(layout: _Section) -> tuple[str, dict[str, float]]:
     generator = layout.choice("generator", "circle_crossing", tuple(GENERATORS))
     options = {
         option: layout.number(option, parameter.default, least=0.0, below=1e6)
@@ -51,46 +93,30 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
         if parameter.kind is parameter.KEYWORD_ONLY
     }
     layout.close()
-    vehicle = top.section("vehicle")
-    vehicle_radius = vehicle.number("radius", 0.3, above=0.0, below=100.0)
-    vehicle_speed = vehicle.number("preferred_speed", 1.0, above=0.0, below=100.0)
-    vehicle.close()
-    pedestrians = top.section("pedestrians")
-    shares = pedestrians.shares("policy", "orca")
-    policies = {
-        policy_name: (share, policy) for spec, share in shares.items() for policy_name, policy in [load_policy(spec)]
-    }
-    parameters = {
-        policy_name: _parameters(pedestrians.section(policy_name), policy)
-        for policy_name, (_, policy) in policies.items()
-    }
-    scenario = Scenario(
-        name=name,
-        source=source,
-        rules=rules,
-        seed=seed,
-        crowdnav_cases=crowdnav_cases,
-        generator=generator,
-        layout=options,
-        vehicle_radius=vehicle_radius,
-        vehicle_speed=vehicle_speed,
-        number=pedestrians.interval("number", 5, 0, MAX_PEDESTRIANS),
-        radius=pedestrians.quantity("radius", 0.3, positive=True),
-        preferred_speed=pedestrians.quantity("preferred_speed", 1.0, positive=True),
-        shares={policy_name: share for policy_name, (share, _) in policies.items()},
-        policies={policy_name: policy for policy_name, (_, policy) in policies.items()},
-        parameters=parameters,
-        table=top.complete,
-    )
-    pedestrians.close()
-    top.close()
-    return scenario
+    return generator, options
+
+
+def _policies(pedestrians: _Section, load_policy: PolicyLoader) -> tuple[dict[str, float], dict[str, PedestrianPolicy]]:
+    """Share and policy by name; in the complete table the names stand for themselves, files by their digests."""
+    shares: dict[str, float] = {}
+    policies: dict[str, PedestrianPolicy] = {}
+    files: dict[str, str] = {}
+    for spec, share in pedestrians.shares("policy", "orca").items():
+        name, policy, digest = load_policy(spec)
+        if name in pedestrians.complete or name in policies:
+            raise pedestrians.wrong("policy", f"of policies that are not both called {name}, nor as another key here")
+        shares[name], policies[name] = share, policy
+        if digest is not None:
+            files[name] = digest
+    pedestrians.complete["policy"] = shares if len(shares) > 1 else next(iter(shares))
+    if files:
+        pedestrians.complete["policy_files"] = files
+    return shares, policies
 
 
 def _parameters(section: _Section, policy: PedestrianPolicy) -> dict[str, Quantity]:
     quantities = {
-        parameter: section.quantity(parameter, default, positive=False)
-        for parameter, default in policy.parameters.items()
+        parameter: section.quantity(parameter, default, least=0.0) for parameter, default in policy.parameters.items()
     }
     section.close()
     return quantities
@@ -99,7 +125,7 @@ def _parameters(section: _Section, policy: PedestrianPolicy) -> dict[str, Quanti
 class _Section:
     """One table of the file. Every read names the key and its default; `close` finds keys nobody reads.
 
-    `complete` collects what was read, defaults included.
+    `complete` collects what was read, defaults included, in one form however it was written.
     """
 
     def __init__(self, table: dict[str, Any], source: str, prefix: str = "") -> None:
@@ -157,6 +183,7 @@ class _Section:
         if not _is_number(value) or not (value > above or value == least) or not value < below:
             bound = f"of at least {least:g}" if least is not None else f"above {above:g}"
             raise self.wrong(key, f"a number {bound} and below {below:g}")
+        self.complete[key] = float(value)
         return float(value)
 
     def interval(self, key: str, default: int, low: int, high: int) -> tuple[int, int]:
@@ -169,6 +196,7 @@ class _Section:
             or not low <= pair[0] <= pair[1] <= high
         ):
             raise self.wrong(key, f"a whole number from {low} to {high}, or a pair of them, [least, most]")
+        self.complete[key] = pair
         return pair[0], pair[1]
 
     def shares(self, key: str, default: str) -> dict[str, float]:
@@ -177,7 +205,7 @@ class _Section:
         if (
             not isinstance(shares, dict)
             or not shares
-            or not all(_is_number(share) and share > 0 for share in shares.values())
+            or not all(_is_number(share) and 0 < share < 1e9 for share in shares.values())
         ):
             raise self.wrong(
                 key, "the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }"
@@ -185,10 +213,10 @@ class _Section:
         total = sum(shares.values())
         return {name: share / total for name, share in shares.items()}
 
-    def quantity(self, key: str, default: float, *, positive: bool) -> Quantity:
+    def quantity(self, key: str, default: float, *, least: float) -> Quantity:
+        """A number or a Gaussian; whole where the default is."""
         value = self.read(key, default)
         table = {"mean": value, "std": 0.0, "low": value, "high": value} if _is_number(value) else value
-        least = 1e-3 if positive else 0.0
         if (
             not isinstance(table, dict)
             or set(table) != {"mean", "std", "low", "high"}
@@ -202,7 +230,8 @@ class _Section:
                 f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
                 f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std",
             )
-        return Quantity(**{name: float(value) for name, value in table.items()})
+        self.complete[key] = {name: float(number) for name, number in table.items()}
+        return Quantity(**self.complete[key], whole=isinstance(default, int))
 
     def close(self) -> None:
         for key in self.table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +43,7 @@ class Score:
             )
         ]
         for row in rows:
-            row |= {name: None for name, value in row.items() if value != value}
+            row |= {name: None for name, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
         metrics = {"metrics": to_json(self.episodes.summary())} if self.complete else {}
         return {"planner": self.planner, "scenario": self.scenario, "cases": self.cases, "episodes": rows, **metrics}
 

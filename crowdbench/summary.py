@@ -61,14 +61,22 @@ def bootstrap(values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "cas
     if n == 0:
         return Estimate(np.nan, np.nan, np.nan, 0, np.nan)
     mean = float((values * weights).sum() / weights.sum())
-    low, high = np.quantile(resampled_means(values, weights), [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
-    return Estimate(mean, float(low), float(high), n, float(values.max()))
+    return Estimate(mean, *interval(resampled_means(values, weights)), n, float(values.max()))
+
+
+def interval(resampled: Float[np.ndarray, "resample"]) -> tuple[float, float]:
+    """The bounds between which 95 % of the resampled values lie."""
+    low, high = np.quantile(resampled, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
+    return float(low), float(high)
 
 
 def resampled_means(
     values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"]
 ) -> Float[np.ndarray, "resample"]:
-    """The weighted means of `RESAMPLES` samples of the episodes, drawn with replacement from a fixed stream."""
+    """The weighted means of `RESAMPLES` samples of the episodes, drawn with replacement from a fixed stream.
+
+    The same number of episodes is always resampled alike, so that two runs of the same cases stay paired.
+    """
     rng = np.random.default_rng(_STREAM)
     n = len(values)
     means = np.empty(RESAMPLES)

@@ -45,7 +45,7 @@ def test_an_installed_package_can_bring_a_planner(mine, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry] if group == entry.group else [])
     assert catalog.load_planner("theirs", {"speed": 0.3})[1].speed == 0.3
-    assert ("theirs", "installed: mine:planner") in catalog.listing("planners")
+    assert ("theirs", "Mine.") in catalog.PLANNERS.names()
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,7 @@ def test_unknown_names_and_options_are_told_with_the_known(mine):
 
 
 def test_listings_have_a_line_for_everything():
-    for kind in catalog.FOLDERS:
-        rows = catalog.listing(kind)
+    for rows in (catalog.PLANNERS.names(), catalog.PEDESTRIANS.names(), catalog.scenarios()):
         assert len(rows) >= 2
         assert all(name and line for name, line in rows)
 

@@ -7,7 +7,8 @@ import pytest
 from helpers import world
 from pettingzoo.utils import parallel_to_aec
 
-from crowdbench.catalog import FOLDERS, load_scenario
+from crowdbench.catalog import SCENARIOS as FOLDER
+from crowdbench.catalog import load_scenario
 from crowdbench.envs import spaces
 from crowdbench.envs.observations import flatten, flatten_everybody
 from crowdbench.envs.outcomes import everybodys_outcomes
@@ -22,7 +23,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 
-SCENARIOS = sorted(path.stem for path in FOLDERS["scenarios"].glob("*.toml"))
+SCENARIOS = sorted(path.stem for path in FOLDER.glob("*.toml"))
 STILL = np.zeros(2)
 
 
@@ -255,7 +256,7 @@ def test_a_vehicle_may_be_alone():
 
 
 def test_a_scenario_may_be_a_path_a_name_or_itself(tmp_path):
-    source = FOLDERS["scenarios"] / "circle_crossing_5.toml"
+    source = FOLDER / "circle_crossing_5.toml"
     path = tmp_path / "mine.toml"
     path.write_text(source.read_text())
     scenario = load_scenario("circle_crossing_5")

@@ -9,10 +9,11 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from helpers import drive
 
-from crowdbench.catalog import load_module, load_planner
+from crowdbench.catalog import load_planner
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.errors import InputError
+from crowdbench.plugins import load_module
 from crowdbench.types import Outcome
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

@@ -40,7 +40,7 @@ def test_the_environments_of_the_readme_start():
 def test_the_policy_of_contributing_loads(tmp_path):
     path = tmp_path / "stroll.py"
     path.write_text(blocks("CONTRIBUTING.md")[0])
-    name, policy = load_policy(str(path))
+    name, policy, _ = load_policy(str(path))
     assert (name, policy.parameters) == ("stroll", {"pace": 0.5})
 
 

@@ -2,14 +2,13 @@ import numpy as np
 import pytest
 from helpers import world
 
-from crowdbench.catalog import load_policy
 from crowdbench.errors import InputError
 from crowdbench.reward import discount, reward
-from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.sim.pedestrians import ORCA, PedestrianPolicy
 from crowdbench.sim.simulator import advance, crowd_velocities, judge, observe
 from crowdbench.types import HISTORY, Outcome, Rules
 
-POLICIES = dict([load_policy("orca")])
+POLICIES = {"orca": ORCA()}
 
 
 def outcome_of(before, velocity):

@@ -78,7 +78,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self._renderer = Renderer(render_mode)
         self._generator: np.random.Generator | None = None
         self._bodies = 0
-        self._case: str
+        self._case = ""
         self._world: World
 
     def observation_space(self, agent: str) -> Box:
@@ -135,6 +135,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
 
     def render(self) -> np.ndarray | None:
         """The picture as `[height, width, 3]` uint8 where the mode is "rgb_array", else nothing."""
+        stepping.require_reset(self._case)
         return self._renderer.frame(self._world, self._case)
 
     def close(self) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from jaxtyping import Float
 
 from crowdbench.cases import parse_case
@@ -29,6 +30,12 @@ def as_scenario(scenario: str | Path | Scenario) -> Scenario:
 def chosen_case(case: object, generator: np.random.Generator) -> str:
     """The case that `reset` was asked for, such as `test:37`, or a training case drawn where that is None."""
     return f"train:{generator.integers(TRAINING_CASES)}" if case is None else str(case)
+
+
+def require_reset(case: str) -> None:
+    """Raise Gymnasium's ResetNeeded where there is no case yet."""
+    if not case:
+        raise ResetNeeded("call reset() first")
 
 
 def start(scenario: Scenario, cases: Sequence[str]) -> World:

@@ -61,7 +61,9 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         options = options or {}
         mask = self._mask(options.get("reset_mask"))
-        seeds = self._one_each("seed", [seed + w for w in range(self.num_envs)] if isinstance(seed, int) else seed)
+        seeds = self._one_each(
+            "seed", [int(seed) + w for w in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
+        )
         case = options.get("case")
         cases = self._one_each("case", [case] * self.num_envs if isinstance(case, str) else case)
         for row in np.flatnonzero(mask).tolist():

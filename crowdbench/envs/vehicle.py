@@ -35,7 +35,7 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.observation_space = spaces.observation_space(self.scenario)
         self.action_space = spaces.vehicle_action_space(self.scenario)
         self._renderer = Renderer(render_mode)
-        self._case: str
+        self._case = ""
         self._world: World
 
     def reset(
@@ -56,6 +56,7 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Raises InputError where the action is no finite velocity.
         """
+        stepping.require_reset(self._case)
         command = stepping.velocities(action, (2,))[None]
         crowd = crowd_velocities(self._world, self.scenario.policies)
         self._world, outcomes, gaps = step(self._world, command, crowd)
@@ -71,6 +72,7 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def render(self) -> np.ndarray | None:
         """The picture as `[height, width, 3]` uint8 where the mode is "rgb_array", else nothing."""
+        stepping.require_reset(self._case)
         return self._renderer.frame(self._world, self._case)
 
     def close(self) -> None:
