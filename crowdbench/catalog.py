@@ -1,4 +1,4 @@
-"""Names to things: planners, pedestrian policies, metrics and scenarios, built in, installed, or in the user's files."""
+"""Names to things: planners, pedestrian policies, metrics and scenarios, built in, installed, or in a user's files."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import signal
 import sys
@@ -19,15 +20,13 @@ DEBUG = "--debug"
 
 app = typer.Typer(
     add_completion=False,
-    no_args_is_help=True,
-    help="The benchmark for navigation in crowds.",
     epilog=f"{DEBUG}, anywhere, shows the traceback of an error.",
 )
 
 PlannerOption = Annotated[str, typer.Option(help="A name, ./mine.py or ./mine.py:factory.")]
 OptionOption = Annotated[list[str] | None, typer.Option("--option", help="key=value for the planner; repeatable.")]
 ScenarioOption = Annotated[str, typer.Option(help="A name or ./mine.toml.")]
-CasesOption = Annotated[str, typer.Option(help="500, 2000:2500 or val:100.")]
+CasesOption = Annotated[str, typer.Option(help="500 (the first 500 test cases), 2000:2500, val:100, 37:38.")]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="key=value in the scenario, such as vehicle.visible=true; repeatable.")
 ]
@@ -39,6 +38,21 @@ LimitOption = Annotated[float, typer.Option(help="Seconds that a planner may thi
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
 
 RECORD_HELP = f"failures ({MOST_FAILURES} at most, and the first {FIRST_RECORDED} cases), all or none."
+
+
+def _version(wanted: bool | None) -> None:
+    if wanted:
+        print(importlib.metadata.version("crowdbench"))
+        raise typer.Exit
+
+
+@app.callback()
+def crowdbench(
+    version: Annotated[
+        bool | None, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = None,
+) -> None:
+    """The benchmark for navigation in crowds."""
 
 
 @app.command()
@@ -54,7 +68,7 @@ def run(
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run.")] = False,
     batch: Annotated[int, typer.Option(min=1, help="Cases that run in lock-step.")] = BATCH,
-    threads: Annotated[int | None, typer.Option(min=1, help="[default: all cores]")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads of the simulator. [default: all cores]")] = None,
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:
@@ -74,15 +88,17 @@ def run(
     name, made = catalog.load_planner(planner, options)
     settings = catalog.assignments(overrides or [], "--set")
     place = catalog.load_scenario(scenario, settings, pedestrians)
-    directory = out or Path("runs") / f"{name}-{place.name}-{len(wanted)}"
+    changes = settings | ({"pedestrians": pedestrians} if pedestrians else {})
+    metrics = catalog.load_metrics(metric or [])
+    directory = out or Path("runs") / runs.directory_name(name, place.name, wanted, options | changes)
     with progress(len(wanted), "cases") as tell:
         finished = runs.run(
             Driver(made, name, decision_limit),
             place,
             wanted,
             directory,
-            metrics=catalog.load_metrics(metric or []),
-            about={"options": options, "planner_file": plugins.source(planner), "overrides": settings},
+            metrics=metrics,
+            about={"options": options, "planner_file": plugins.source(planner), "overrides": changes},
             record=record,
             batch=batch,
             overwrite=overwrite,
@@ -92,12 +108,13 @@ def run(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
+        from crowdbench.results import planner_label
         from crowdbench.tables import result_table
 
-        _print(result_table(f"{name} on {place.name}, cases {result['cases']}", result["metrics"]))
-        print(
-            f"\nKept in {directory}, {result['recorded']} episodes recorded. See them with: crowdbench view {directory}"
-        )
+        changed = "".join(f", {key}={value}" for key, value in changes.items())
+        title = f"{planner_label(name, options)} on {place.name}{changed}, cases {result['cases']}"
+        _print(result_table(title, result["metrics"], metrics))
+        print(f"\nKept in {directory}; {result['recorded']} episodes are recorded (crowdbench view shows them)")
     if finished.interrupted:
         say(f"crowdbench: interrupted: kept cases {result['cases']}, all that were finished in order, in {directory}")
         raise typer.Exit(130)
@@ -196,11 +213,13 @@ def score(
     from crowdbench.score import score as measure
     from crowdbench.tables import episodes_table, result_table
 
-    scored = measure(_recording(recording), catalog.load_metrics(metric or []))
+    metrics = catalog.load_metrics(metric or [])
+    scored = measure(_recording(recording), metrics)
     if as_json:
         print(json.dumps(scored.to_json(), indent=2))
     elif scored.complete:
-        _print(result_table(f"{scored.planner} on {scored.scenario}, from {recording}", scored.to_json()["metrics"]))
+        title = f"{scored.planner} on {scored.scenario}, from {recording}"
+        _print(result_table(title, scored.to_json()["metrics"], metrics))
     else:
         _print(episodes_table(scored.cases, scored.episodes))
 
@@ -225,7 +244,7 @@ def bench() -> None:
 def main() -> None:
     """The entry point: every error of the user's is one sentence and a non-zero exit."""
     debug = DEBUG in sys.argv
-    arguments = [argument for argument in sys.argv[1:] if argument != DEBUG]
+    arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         sys.exit(app(arguments, standalone_mode=False))
@@ -235,6 +254,11 @@ def main() -> None:
         message = error.format_message() if isinstance(error, TyperException) else str(error)
         print(f"crowdbench: {message}", file=sys.stderr)
         sys.exit(2 if isinstance(error, TyperException) else 1)
+    except OSError as error:
+        if debug:
+            raise
+        print(f"crowdbench: the output cannot be written: {error.strerror or error}", file=sys.stderr)
+        sys.exit(1)
     except (KeyboardInterrupt, typer.Abort):
         print("crowdbench: interrupted: nothing was kept", file=sys.stderr)
         sys.exit(130)
@@ -262,5 +286,8 @@ def _use_threads(threads: int | None) -> None:
 def _print(table: Any) -> None:
     from rich.console import Console
 
+    # By itself, since a table breaks its title at its own width.
+    print(table.title)
+    table.title = None
     # Without a terminal there is no width to fit; brackets are units, not markup.
     Console(width=None if sys.stdout.isatty() else 200, markup=False).print(table)

@@ -99,13 +99,22 @@ def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
 def _same(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> None:
     (one, two), scenarios = results, [result["scenario"] for result in results]
     if scenarios[0]["digest"] != scenarios[1]["digest"]:
-        names = " and ".join(f"{scenario['name']} ({scenario['digest']})" for scenario in scenarios)
-        raise InputError(f"{a} and {b} are runs of different scenarios, {names}: run both planners on the same one")
+        keys = sorted(_flat(scenarios[0]).items() ^ _flat(scenarios[1]).items())
+        differ = ", ".join(dict.fromkeys(key for key, _ in keys if key not in ("digest", "description")))
+        raise InputError(f"{a} and {b} are runs of different scenarios, in {differ}: run both planners on the same one")
     splits = [result["cases"].partition(":")[0] for result in (one, two)]
     if splits[0] != splits[1]:
         raise InputError(
             f"{a} has {splits[0]} cases and {b} has {splits[1]} cases: run both planners on the same cases"
         )
+
+
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
+    """The values of a table by their dotted keys, as texts."""
+    flat: dict[str, str] = {}
+    for key, value in table.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": repr(value)}
+    return flat
 
 
 def _names(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> tuple[str, str]:

@@ -27,8 +27,8 @@ class Driver:
     """
 
     def __init__(self, planner: Planner, name: str, decision_limit: float = DECISION_LIMIT) -> None:
-        if not decision_limit > 0.0:
-            raise InputError(f"a decision limit of {decision_limit:g} s leaves no time to decide: it must be above 0")
+        if not 0.0 < decision_limit < 1e6:
+            raise InputError(f"a decision limit of {decision_limit:g} s is none: it must be above 0 s and below 1e6 s")
         self.planner = planner
         self.name = name
         self.decision_limit = decision_limit

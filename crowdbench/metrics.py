@@ -213,7 +213,7 @@ METRICS: dict[str, Metric] = {
     )
 }
 
-OVER_ALL = frozenset({"navigation_time_or_limit", "spl"})
+OVER_ALL = frozenset({"navigation_time_or_limit", "spl", "discounted_return"})
 """Metrics that count failures, so that two planners are compared in all cases, not only in those both solve."""
 
 POOLED = frozenset({"discomfort_frequency"})

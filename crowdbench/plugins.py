@@ -32,7 +32,10 @@ class Kind:
         return built_in + [(entry.name, _first_line_of(entry)) for entry in self._installed()]
 
     def find(self, spec: str) -> tuple[str, Callable[..., object]]:
-        """Name and function of a plug-in: a name, `file.py` or `file.py:function`. Raises InputError if there is none."""
+        """Name and function of a plug-in, from a name, `file.py` or `file.py:function`.
+
+        Raises InputError where there is none, or where it cannot be loaded.
+        """
         file, _, function = spec.partition(":")
         if file.endswith(".py"):
             return function or Path(file).stem, function_of(Path(file), function or self.function)

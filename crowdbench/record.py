@@ -136,8 +136,12 @@ def view(path: Path, case: int | None = None, screenshot: Path | None = None) ->
     busy machine the viewer may take it before it has drawn everything). Raises InputError where the file or
     the case is not there, or the viewer does not start.
     """
+    if screenshot is not None and (case is None or screenshot.suffix != ".png" or not screenshot.parent.is_dir()):
+        raise InputError(f"a picture shows one case (--case 37) and goes to a .png file in a folder, not {screenshot}")
     with tempfile.TemporaryDirectory() as folder:
         shown = _extract(path, case, Path(folder))
+        if screenshot is None and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+            raise InputError("there is no display for a window: take a picture with --case 37 --screenshot case.png")
         command = [sys.executable, "-m", "rerun_cli", "--port", "auto", str(shown)]
         if screenshot is None:
             ended = subprocess.run(command)
@@ -275,7 +279,10 @@ def _extract(path: Path, case: int | None, folder: Path) -> Path:
     if case is None:
         return path.resolve()
     if case not in entries:
-        raise InputError(f"case {case} is not recorded in {path}: recorded are {_ranges(entries)}")
+        near = sorted(sorted(entries, key=lambda other: abs(other - case))[:10])
+        raise InputError(
+            f"case {case} is not recorded in {path}: recorded near it are {_ranges(near)} (all are with --record all)"
+        )
     with _open(path):
         chunks = _chunks(reader, entries[case], "/**")
     episode, entry = _episode(chunks), entries[case]

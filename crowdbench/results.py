@@ -6,6 +6,7 @@ import contextlib
 import csv
 import dataclasses
 import errno
+import glob
 import json
 import math
 import os
@@ -134,15 +135,12 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
 
     Raises InputError where `path` exists and may not be overwritten, or cannot be made.
     """
-    path = path.resolve()
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path} is a file: name a directory with --out")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
-    if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
-        raise InputError(
-            f"{path} holds something other than a run and is not overwritten: name another place with --out"
-        )
+    try:
+        path = path.resolve()
+        _refuse_taken(path, overwrite)
+        _remove_abandoned(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}") from error
     partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
     replaced = path.with_name(f".{path.name}.replaced-{os.getpid()}")
     try:
@@ -162,6 +160,26 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
             shutil.rmtree(left_over, ignore_errors=True)
 
 
+def _refuse_taken(path: Path, overwrite: bool) -> None:
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file: name a directory with --out")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
+    if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
+        raise InputError(f"{path} holds something other than a run and is not overwritten: choose another --out")
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove what runs that were killed have left of this directory."""
+    for left_over in path.parent.glob(f".{glob.escape(path.name)}.partial-*"):
+        try:
+            os.kill(int(left_over.name.rpartition("-")[2]), 0)
+        except ProcessLookupError:
+            shutil.rmtree(left_over, ignore_errors=True)
+        except (PermissionError, ValueError):
+            continue
+
+
 def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
     try:
         values = metric(trace)
@@ -174,6 +192,9 @@ def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "cas
         raise InputError(
             f"metric {name} returned {found}, but must return one number or boolean per episode, [{len(trace)}]"
         )
+    if np.isinf(values).any():
+        case = trace.case[np.isinf(values).argmax()]
+        raise InputError(f"metric {name} is infinite in case {case}: what is undefined is NaN")
     return values if values.dtype == bool else values.astype(np.float64)
 
 

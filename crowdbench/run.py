@@ -6,6 +6,7 @@ import contextlib
 import importlib.metadata
 import json
 import platform
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -97,6 +98,15 @@ def run(
         episodes.write(directory / EPISODES)
         (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return Finished(result, interrupted)
+
+
+def directory_name(planner: str, scenario: str, cases: Cases, changes: Mapping[str, Any]) -> str:
+    """The name of a run's directory, other for other cases, options and overrides: `orca-circle_crossing_5-500`."""
+    count = f"{cases.stop}" if cases.start == 0 else f"{cases.start}-{cases.stop}"
+    parts = [planner, scenario, count if cases.split == "test" else f"{cases.split}-{count}"]
+    parts += [f"{key}={value}" for key, value in changes.items()]
+    # File systems allow 255 bytes, and the directory has a longer name while it is written.
+    return re.sub(r"[^A-Za-z0-9_.=-]+", "_", "-".join(parts))[:200]
 
 
 def _fitting(batch: int, scenario: Scenario) -> int:

@@ -11,19 +11,19 @@ from rich.text import Text
 from crowdbench.bench import Row
 from crowdbench.check import Point
 from crowdbench.compare import Comparison
-from crowdbench.metrics import METRICS
+from crowdbench.metrics import METRICS, Metric
 from crowdbench.results import Episodes
 from crowdbench.types import Outcome
 
 
-def result_table(title: str, metrics: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Every metric with its interval. `metrics` as in `result.json`."""
+def result_table(title: str, estimates: Mapping[str, Mapping[str, Any]], metrics: Mapping[str, Metric]) -> Table:
+    """Every estimate, as in `result.json`, with its interval and the unit that its metric names."""
     table = _table(
         title, ("metric", "left"), ("mean", "right"), ("95 % interval", "left"), ("max", "right"), ("n", "right")
     )
-    for name, estimate in metrics.items():
+    for name, estimate in estimates.items():
         if estimate["n"]:
-            unit = _unit(name)
+            unit = _unit(name, metrics)
             share = unit == "%"
             interval = f"{_number(estimate['low'], share)} to {_number(estimate['high'], share)}"
             largest = "" if share else _number(estimate["max"])
@@ -34,7 +34,8 @@ def result_table(title: str, metrics: Mapping[str, Mapping[str, Any]]) -> Table:
 def episodes_table(cases: int, episodes: Episodes) -> Table:
     """The episodes of a recording that does not have them all: no means, which would mislead."""
     title = f"{len(episodes)} of {cases} cases are recorded; the rates of these alone would mislead"
-    shown = ("navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk")
+    shown = ["navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk"]
+    shown += [name for name in episodes.columns if name not in METRICS]
     table = _table(title, ("case", "right"), ("outcome", "left"), *((name, "right") for name in shown))
     for row, case in enumerate(episodes.case.tolist()):
         values = (episodes.columns[name][row] for name in shown)
@@ -110,10 +111,9 @@ def _table(title: str, *columns: tuple[str, Any]) -> Table:
     return table
 
 
-def _unit(name: str) -> str:
-    """The unit in brackets at the end of the metric's first docstring line; shares are shown in per cent."""
-    docstring = METRICS[name].__doc__ if name in METRICS else None
-    first = (docstring or "").partition("\n")[0]
+def _unit(name: str, metrics: Mapping[str, Metric]) -> str:
+    """The unit in brackets at the end of the metric's first docstring line; rates are shown in per cent."""
+    first = (metrics[name].__doc__ or "").partition("\n")[0]
     unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
     if name.endswith("_rate"):
         return "%"

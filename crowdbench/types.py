@@ -223,7 +223,13 @@ class Observation:
         return self.future
 
     def log(self, name: str, values: np.ndarray | float) -> None:
-        """Put something of the planner's own, `[world, ...]`, into the recording."""
+        """Put something of the planner's own, `[world, ...]`, into the recording.
+
+        Each world's number or numbers `[n]` become curves, `[n, xy]` points, `[..., time, n, xy]` lines over time.
+        Raises InputError where the name has other characters than letters, digits and underscores.
+        """
+        if not name.isidentifier():
+            raise InputError(f"a log is called {name!r}, but its name must be letters, digits and underscores")
         if self.record is not None:
             self.record(name, np.asarray(values))
 

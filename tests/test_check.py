@@ -52,6 +52,16 @@ class Remembers(Straight):
         return super().plan(obs) * slower[:, None]
 
 
+class Lonely(Straight):
+    """Fails where no other world is beside it."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def plan(self, obs):
+        return self.answer(obs) if len(obs) == 1 else super().plan(obs)
+
+
 class Races(Planner):
     def plan(self, obs):
         return np.full((len(obs), 2), 9.0)
@@ -67,3 +77,9 @@ def test_each_offence_is_found():
     assert set(broken_points(Dice)) == {"deterministic", "batch"}
     assert set(broken_points(Herd)) == {"batch"}
     assert "asked for 12.7279 m/s" in broken_points(Races)["commands"]
+
+
+def test_what_breaks_only_alone_is_found():
+    for answer in (lambda obs: np.full((1, 2), np.nan), lambda obs: 1 / 0, lambda obs: np.zeros(2)):
+        points = broken_points(lambda answer=answer: Lonely(answer), "val:3:6")
+        assert points.keys() & {"batch", "commands"}

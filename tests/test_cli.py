@@ -17,12 +17,21 @@ from crowdbench import Planner
 class Slow(Planner):
     def plan(self, obs):
         if obs.case[0] >= 10:
+            open("reached", "w").close()
             time.sleep(1000)
         return np.zeros((len(obs), 2))
 
 def planner():
     return Slow()
 """
+
+
+def wait_for(path):
+    """Until a slow planner has come to its second batch."""
+    deadline = time.monotonic() + 100
+    while not path.exists():
+        assert time.monotonic() < deadline, f"{path} never came"
+        time.sleep(0.05)
 
 
 @pytest.fixture(autouse=True)
@@ -94,6 +103,8 @@ def test_json_is_all_that_json_prints():
         (["compare", "a", "b"], "not the directory of a run"),
         (["score", "nothing.rrd"], "nothing.rrd"),
         (["view", "nothing.rrd"], "nothing.rrd"),
+        (["view", "nothing.rrd", "--screenshot", "picture.png"], "one case"),
+        (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),
     ],
 )
 def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, arguments, expected):
@@ -139,10 +150,7 @@ def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
         text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    deadline = time.monotonic() + 60
-    while not list(tmp_path.glob(".kept.partial-*")) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(3.0)
+    wait_for(tmp_path / "reached")
     process.send_signal(number)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -156,12 +164,13 @@ def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "crowdbench", "run", "--planner", "./slow.py", "--cases", "10:20", "--out", "kept"]
     )
-    deadline = time.monotonic() + 60
-    while not list(tmp_path.glob(".kept.partial-*")) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_for(tmp_path / "reached")
     process.kill()
     process.wait()
     assert not (tmp_path / "kept").exists()
+    assert len(list(tmp_path.glob(".kept.partial-*"))) == 1
+    assert crowdbench("run", "--planner", "orca", "--cases", "2", "--out", "kept").returncode == 0
+    assert list(tmp_path.glob(".kept.partial-*")) == []
 
 
 def test_the_command_line_starts_without_what_it_does_not_need():

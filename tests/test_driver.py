@@ -1,12 +1,14 @@
 """A planner that breaks its contract is told so in one sentence."""
 
+import sys
 import threading
 import time
 
 import numpy as np
 import pytest
-from helpers import Still, drive
+from helpers import Still, drive, same
 
+from crowdbench import rng
 from crowdbench.errors import InputError
 from crowdbench.planner import OneWorldPlanner, Planner
 
@@ -41,6 +43,15 @@ def forever(obs):
             continue
 
 
+def deaf(obs):
+    """Catches what interrupts it, once."""
+    try:
+        time.sleep(0.5)
+    except BaseException:
+        time.sleep(0.1)
+    return np.zeros((len(obs), 2))
+
+
 BROKEN = {
     "not a number": (nan_for_case_3, "returned [0.0, nan], but a velocity must be finite (case 3, step 2)"),
     "one number per world": (lambda obs: np.zeros(len(obs)), "returned shape [5] instead of [5, 2]"),
@@ -50,6 +61,8 @@ BROKEN = {
     "too fast": (fast_for_case_4, "asked for 1.04403 m/s, but the vehicle's maximum is 1 m/s (case 4, step 2)"),
     "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (case 0, step 2)"),
     "peeking": (lambda obs: obs.true_next(), "raised PermissionError: true_next()"),
+    "a way out": (lambda obs: sys.exit(0), "raised SystemExit: 0 (case 0, step 2)"),
+    "deaf": (deaf, "thought longer than the limit of 0.2 s (case 0, step 2)"),
     "no end": (forever, "thought longer than the limit of 0.2 s (case 0, step 2)"),
 }
 
@@ -99,3 +112,64 @@ def test_a_planner_for_one_world_is_lifted_to_batches():
     lifted, batched = drive(OneWorldPlanner(straight), "10"), drive(Straight(), "10")
     assert np.allclose(lifted.position, batched.position, equal_nan=True)
     assert set(seen[:10]) == {((2,), (8, 5, 2), (5, 3), 0.0)}
+
+
+def test_a_planner_that_breaks_in_one_world_is_told_its_case():
+    def one(obs):
+        if obs.case == 3 and obs.step == 4:
+            raise ValueError("lost")
+        return np.zeros(2)
+
+    with pytest.raises(InputError, match=r"raised ValueError: lost \(case 3, step 4\)"):
+        drive(OneWorldPlanner(one), "5")
+
+
+def test_a_planner_cannot_move_the_world():
+    class Cheats(Still):
+        def plan(self, obs):
+            obs.vehicle.position[:] = obs.vehicle.goal
+            obs.vehicle.goal[:] = 0.0
+            obs.pedestrians.position[:] = 99.0
+            obs.pedestrians.history[:] = 99.0
+            obs.step[:] = 0
+            return super().plan(obs)
+
+    assert same(drive(Cheats(), "5"), drive(Still(), "5"))
+
+
+def test_a_planner_that_breaks_at_its_reset_is_told_so():
+    class Mine(Still):
+        def reset(self, cases):
+            raise KeyError("weights")
+
+    with pytest.raises(InputError, match=r"planner Mine raised KeyError in reset\(\)"):
+        drive(Mine(), "2")
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_decision_limit_is_a_time(limit):
+    with pytest.raises(InputError, match="decision limit"):
+        drive(Still(), "1", decision_limit=limit)
+
+
+def test_a_planners_noise_is_not_the_crowds():
+    seen = []
+
+    class Listens(Still):
+        def plan(self, obs):
+            crowds = rng.normal(obs.key, "social_force", obs.step, 5, 2)
+            seen.append((obs.normal("social_force", 2) == crowds).any())
+            return super().plan(obs)
+
+    drive(Listens(), "2")
+    assert not any(seen)
+
+
+def test_a_log_has_a_plain_name():
+    class Mine(Still):
+        def plan(self, obs):
+            obs.log("my/values", np.zeros(len(obs)))
+            return super().plan(obs)
+
+    with pytest.raises(InputError, match="letters, digits and underscores"):
+        drive(Mine(), "1")

@@ -39,6 +39,11 @@ def test_path_length_and_spl_of_a_detour():
     assert value("spl", trace(STRAIGHT, goal=[[1.3, 0], [0, 0]])) == 1.0
 
 
+def test_who_starts_at_the_goal_wastes_nothing():
+    for path, goal in ((STRAIGHT[:2], [[0.1, 0], [0, 0]]), ([STRAIGHT[0]] * 2, [[0.3, 0], [0, 0]])):
+        assert value("spl", trace(path, goal=goal)) == 1.0
+
+
 def test_changes_of_velocity_count_the_start_from_rest():
     # Velocities: rest, (1, 0), (0, 1), (0, 1).
     x = np.cumsum([[0, 0], [0.25, 0], [0, 0.25], [0, 0.25]], axis=0)
@@ -117,9 +122,19 @@ def test_a_metric_does_not_depend_on_the_batch(scenario):
         assert np.array_equal(values, singly, equal_nan=values.dtype != bool), name
 
 
-def test_an_empty_crowd_leaves_no_metric_infinite():
-    episode = drive("orca", "2", pedestrians__number=0)
+@pytest.mark.parametrize("scenario", ["circle_crossing_5", "circle_crossing_5_visible"])
+def test_an_empty_crowd_leaves_no_metric_infinite(scenario):
+    episode = drive("orca", "2", scenario, pedestrians__number=0)
     assert (episode.outcome == Outcome.SUCCESS).all()
     for name, metric in METRICS.items():
         assert not np.isinf(metric(episode)).any(), name
     assert metrics.social_zone(episode).tolist() == [0.0, 0.0]
+
+
+def test_an_episode_of_one_step_has_its_metrics():
+    episode = trace(STRAIGHT[:2])
+    values = {name: metric(episode)[0] for name, metric in METRICS.items()}
+    assert values["navigation_time"] == 0.25
+    assert values["max_turn"] == 0.0
+    assert np.isnan(values["jerk"])
+    assert values["discomfort_frequency"] == 0.0

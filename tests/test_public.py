@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import crowdbench
 
 NAMES = [
@@ -30,3 +33,12 @@ def test_the_public_names_are_these():
 def test_every_public_name_is_there_and_documented():
     for name in NAMES:
         assert getattr(crowdbench, name).__doc__, name
+
+
+def test_the_public_functions_are_functions_whatever_was_imported_before():
+    code = (
+        "import inspect, crowdbench.cli, crowdbench.run, crowdbench.check\n"
+        "from crowdbench import flatten, load_planner, load_scenario, parallel_env, rollout\n"
+        "print(all(map(inspect.isfunction, (flatten, load_planner, load_scenario, parallel_env, rollout))))"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "True\n"

@@ -58,3 +58,12 @@ def test_the_runs_of_the_readme_run(command, monkeypatch, tmp_path, capsys):
     app([*command.split(), "--cases", "val:3", "--record", "none"], standalone_mode=False)
     assert "success_rate" in capsys.readouterr().out
     assert len(list(Path("runs").glob("*/episodes.csv"))) == 1
+
+
+def test_the_scenario_of_contributing_loads(tmp_path):
+    text = re.search(r"^```toml\n(.*?)^```", (ROOT / "CONTRIBUTING.md").read_text(), re.DOTALL | re.MULTILINE)[1]
+    (tmp_path / "mine.toml").write_text(text)
+    place = load_scenario(str(tmp_path / "mine.toml"))
+    assert place.number == (1, 8)
+    assert set(place.policies) == {"orca", "social_force"}
+    assert place.preferred_speed.std == 0.2

@@ -151,6 +151,7 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
 
     run = subprocess.run
     monkeypatch.setattr(record.subprocess, "run", viewer)
+    monkeypatch.setenv("DISPLAY", ":0")
     record.view(recorded, 7)
     record.view(recorded)
     assert shown == [[7], list(range(12))]
@@ -158,7 +159,7 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
 
 def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_path):
     path = write(tmp_path / "run.rrd", driven, rows=np.array([0, 1, 2, 5]))
-    with pytest.raises(InputError, match=r"case 3 is not recorded in .*: recorded are 0-2, 5$"):
+    with pytest.raises(InputError, match=r"case 3 is not recorded in .*: recorded near it are 0-2, 5 "):
         record.view(path, 3)
 
 
@@ -166,3 +167,14 @@ def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
     hit = line(4, 3, Outcome.COLLISION, gap=[1, 1, 1, -0.1])
     hit.position[0, :, 2] = hit.position[0, :, 0] + [0.5, 0.0]
     assert drawing._hit(hit, 0) == 1
+
+
+def test_without_a_display_a_picture_is_offered(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr(record.sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError, match="no display"):
+        record.view(recorded)
+    for case, picture in ((None, "a.png"), (7, "a.jpg"), (7, "nowhere/a.png")):
+        with pytest.raises(InputError, match="a picture shows one case"):
+            record.view(recorded, case, tmp_path / picture)

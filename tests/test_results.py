@@ -1,4 +1,6 @@
 import json
+import os
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from crowdbench.errors import InputError
 from crowdbench.metrics import METRICS
 from crowdbench.planner import Planner
 from crowdbench.results import Episodes, new_directory, read_result
-from crowdbench.run import run
+from crowdbench.run import directory_name, run
 from crowdbench.types import Outcome
 
 
@@ -72,6 +74,42 @@ def test_an_earlier_run_is_not_overwritten_unasked(tmp_path):
         go(tmp_path / "thesis", cases="3", overwrite=True)
 
 
+def test_the_first_of_two_runs_to_one_place_stays(tmp_path):
+    def another_run_comes_first(partial):
+        # Another process would not share this one's number, and so not its directory.
+        partial.rename(tmp_path / "elsewhere")
+        go(tmp_path / "a", cases="3")
+        (tmp_path / "elsewhere").rename(partial)
+
+    with pytest.raises(InputError, match="written by another run"), new_directory(tmp_path / "a", False) as partial:
+        another_run_comes_first(partial)
+    assert read_result(tmp_path / "a")["cases"] == "test:0:3"
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_what_a_killed_run_left_is_removed(tmp_path):
+    (tmp_path / ".a.partial-999999999").mkdir()
+    (tmp_path / f".a.partial-{os.getppid()}").mkdir()
+    go(tmp_path / "a", cases="3")
+    assert {path.name for path in tmp_path.iterdir()} == {"a", f".a.partial-{os.getppid()}"}
+
+
+def test_a_place_that_cannot_be_is_told(tmp_path):
+    (tmp_path / "file").touch()
+    for name, expected in (("file", "is a file"), ("x" * 300, "cannot be written"), ("file/run", "cannot be written")):
+        with pytest.raises(InputError, match=expected):
+            go(tmp_path / name, cases="3", overwrite=True)
+
+
+def test_directories_are_told_apart_by_what_was_run():
+    val = Cases.parse("val:100")
+    assert directory_name("orca", "square", Cases.parse("500"), {}) == "orca-square-500"
+    assert directory_name("orca", "square", Cases.parse("50:100"), {}) == "orca-square-50-100"
+    assert (
+        directory_name("orca", "square", val, {"dt": 0.1, "x": "./a b.py"}) == "orca-square-val-100-dt=0.1-x=._a_b.py"
+    )
+
+
 class Breaks(Planner):
     """Raises `error` in the step after the first batch."""
 
@@ -118,6 +156,8 @@ def test_a_directory_appears_whole_or_not_at_all(tmp_path):
     ("metric", "expected"),
     [
         (lambda trace: 1 / 0, "metric mine raised ZeroDivisionError"),
+        (lambda trace: np.full(len(trace), np.inf), "metric mine is infinite in case 0"),
+        (lambda trace: sys.exit(), "metric mine raised SystemExit"),
         (lambda trace: 3.0, "metric mine returned float"),
         (lambda trace: trace.gap, "metric mine returned shape"),
         (lambda trace: np.array(["a"] * len(trace)), "metric mine returned shape"),
@@ -141,6 +181,10 @@ def test_a_comparison_is_paired_by_case(tmp_path):
     assert rate.p == pytest.approx(2 * 0.5**solved)
     changed = [case for case, *_ in found.changed]
     assert changed == [case for case, one in zip(range(10, 40), outcome, strict=True) if one != Outcome.TIMEOUT]
+    limit = found.rows["navigation_time_or_limit"]
+    assert limit.b == 25.0
+    assert limit.a < 25.0
+    assert limit.difference.n == 30
     same = compare(tmp_path / "a", tmp_path / "a")
     assert same.changed == []
     assert same.rows["success_rate"].p == 1.0
@@ -159,7 +203,7 @@ def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
     go(tmp_path / "b", cases="5", overrides={"vehicle.visible": True})
     go(tmp_path / "c", cases="5:9")
     go(tmp_path / "d", cases="val:5")
-    with pytest.raises(InputError, match="different scenarios"):
+    with pytest.raises(InputError, match=r"different scenarios, in vehicle\.visible:"):
         compare(tmp_path / "a", tmp_path / "b")
     with pytest.raises(InputError, match="share no case"):
         compare(tmp_path / "a", tmp_path / "c")
@@ -170,3 +214,16 @@ def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
     (tmp_path / "a" / "episodes.csv").write_text("case,outcome\n1,sucess\n")
     with pytest.raises(InputError, match="not a table of episodes"):
         compare(tmp_path / "a", tmp_path / "c")
+
+
+def test_a_pooled_metric_is_compared_pooled(tmp_path):
+    go(tmp_path / "a", cases="40")
+    go(tmp_path / "b", load_planner("orca", {"safety_space": 0.1})[1], cases="40")
+    row = compare(tmp_path / "a", tmp_path / "b").rows["discomfort_frequency"]
+    tables = [Episodes.read(tmp_path / name / "episodes.csv") for name in "ab"]
+    solved = tables[0].columns["success_rate"] & tables[1].columns["success_rate"]
+    expected = [
+        np.average(table.columns["discomfort_frequency"][solved], weights=table.steps[solved]) for table in tables
+    ]
+    assert (row.a, row.b) == pytest.approx(expected, abs=1e-12)
+    assert row.difference.low < row.difference.mean < row.difference.high

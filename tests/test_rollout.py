@@ -6,7 +6,10 @@ from helpers import Still, drive, same
 from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.driver import Driver
+from crowdbench.envs.observations import flatten
 from crowdbench.rollouts import rollout
+from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.sim.simulator import crowd_velocities, observe, step
 from crowdbench.types import Outcome
 
 SCENARIOS = ["circle_crossing_5", *(f"circle_crossing_5_{kind}" for kind in ("visible", "gaussian", "social_force"))]
@@ -41,15 +44,54 @@ def test_threads_change_nothing():
         numba.set_num_threads(threads)
 
 
-def test_padding_changes_nothing():
-    padded = drive("orca", "val:60", pedestrians__number=[5, 9])
-    fives = np.flatnonzero(padded.present.sum(axis=1) == 6)
-    assert len(fives) > 3
-    tight = drive("orca", "val:60", pedestrians__number=[5, 5])
-    # With another range, other crowds are drawn: the places differ, so only the arrays' meaning is compared.
-    assert tight.position.shape[2] == 6
-    assert np.isnan(padded.position[fives, 0, 6:]).all()
-    assert np.isfinite(padded.position[fives, 0, :6]).all()
+@pytest.mark.parametrize("policy", ["orca", "social_force"])
+@pytest.mark.parametrize("visible", [False, True])
+def test_padding_changes_nothing(policy, visible):
+    place = load_scenario("circle_crossing_5", {"pedestrians.policy": policy, "vehicle.visible": visible})
+    tight = place.worlds(Cases.parse("val:20"))
+    wide = padded(tight, 3)
+    planner = load_planner("orca")[1]
+    for _ in range(20):
+        moved = []
+        for world in (tight, wide):
+            crowd = crowd_velocities(world, place.policies)
+            moved.append(step(world, planner.plan(observe(world)), crowd))
+        (tight, *judged), (wide, *judged_wide) = moved
+        assert np.array_equal(tight.position, wide.position[:, :6])
+        assert all(map(np.array_equal, judged, judged_wide))
+        assert np.array_equal(flatten(observe(tight)), flatten(observe(wide))[:, :36])
+
+
+def padded(world, more):
+    """The same worlds with absent pedestrians, who stand where they would be in everybody's way."""
+
+    def widen(values, fill):
+        axis = 2 if values.ndim == 4 else 1
+        shape = (*values.shape[:axis], more, *values.shape[axis + 1 :])
+        return np.concatenate([values, np.full(shape, fill, values.dtype)], axis=axis)
+
+    fills = {"position": 0.1, "velocity": 0.5, "goal": 3.0, "radius": 1.0, "preferred_speed": 1.0, "present": False}
+    fills |= {"history": 0.1, "policy": 0}
+    parameters = {
+        name: {key: widen(values, values.max()) for key, values in table.items()}
+        for name, table in world.parameters.items()
+    }
+    changes = {name: widen(getattr(world, name), fill) for name, fill in fills.items()}
+    return world.replace(**changes, parameters=parameters)
+
+
+def test_an_invisible_vehicle_is_hidden_from_every_policy():
+    seen = []
+
+    class Looks(PedestrianPolicy):
+        def velocities(self, world, parameters):
+            seen.append(world.present[:, 0].any())
+            return np.zeros((len(world), world.position.shape[1] - 1, 2))
+
+    for visible in (False, True):
+        world = load_scenario("circle_crossing_5", {"vehicle.visible": visible}).worlds(Cases.parse("2"))
+        crowd_velocities(world.replace(parameters={"looks": {}}), {"looks": Looks()})
+    assert seen == [False, True]
 
 
 def test_an_episode_is_nan_after_its_end():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from crowdbench.cases import Cases, parse_case
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.errors import InputError
 from crowdbench.types import World
 
@@ -89,13 +89,35 @@ def test_the_digest_tells_scenarios_apart():
     changes = ({}, {"dt": 0.2}, {"vehicle.radius": 0.4})
     digests = {load_scenario("circle_crossing_5", change).digest for change in changes}
     assert len(digests) == 3
-    assert load_scenario("circle_crossing_5").digest == load_scenario("circle_crossing_5", {"dt": 0.25}).digest
+    same = ({"dt": 0.25}, {"time_limit": 25}, {"pedestrians.radius": 0.3}, {"description": ""}, {"vehicle.radius": 0.3})
+    one = load_scenario("circle_crossing_5").digest
+    assert {load_scenario("circle_crossing_5", change).digest for change in same} == {one}
+
+
+def test_the_digest_changes_with_a_policys_file(tmp_path):
+    text = (PEDESTRIANS.folder / "orca.py").read_text()
+    digest = {}
+    for folder, comment in (("a", ""), ("b", ""), ("c", "# changed")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "crowd.py").write_text(text + comment)
+        (tmp_path / folder / "mine.toml").write_text("[pedestrians]\npolicy = 'crowd.py'\n")
+        digest[folder] = load_scenario(str(tmp_path / folder / "mine.toml")).digest
+    assert digest["a"] == digest["b"] != digest["c"]
+
+
+def test_whole_parameters_stay_whole():
+    gaussian = {"mean": 3, "std": 2.0, "low": 1, "high": 6}
+    world = load_scenario("circle_crossing_5", {"pedestrians.orca.max_neighbors": gaussian}).draw("val", np.arange(50))
+    assert set(world.parameters["orca"]["max_neighbors"][:, 1:].ravel()) == {1, 2, 3, 4, 5, 6}
 
 
 BROKEN = {
     "colision = 'swept'": ["colision", "unknown key", "collision"],
     "collision = 'sweep'": ["collision", "swept", "crowdnav"],
     "dt = '0.25'": ["dt", "number"],
+    "dt = 1e-9": ["dt", "100000 steps"],
+    "[pedestrians]\npolicy = {orca = inf}": ["pedestrians.policy", "shares"],
+    "[pedestrians]\npolicy = {orca = 1, 'ORCA_FILE' = 1}": ["pedestrians.policy", "both called orca"],
     "dt = -1": ["dt", "-1", "above 0"],
     "[pedestrians]\nnumber = 60": ["no room", "pedestrians.number", "circle_radius"],
     "[pedestrians]\nnumber = -1": ["pedestrians.number", "whole number"],
@@ -116,7 +138,7 @@ BROKEN = {
 @pytest.mark.parametrize("text", BROKEN)
 def test_a_broken_file_gets_one_sentence(tmp_path, text):
     path = tmp_path / "mine.toml"
-    path.write_text(text)
+    path.write_text(text.replace("ORCA_FILE", str(PEDESTRIANS.folder / "orca.py")))
     with pytest.raises(InputError) as error:
         load_scenario(str(path)).worlds(Cases.parse("1"))
     message = str(error.value)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import importlib.util
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -138,13 +137,17 @@ def _commands() -> Iterator[Row]:
 
 
 def _command(arguments: list[str], **environment: str) -> tuple[float, float]:
-    """Seconds of a command, and the largest memory in bytes of any command so far."""
+    """Seconds of a command, and the largest memory that it took, in bytes."""
     begin = time.perf_counter()
-    subprocess.run(
+    process = subprocess.Popen(
         [sys.executable, "-m", "crowdbench", *arguments],
-        check=True,
-        capture_output=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
         env={**os.environ, **environment},
     )
+    _, status, usage = os.wait4(process.pid, 0)
     seconds = time.perf_counter() - begin
-    return seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024.0
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args)
+    return seconds, usage.ru_maxrss * 1024.0

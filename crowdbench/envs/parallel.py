@@ -69,6 +69,8 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     def __init__(self, scenario: Scenario, render_mode: str | None) -> None:
         self.scenario = scenario
         self.render_mode = render_mode
+        fps = round(1 / self.scenario.rules.dt)
+        self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(scenario.max_agents - 1))]
         self.agents: list[str] = []
         self.observation_spaces = {agent: spaces.observation_space(scenario) for agent in self.possible_agents}

@@ -32,6 +32,8 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def __init__(self, scenario: str | Path | Scenario = "circle_crossing_5", render_mode: str | None = None) -> None:
         self.scenario = stepping.as_scenario(scenario)
         self.render_mode = render_mode
+        fps = round(1 / self.scenario.rules.dt)
+        self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
         self.observation_space = spaces.observation_space(self.scenario)
         self.action_space = spaces.vehicle_action_space(self.scenario)
         self._renderer = Renderer(render_mode)
