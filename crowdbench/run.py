@@ -57,32 +57,29 @@ def run(
     leaving nothing behind, where anything breaks its contract or `out` cannot be written.
     """
     start = time.perf_counter()
-    interrupted = False
-    parts: list[Episodes] = []
+    label = planner_label(driver.name, about.get("options", {}))
     with new_directory(out, overwrite) as directory:
-        label = planner_label(driver.name, about.get("options", {}))
-        recorded = 0
         with _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep:
+            parts, recorded, interrupted = [], 0, False
             try:
                 for part in cases.batches(_fitting(batch, scenario)):
                     trace = rollout(driver, scenario, part, keep_logs=record != "none", progress=progress)
-                    episodes = Episodes.of(trace, metrics)
-                    parts.append(episodes)
-                    recorded += keep(trace, episodes, part.start - cases.start)
+                    parts.append(Episodes.of(trace, metrics))
+                    recorded += keep(trace, parts[-1], part.start - cases.start)
             except KeyboardInterrupt:
                 interrupted = True
                 if not parts:
+                    first = min(batch, len(cases))
                     raise InputError(
-                        f"interrupted before the first {min(batch, len(cases))} cases were done: nothing was kept"
+                        f"interrupted before the first {first} cases were done: nothing was kept"
                     ) from None
         episodes = Episodes.joined(parts)
-        done = Cases(cases.split, cases.start, cases.start + len(episodes))
         result = {
             "planner": driver.name,
             "privileged": driver.planner.privileged,
             **about,
             "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
-            "cases": str(done),
+            "cases": str(Cases(cases.split, cases.start, cases.start + len(episodes))),
             "recorded": recorded,
             "outcomes": {outcome.label: int((episodes.outcome == outcome).sum()) for outcome in list(Outcome)[1:]},
             "metrics": to_json(episodes.summary()),
@@ -90,14 +87,16 @@ def run(
                 "decision_ms_per_step": 1e3 * driver.seconds / int(episodes.steps.sum()),
                 "seconds": time.perf_counter() - start,
             },
-            "versions": {
-                "python": platform.python_version(),
-                **{name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba")},
-            },
+            "versions": _versions(),
         }
         episodes.write(directory / EPISODES)
         (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return Finished(result, interrupted)
+
+
+def _versions() -> dict[str, str]:
+    packages = {name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba")}
+    return {"python": platform.python_version(), **packages}
 
 
 def directory_name(planner: str, scenario: str, cases: Cases, changes: Mapping[str, Any]) -> str:
