@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
+import json
 import tomllib
 from collections.abc import Iterable, Mapping
-from datetime import date, time
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +46,7 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
 
     It is found as planners are; the path of a file is relative to `folder`. Raises InputError like `load_planner`.
     """
-    if spec.partition(":")[0].endswith(".py"):
+    if plugins.parts(spec)[0] is not None:
         spec = str(folder / spec)
     name, factory = PEDESTRIANS.find(spec)
     made = plugins.call(name, factory, {})
@@ -64,11 +64,13 @@ def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
     """
     metrics = dict(METRICS)
     for spec in specs:
-        file, _, function = spec.partition(":")
-        name = function or Path(file).stem
+        file, function = plugins.parts(spec)
+        if file is None:
+            raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")
+        name = function or file.stem
         if name in metrics or name in RESERVED:
             raise InputError(f"{spec}: a column {name} exists already: give the metric another name")
-        metrics[name] = plugins.function_of(Path(file), function or "metric")
+        metrics[name] = plugins.function_of(file, function or "metric")
     return metrics
 
 
@@ -80,7 +82,7 @@ def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestr
     """
     own_file = spec.endswith(".toml")
     path = Path(spec) if own_file else SCENARIOS / f"{spec}.toml"
-    if not own_file and not path.is_file():
+    if not own_file and spec not in (name for name, _ in scenarios()):
         known = ", ".join(name for name, _ in scenarios())
         raise InputError(f"no scenario is called {spec!r}; there are {known}, or give a file: ./mine.toml")
     table = scenario_file.read_table(path)
@@ -88,11 +90,9 @@ def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestr
     if pedestrians is not None and isinstance(crowd, dict):
         others = [key for key, value in crowd.items() if isinstance(value, dict) and "mean" not in value]
         table["pedestrians"] = {key: crowd[key] for key in crowd if key not in others}
-        # What comes from the command line is relative to where one stands, what is in the file to the file.
-        is_file = pedestrians.partition(":")[0].endswith(".py")
-        table["pedestrians"]["policy"] = str(Path.cwd() / pedestrians) if is_file else pedestrians
+        table["pedestrians"]["policy"] = _from_here(pedestrians)
     for key, value in (overrides or {}).items():
-        _set(table, key, value, path)
+        _set(table, key, _from_here(value) if key == "pedestrians.policy" else value, path)
     source = str(path) if own_file else path.name
     return scenario_file.parse(table, path.stem, source, functools.partial(load_policy, folder=path.parent))
 
@@ -112,11 +112,20 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
             raise InputError(f"{flag} {text!r} sets nothing: write {flag} key=value")
         try:
             read = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+            # Results are JSON, which knows neither dates nor infinity: such are meant as texts.
+            json.dumps(read, allow_nan=False)
+        except (tomllib.TOMLDecodeError, TypeError, ValueError):
             read = value
-        # Results are JSON, which has no dates: a date is meant as a text.
-        pairs[key.strip()] = value if isinstance(read, date | time) else read
+        pairs[key.strip()] = read
     return pairs
+
+
+def _from_here(policy: Any) -> Any:
+    """A policy or shares of several; what comes from the command line is relative to where one stands."""
+    if isinstance(policy, dict):
+        return {_from_here(name): share for name, share in policy.items()}
+    is_file = isinstance(policy, str) and plugins.parts(policy)[0] is not None
+    return str(Path.cwd() / policy) if is_file else policy
 
 
 def _set(table: dict[str, Any], key: str, value: Any, path: Path) -> None:

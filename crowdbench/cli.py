@@ -17,6 +17,7 @@ from crowdbench.errors import InputError
 from crowdbench.settings import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
 DEBUG = "--debug"
+INTERRUPTED = 130
 
 app = typer.Typer(
     add_completion=False,
@@ -117,7 +118,7 @@ def run(
         print(f"\nKept in {directory}; {result['recorded']} episodes are recorded (crowdbench view shows them)")
     if finished.interrupted:
         say(f"crowdbench: interrupted: kept cases {result['cases']}, all that were finished in order, in {directory}")
-        raise typer.Exit(130)
+        sys.exit(INTERRUPTED)
 
 
 @app.command("list")
@@ -247,7 +248,10 @@ def main() -> None:
     arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        sys.exit(app(arguments, standalone_mode=False))
+        status = app(arguments, standalone_mode=False)
+        if status == INTERRUPTED:
+            print("crowdbench: interrupted: nothing was kept", file=sys.stderr)
+        sys.exit(status)
     except (InputError, TyperException) as error:
         if debug:
             raise
@@ -259,9 +263,6 @@ def main() -> None:
             raise
         print(f"crowdbench: the output cannot be written: {error.strerror or error}", file=sys.stderr)
         sys.exit(1)
-    except (KeyboardInterrupt, typer.Abort):
-        print("crowdbench: interrupted: nothing was kept", file=sys.stderr)
-        sys.exit(130)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

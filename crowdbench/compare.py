@@ -49,6 +49,9 @@ def compare(a: Path, b: Path) -> Comparison:
     results = read_result(a), read_result(b)
     _same(results, a, b)
     tables = Episodes.read(a / EPISODES), Episodes.read(b / EPISODES)
+    for directory, table in zip((a, b), tables, strict=True):
+        if "success_rate" not in table.columns:
+            raise InputError(f"{directory / EPISODES} has no column success_rate, so that it cannot be compared")
     _, rows_a, rows_b = np.intersect1d(tables[0].case, tables[1].case, return_indices=True)
     if len(rows_a) == 0:
         raise InputError(f"{a} ({results[0]['cases']}) and {b} ({results[1]['cases']}) share no case to compare")
@@ -120,4 +123,4 @@ def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
 def _names(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> tuple[str, str]:
     """What tells the two apart: the planners, or else the directories."""
     one, two = (planner_label(result["planner"], result.get("options", {})) for result in results)
-    return (one, two) if one != two else (a.name, b.name)
+    return (one, two) if one != two else (str(a), str(b))

@@ -259,6 +259,8 @@ def _logs(trace: Trace, row: int) -> Iterator[Chunk]:
     moments = times(0, steps, trace.rules.dt)
     for name, array in trace.logs.items():
         logged, entity = array[row, :steps], f"world/planner/{name}"
+        if logged.size == 0:
+            continue
         if is_curve(array):
             yield _curves(f"{PLANNER_PLOTS}/{name}", moments, logged.reshape(steps, -1))
         elif logged.shape[-1] == 2 and logged.ndim == 3:

@@ -53,8 +53,8 @@ class Driver:
                 command = self.planner.plan(obs)
         except InputError:
             raise
-        except _TimeLimit:
-            raise self._too_slow(obs) from None
+        except _TimeLimit as error:
+            raise self._too_slow(obs, getattr(error, "row", 0)) from None
         except (Exception, SystemExit) as error:
             row = getattr(error, "row", 0)
             raise self._wrong(obs, row, f"raised {type(error).__name__}: {error}") from error
@@ -62,7 +62,7 @@ class Driver:
         self.seconds += seconds
         # Nobody interrupts a planner in another thread, or one that swallows what interrupts it.
         if seconds > self.decision_limit:
-            raise self._too_slow(obs)
+            raise self._too_slow(obs, 0)
         return self._checked(command, obs)
 
     def _checked(self, command: object, obs: Observation) -> Float[np.ndarray, "world 2"]:
@@ -88,8 +88,8 @@ class Driver:
             )
         return command
 
-    def _too_slow(self, obs: Observation) -> InputError:
-        return self._wrong(obs, 0, f"thought longer than the limit of {self.decision_limit:g} s")
+    def _too_slow(self, obs: Observation, row: int) -> InputError:
+        return self._wrong(obs, row, f"thought longer than the limit of {self.decision_limit:g} s")
 
     def _wrong(self, obs: Observation, row: int, what: str) -> InputError:
         return InputError(f"planner {self.name} {what} (case {obs.case[row]}, step {obs.step[row]})")
@@ -115,5 +115,8 @@ def _interrupted_after(seconds: float) -> Iterator[None]:
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, *timer)
-        signal.signal(signal.SIGALRM, handler)
+        # The last alarm may still come in here.
+        try:
+            signal.setitimer(signal.ITIMER_REAL, *timer)
+        finally:
+            signal.signal(signal.SIGALRM, handler)

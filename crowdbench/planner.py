@@ -50,7 +50,7 @@ class OneWorldPlanner(Planner):
     def _decide(self, obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Float[np.ndarray, "2"]:
         try:
             return self.decide(_one_world(obs, w, logs))
-        except Exception as error:
+        except BaseException as error:
             error.row = w  # type: ignore[attr-defined]  # whoever reports it can tell the case
             raise
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import hashlib
 import importlib.metadata
 import importlib.util
 import inspect
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -36,10 +38,10 @@ class Kind:
 
         Raises InputError where there is none, or where it cannot be loaded.
         """
-        file, _, function = spec.partition(":")
-        if file.endswith(".py"):
-            return function or Path(file).stem, function_of(Path(file), function or self.function)
-        if (self.folder / f"{spec}.py").is_file():
+        file, function = parts(spec)
+        if file is not None:
+            return function or file.stem, function_of(file, function or self.function)
+        if spec in (path.stem for path in self.folder.glob("*.py")):
             return spec, function_of(self.folder / f"{spec}.py", self.function)
         for entry in self._installed():
             if entry.name == spec:
@@ -56,6 +58,12 @@ class Kind:
         return sorted(importlib.metadata.entry_points(group=self.entry_points))
 
 
+def parts(spec: str) -> tuple[Path | None, str]:
+    """The file and the function, perhaps empty, of `file.py:function`; no file where the spec is a name."""
+    match = re.fullmatch(r"(.+\.py)(?::(\w+))?", spec)
+    return (Path(match[1]), match[2] or "") if match else (None, "")
+
+
 def function_of(path: Path, name: str) -> Callable[..., Any]:
     """A function that a Python file defines. Raises InputError where it does not exist, or the file fails."""
     function = getattr(load_module(path), name, None)
@@ -66,9 +74,10 @@ def function_of(path: Path, name: str) -> Callable[..., Any]:
 
 def load_module(path: Path) -> ModuleType:
     """Run a Python file as a module, which can import files beside it. Raises InputError where it fails."""
-    if not path.is_file():
-        raise InputError(f"there is no file {path}")
-    path = path.resolve()
+    try:
+        path = path.resolve(strict=True)
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"there is no file {path}: {getattr(error, 'strerror', None) or error}") from None
     # Known to the interpreter under a name of its own: dataclasses and pickle look it up.
     name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
@@ -87,7 +96,10 @@ def load_module(path: Path) -> ModuleType:
 
 def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) -> object:
     """What a factory makes with options. Raises InputError where it does not take them, or fails."""
-    parameters = inspect.signature(factory).parameters
+    try:
+        parameters = inspect.signature(factory).parameters
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is no function whose options can be read") from None
     takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
     for option in options:
         if option not in parameters and not takes_any:
@@ -102,9 +114,9 @@ def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) 
 
 
 def source(spec: str) -> str | None:
-    """Twelve hexadecimal digits that change with a user's file; None for what is built in or installed."""
-    file = Path(spec.partition(":")[0])
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:12] if file.suffix == ".py" else None
+    """Twelve hexadecimal digits that change with a user's file, not with what it imports; None for other plug-ins."""
+    file, _ = parts(spec)
+    return None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()[:12]
 
 
 def first_line(path: Path) -> str:
@@ -114,9 +126,9 @@ def first_line(path: Path) -> str:
 
 
 def _first_line_of(entry: importlib.metadata.EntryPoint) -> str:
-    try:
+    # Finding a module runs the packages around it, and these may be broken.
+    with contextlib.suppress(Exception):
         spec = importlib.util.find_spec(entry.module)
-    except ImportError:
-        spec = None
-    path = Path(spec.origin) if spec and spec.origin else None
-    return first_line(path) if path and path.suffix == ".py" else f"installed: {entry.value}"
+        if spec and spec.origin and spec.origin.endswith(".py"):
+            return first_line(Path(spec.origin)) or f"installed: {entry.value}"
+    return f"installed: {entry.value}"

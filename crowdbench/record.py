@@ -164,7 +164,8 @@ def _join(folder: Path, parts: Sequence[str], application: str, layout: rrb.Blue
     """
     layout.save(application, folder / "layout.rbl")
     command = [sys.executable, "-m", "rerun_cli", "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
-    subprocess.run(command, cwd=folder, capture_output=True)
+    # In a session of its own, because Ctrl-C on a terminal reaches every process of the group.
+    subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
     whole = folder / "whole.rrd"
     # On a full disk rerun leaves a stump and exits with 0.
     if len(RrdReader(whole).recordings()) < len(parts):

@@ -9,12 +9,12 @@ import errno
 import glob
 import json
 import math
-import os
+import secrets
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from jaxtyping import Int, Shaped
@@ -27,6 +27,7 @@ from crowdbench.types import Outcome, Trace
 RESULT = "result.json"
 EPISODES = "episodes.csv"
 RECORDING = "run.rrd"
+LOCK = ".lock"
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,12 @@ def read_result(directory: Path) -> dict[str, Any]:
         ) from None
     except ValueError as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
-    expected = {"planner": str, "scenario": dict, "cases": str, "metrics": dict}
-    if not isinstance(result, dict) or not all(isinstance(result.get(key), kind) for key, kind in expected.items()):
+    expected = {"planner": str, "scenario": dict, "cases": str, "metrics": dict, "options": dict}
+    if (
+        not isinstance(result, dict)
+        or not all(isinstance(result.get(key), kind) for key, kind in expected.items())
+        or "digest" not in result["scenario"]
+    ):
         raise InputError(f"{path} is not a result of crowdbench: it lacks {', '.join(expected)}, or has them otherwise")
     return result
 
@@ -138,26 +143,60 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
     try:
         path = path.resolve()
         _refuse_taken(path, overwrite)
-        _remove_abandoned(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}") from error
-    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
-    replaced = path.with_name(f".{path.name}.replaced-{os.getpid()}")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _clear_abandoned(path)
+        partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
+        partial.mkdir()
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
     try:
-        partial.mkdir(parents=True)
-        yield partial
-        if overwrite and path.exists():
-            path.rename(replaced)
-        partial.rename(path)
+        with (partial / LOCK).open("w") as lock:
+            _locked(lock)
+            yield partial
+            (partial / LOCK).unlink()
+            _move(partial, path, overwrite)
     except OSError as error:
-        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
-            raise InputError(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
         raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
     finally:
-        if replaced.exists() and not path.exists():
-            replaced.rename(path)
-        for left_over in (partial, replaced):
-            shutil.rmtree(left_over, ignore_errors=True)
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _move(partial: Path, path: Path, overwrite: bool) -> None:
+    """Give the finished directory its name; an earlier run goes only once the new one is there."""
+    earlier = path.with_name(partial.name.replace(".partial-", ".earlier-"))
+    if overwrite and path.exists():
+        path.rename(earlier)
+    try:
+        partial.rename(path)
+    except OSError as error:
+        if earlier.exists():
+            earlier.rename(path)
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise InputError(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
+        raise
+    shutil.rmtree(earlier, ignore_errors=True)
+
+
+def _locked(file: IO[str]) -> bool:
+    """Lock a file until it is closed. False where another process has it locked, or locks do not exist."""
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (ImportError, OSError):
+        return False
+    return True
+
+
+def _clear_abandoned(path: Path) -> None:
+    """Clear away what runs that were killed have left: half-written ones go, an earlier run gets its name back."""
+    for earlier in path.parent.glob(f".{glob.escape(path.name)}.earlier-*"):
+        if not path.exists():
+            earlier.rename(path)
+    for partial in path.parent.glob(f".{glob.escape(path.name)}.partial-*"):
+        with contextlib.suppress(OSError), (partial / LOCK).open("r+") as lock:
+            if _locked(lock):
+                shutil.rmtree(partial, ignore_errors=True)
 
 
 def _refuse_taken(path: Path, overwrite: bool) -> None:
@@ -167,17 +206,6 @@ def _refuse_taken(path: Path, overwrite: bool) -> None:
         raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
     if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
         raise InputError(f"{path} holds something other than a run and is not overwritten: choose another --out")
-
-
-def _remove_abandoned(path: Path) -> None:
-    """Remove what runs that were killed have left of this directory."""
-    for left_over in path.parent.glob(f".{glob.escape(path.name)}.partial-*"):
-        try:
-            os.kill(int(left_over.name.rpartition("-")[2]), 0)
-        except ProcessLookupError:
-            shutil.rmtree(left_over, ignore_errors=True)
-        except (PermissionError, ValueError):
-            continue
 
 
 def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:

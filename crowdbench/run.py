@@ -17,7 +17,7 @@ import numpy as np
 
 from crowdbench.cases import Cases
 from crowdbench.driver import Driver
-from crowdbench.errors import InputError
+from crowdbench.interrupts import Interrupts
 from crowdbench.metrics import Metric
 from crowdbench.results import EPISODES, RECORDING, RESULT, Episodes, new_directory, planner_label, to_json
 from crowdbench.rollouts import rollout
@@ -53,26 +53,26 @@ def run(
     """Drive, measure and write `result.json`, `episodes.csv` and, unless `record` is "none", `run.rrd`.
 
     `about` goes into the result as it is. An interrupt (Ctrl-C) keeps the batches that are finished, if
-    any: they are the first cases, so their rates are not biased towards short episodes. Raises InputError,
-    leaving nothing behind, where anything breaks its contract or `out` cannot be written.
+    any, or else raises KeyboardInterrupt: they are the first cases, so their rates are not biased towards short
+    episodes. Raises InputError, leaving nothing behind, where anything breaks its contract or `out` cannot be
+    written.
     """
     start = time.perf_counter()
     label = planner_label(driver.name, about.get("options", {}))
-    with new_directory(out, overwrite) as directory:
+    with Interrupts() as interrupts, new_directory(out, overwrite) as directory:
         with _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep:
-            parts, recorded, interrupted = [], 0, False
-            try:
-                for part in cases.batches(_fitting(batch, scenario)):
-                    trace = rollout(driver, scenario, part, keep_logs=record != "none", progress=progress)
-                    parts.append(Episodes.of(trace, metrics))
-                    recorded += keep(trace, parts[-1], part.start - cases.start)
-            except KeyboardInterrupt:
-                interrupted = True
-                if not parts:
-                    first = min(batch, len(cases))
-                    raise InputError(
-                        f"interrupted before the first {first} cases were done: nothing was kept"
-                    ) from None
+            parts: list[Episodes] = []
+            recorded = 0
+            for part in cases.batches(_fitting(batch, scenario)):
+                try:
+                    with interrupts.let_through():
+                        trace = rollout(driver, scenario, part, keep_logs=record != "none", progress=progress)
+                except KeyboardInterrupt:
+                    if not parts:
+                        raise
+                    break
+                parts.append(Episodes.of(trace, metrics))
+                recorded += keep(trace, parts[-1], part.start - cases.start)
         episodes = Episodes.joined(parts)
         result = {
             "planner": driver.name,
@@ -91,7 +91,7 @@ def run(
         }
         episodes.write(directory / EPISODES)
         (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    return Finished(result, interrupted)
+    return Finished(result, interrupted=len(episodes) < len(cases))
 
 
 def _versions() -> dict[str, str]:

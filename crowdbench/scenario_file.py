@@ -108,6 +108,8 @@ def _policies(pedestrians: _Section, load_policy: PolicyLoader) -> tuple[dict[st
         shares[name], policies[name] = share, policy
         if digest is not None:
             files[name] = digest
+    # In the order of their names: who follows which must not depend on the order in the file.
+    shares, policies = dict(sorted(shares.items())), dict(sorted(policies.items()))
     pedestrians.complete["policy"] = shares if len(shares) > 1 else next(iter(shares))
     if files:
         pedestrians.complete["policy_files"] = files
@@ -222,7 +224,7 @@ class _Section:
             or set(table) != {"mean", "std", "low", "high"}
             or not all(map(_is_number, table.values()))
             or not least <= table["low"] <= table["mean"] <= table["high"] < 1e6
-            or table["std"] < 0
+            or not 0 <= table["std"] < 1e6
             or (table["std"] > 0 and table["high"] - table["low"] < 0.1 * table["std"])
         ):
             raise self.wrong(

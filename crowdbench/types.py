@@ -226,10 +226,12 @@ class Observation:
         """Put something of the planner's own, `[world, ...]`, into the recording.
 
         Each world's number or numbers `[n]` become curves, `[n, xy]` points, `[..., time, n, xy]` lines over time.
-        Raises InputError where the name has other characters than letters, digits and underscores.
+        Raises InputError where the name has other characters than letters, digits and underscores, or a digit first.
         """
         if not name.isidentifier():
-            raise InputError(f"a log is called {name!r}, but its name must be letters, digits and underscores")
+            raise InputError(
+                f"a log is called {name!r}, but its name must be letters, digits and underscores, a letter first"
+            )
         if self.record is not None:
             self.record(name, np.asarray(values))
 

@@ -120,3 +120,47 @@ def test_a_metric_of_ones_own_has_its_files_name(tmp_path):
     path.rename(tmp_path / "jerk.py")
     with pytest.raises(InputError, match="jerk exists already"):
         catalog.load_metrics([str(tmp_path / "jerk.py")])
+
+
+def test_a_plug_in_may_have_dataclasses_and_files_beside_it(tmp_path):
+    (tmp_path / "paces_beside_mine.py").write_text("PACE = 0.25\n")
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "from paces_beside_mine import PACE\n"
+        "from crowdbench import Planner\n"
+        "@dataclass\n"
+        "class Mine(Planner):\n"
+        "    pace: float\n"
+        "    def plan(self, obs): ...\n"
+        "def planner():\n"
+        "    return Mine(PACE)\n"
+    )
+    assert catalog.load_planner(str(path))[1].pace == 0.25
+
+
+@pytest.mark.parametrize("folder", ["plain", "2026-01-01T10:00"])
+def test_a_policy_is_found_from_where_one_stands_or_from_its_scenario(tmp_path, monkeypatch, folder):
+    here = tmp_path / folder
+    here.mkdir()
+    (here / "crowd.py").write_text((catalog.PEDESTRIANS.folder / "orca.py").read_text())
+    (here / "mine.toml").write_text("[pedestrians]\npolicy = './crowd.py'\n")
+    assert list(catalog.load_scenario(str(here / "mine.toml")).policies) == ["crowd"]
+    monkeypatch.chdir(here)
+    assert list(catalog.load_scenario("circle_crossing_5", None, "./crowd.py").policies) == ["crowd"]
+    changed = catalog.load_scenario("circle_crossing_5", {"pedestrians.policy": {"./crowd.py": 1, "social_force": 1}})
+    assert set(changed.policies) == {"crowd", "social_force"}
+
+
+def test_values_that_json_does_not_know_are_texts():
+    read = catalog.assignments(["a=2024-01-01", "b=[2024-01-01]", "c=nan", "d=inf"], "--option")
+    assert read == {"a": "2024-01-01", "b": "[2024-01-01]", "c": "nan", "d": "inf"}
+
+
+def test_a_broken_installed_package_spoils_no_list(monkeypatch):
+    entry = importlib.metadata.EntryPoint("theirs", "nowhere.at_all:planner", "crowdbench.planners")
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry])
+    assert ("theirs", "installed: nowhere.at_all:planner") in catalog.PLANNERS.names()
+    with pytest.raises(InputError, match="installed planner theirs cannot be loaded: ModuleNotFoundError"):
+        catalog.load_planner("theirs")

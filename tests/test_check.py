@@ -53,13 +53,14 @@ class Remembers(Straight):
 
 
 class Lonely(Straight):
-    """Fails where no other world is beside it."""
+    """Answers otherwise from the third planner on, when each case has one of its own."""
 
-    def __init__(self, answer):
-        self.answer = answer
+    def __init__(self, made, answer):
+        made.append(self)
+        self.answer = answer if len(made) > 2 else super().plan
 
     def plan(self, obs):
-        return self.answer(obs) if len(obs) == 1 else super().plan(obs)
+        return self.answer(obs)
 
 
 class Races(Planner):
@@ -81,5 +82,6 @@ def test_each_offence_is_found():
 
 def test_what_breaks_only_alone_is_found():
     for answer in (lambda obs: np.full((1, 2), np.nan), lambda obs: 1 / 0, lambda obs: np.zeros(2)):
-        points = broken_points(lambda answer=answer: Lonely(answer), "val:3:6")
-        assert points.keys() & {"batch", "commands"}
+        made = []
+        points = broken_points(lambda made=made, answer=answer: Lonely(made, answer), "val:3:6")
+        assert set(points) == {"batch"}

@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from helpers import drive
 
-from crowdbench.catalog import load_planner
+from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.errors import InputError
@@ -152,3 +152,8 @@ def test_stable_baselines_trains_on_it_and_its_policy_drives_as_a_planner(saved_
     assert (trace.outcome != Outcome.RUNNING).all()
     speed = np.hypot(*np.moveaxis(trace.velocity[:, 1:, 0], -1, 0))
     assert 0.0 < np.nanmax(speed) <= 1.0 + 1e-6
+
+
+def test_pictures_pass_at_the_pace_of_the_scenario():
+    assert VehicleEnv("circle_crossing_5").metadata["render_fps"] == 4
+    assert VehicleEnv(load_scenario("circle_crossing_5", {"dt": 0.1})).metadata["render_fps"] == 10

@@ -1,6 +1,7 @@
 import json
-import os
+import signal
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from crowdbench.driver import Driver
 from crowdbench.errors import InputError
 from crowdbench.metrics import METRICS
 from crowdbench.planner import Planner
+from crowdbench.record import read
 from crowdbench.results import Episodes, new_directory, read_result
 from crowdbench.run import directory_name, run
 from crowdbench.types import Outcome
@@ -75,23 +77,39 @@ def test_an_earlier_run_is_not_overwritten_unasked(tmp_path):
 
 
 def test_the_first_of_two_runs_to_one_place_stays(tmp_path):
-    def another_run_comes_first(partial):
-        # Another process would not share this one's number, and so not its directory.
-        partial.rename(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="written by another run"), new_directory(tmp_path / "a", False):
         go(tmp_path / "a", cases="3")
-        (tmp_path / "elsewhere").rename(partial)
-
-    with pytest.raises(InputError, match="written by another run"), new_directory(tmp_path / "a", False) as partial:
-        another_run_comes_first(partial)
     assert read_result(tmp_path / "a")["cases"] == "test:0:3"
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_what_a_killed_run_left_is_removed(tmp_path):
-    (tmp_path / ".a.partial-999999999").mkdir()
-    (tmp_path / f".a.partial-{os.getppid()}").mkdir()
+def test_what_a_killed_run_left_is_cleared_away_but_not_a_live_one(tmp_path):
+    (tmp_path / ".a.partial-dead").mkdir()
+    (tmp_path / ".a.partial-dead" / ".lock").touch()
+    (tmp_path / ".a.earlier-dead").mkdir()
+    (tmp_path / ".a.earlier-dead" / "result.json").write_text("{}")
+    with new_directory(tmp_path / "a", True) as live:
+        assert (tmp_path / "a" / "result.json").read_text() == "{}"
+        go(tmp_path / "a", cases="3", overwrite=True)
+        assert live.is_dir()
+        assert {path.name for path in tmp_path.iterdir()} == {"a", live.name}
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_failed_move_leaves_the_earlier_run(tmp_path, monkeypatch):
     go(tmp_path / "a", cases="3")
-    assert {path.name for path in tmp_path.iterdir()} == {"a", f".a.partial-{os.getppid()}"}
+    rename = Path.rename
+
+    def fails_for_the_new_one(self, target):
+        if ".partial-" in self.name:
+            raise OSError(28, "No space left on device")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fails_for_the_new_one)
+    with pytest.raises(InputError, match="No space left"):
+        go(tmp_path / "a", cases="4", overwrite=True)
+    assert read_result(tmp_path / "a")["cases"] == "test:0:3"
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 def test_a_place_that_cannot_be_is_told(tmp_path):
@@ -133,9 +151,39 @@ def test_an_interrupt_keeps_the_finished_batches(tmp_path):
     assert finished.interrupted
     assert read_result(tmp_path / "a")["cases"] == "test:0:10"
     assert len(Episodes.read(tmp_path / "a" / "episodes.csv")) == 10
-    with pytest.raises(InputError, match="nothing was kept"):
+    with pytest.raises(KeyboardInterrupt):
         go(tmp_path / "b", Breaks(KeyboardInterrupt()), cases="10:20")
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_an_interrupt_waits_until_a_batch_is_written(tmp_path, monkeypatch):
+    measure = Episodes.of
+
+    def interrupted(trace, metrics):
+        signal.raise_signal(signal.SIGINT)
+        return measure(trace, metrics)
+
+    monkeypatch.setattr(Episodes, "of", interrupted)
+    finished = go(tmp_path / "a", batch=10, record="all")
+    assert finished.interrupted
+    assert read_result(tmp_path / "a")["cases"] == "test:0:10"
+    assert finished.result["recorded"] == 10
+    assert len(read(tmp_path / "a" / "run.rrd").trace) == 10
+    # What is asked for after the last batch comes too late: everything is there.
+    assert not go(tmp_path / "b", cases="10").interrupted
+
+
+def test_the_resampled_difference_is_paired(tmp_path):
+    go(tmp_path / "a", cases="60")
+    go(tmp_path / "b", cases="60")
+    table = (tmp_path / "b" / "episodes.csv").read_text().splitlines()
+    at = table[0].split(",").index("path_length")
+    rows = [line.split(",") for line in table[1:]]
+    for row in rows:
+        row[at] = repr(float(row[at]) + 2.0)
+    (tmp_path / "b" / "episodes.csv").write_text("\n".join([table[0], *map(",".join, rows)]) + "\n")
+    difference = compare(tmp_path / "a", tmp_path / "b").rows["path_length"].difference
+    assert (difference.low, difference.mean, difference.high) == pytest.approx((2.0, 2.0, 2.0))
 
 
 def test_a_directory_appears_whole_or_not_at_all(tmp_path):

@@ -105,6 +105,15 @@ def test_the_digest_changes_with_a_policys_file(tmp_path):
     assert digest["a"] == digest["b"] != digest["c"]
 
 
+def test_the_order_of_shares_changes_nothing():
+    one, two = (
+        load_scenario("circle_crossing_5", {"pedestrians.policy": shares})
+        for shares in ({"orca": 0.7, "social_force": 0.3}, {"social_force": 0.3, "orca": 0.7})
+    )
+    assert one.digest == two.digest
+    assert equal(one.draw("val", np.arange(20)), two.draw("val", np.arange(20)))
+
+
 def test_whole_parameters_stay_whole():
     gaussian = {"mean": 3, "std": 2.0, "low": 1, "high": 6}
     world = load_scenario("circle_crossing_5", {"pedestrians.orca.max_neighbors": gaussian}).draw("val", np.arange(50))

@@ -22,7 +22,7 @@ SPEED_TOLERANCE = 1e-6
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:
     """The velocities that the pedestrians' policies ask for, each pedestrian by its own policy.
 
-    The only place that hides an invisible vehicle: policies are shown a world in which it is not present.
+    The only place that hides an invisible vehicle from policies: in the world they are shown it is not present.
     Raises InputError, naming the policy, where one raises or does not return a finite velocity per pedestrian.
     """
     shown = world if world.rules.visible else _without_vehicle(world)
