@@ -22,7 +22,7 @@ def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], C
 
 def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> np.ndarray:
     """A number, or an array [world] or [world, agent], in the form in which kernels read it by `at`."""
-    if isinstance(value, float | int):
+    if not isinstance(value, np.ndarray):
         return _number(value, dtype)
     array: np.ndarray = np.ascontiguousarray(value, dtype)
     return array if array.ndim == 2 else array.reshape(-1, 1)

@@ -24,6 +24,8 @@ PARALLEL_AGENTS = 400
 _BLOCKS = 64
 """Worlds are shared out to threads in this many blocks, each with memory of its own to work in."""
 
+_EVERYBODY = per_agent(True, np.bool_)
+
 _TINY = 1e-9
 """The least time horizon in seconds: with none at all, others are avoided once they overlap."""
 
@@ -64,8 +66,8 @@ def orca_velocities(
         per_agent(neighbor_distance),
         per_agent(max_neighbors, np.int64),
         per_agent(time_horizon),
-        per_agent(True if seen is None else seen, np.bool_),
-        per_agent(True if moves is None else moves, np.bool_),
+        _EVERYBODY if seen is None else np.ascontiguousarray(seen),
+        _EVERYBODY if moves is None else np.ascontiguousarray(moves),
         out,
     )
     return out
