@@ -142,9 +142,10 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
     """
     try:
         path = path.resolve()
+        # First, because it may give an earlier run its name back.
+        _clear_abandoned(path)
         _refuse_taken(path, overwrite)
         path.parent.mkdir(parents=True, exist_ok=True)
-        _clear_abandoned(path)
         partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
         partial.mkdir()
     except (OSError, RuntimeError) as error:
@@ -189,9 +190,14 @@ def _locked(file: IO[str]) -> bool:
 
 
 def _clear_abandoned(path: Path) -> None:
-    """Clear away what runs that were killed have left: half-written ones go, an earlier run gets its name back."""
+    """Clear away what runs that were killed have left.
+
+    Half-written ones go, and so does an earlier run that was replaced; one that was not gets its name back.
+    """
     for earlier in path.parent.glob(f".{glob.escape(path.name)}.earlier-*"):
-        if not path.exists():
+        if path.exists():
+            shutil.rmtree(earlier, ignore_errors=True)
+        else:
             earlier.rename(path)
     for partial in path.parent.glob(f".{glob.escape(path.name)}.partial-*"):
         with contextlib.suppress(OSError), (partial / LOCK).open("r+") as lock:

@@ -96,6 +96,18 @@ def test_what_a_killed_run_left_is_cleared_away_but_not_a_live_one(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
+def test_a_run_that_was_killed_while_it_was_replaced_keeps_its_name(tmp_path):
+    go(tmp_path / "a", cases="3")
+    (tmp_path / "a").rename(tmp_path / ".a.earlier-dead")
+    # Refused at once, not after all cases are driven.
+    with pytest.raises(InputError, match="exists already"):
+        go(tmp_path / "a", Breaks(AssertionError()), cases="10:20")
+    assert read_result(tmp_path / "a")["cases"] == "test:0:3"
+    (tmp_path / ".a.earlier-dead").mkdir()
+    go(tmp_path / "a", cases="4", overwrite=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
 def test_a_failed_move_leaves_the_earlier_run(tmp_path, monkeypatch):
     go(tmp_path / "a", cases="3")
     rename = Path.rename
