@@ -1,4 +1,4 @@
-"""What the compiled kernels share: the form of their arguments, and a loop for one thread and for all."""
+"""What compiled kernels are built with: arguments that are a number or an array, loops for one thread and for all."""
 
 from __future__ import annotations
 
