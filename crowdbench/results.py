@@ -145,6 +145,7 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
         # First, because it may give an earlier run its name back.
         _clear_abandoned(path)
         _refuse_taken(path, overwrite)
+        folder_is_new = not path.parent.exists()
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
         partial.mkdir()
@@ -160,6 +161,9 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
         raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        if folder_is_new:
+            with contextlib.suppress(OSError):  # raised where there is a run in it
+                path.parent.rmdir()
 
 
 def _move(partial: Path, path: Path, overwrite: bool) -> None:

@@ -155,7 +155,11 @@ class Breaks(Planner):
 def test_an_error_leaves_nothing_behind(tmp_path):
     with pytest.raises(InputError, match="ZeroDivisionError"):
         go(tmp_path / "a", Breaks(ZeroDivisionError()), batch=10)
+    with pytest.raises(InputError, match="ZeroDivisionError"):
+        go(tmp_path / "runs" / "a", Breaks(ZeroDivisionError()), batch=10)
     assert list(tmp_path.iterdir()) == []
+    go(tmp_path / "runs" / "a", cases="3")
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["a"]
 
 
 def test_an_interrupt_keeps_the_finished_batches(tmp_path):
