@@ -1,4 +1,4 @@
-"""Names to things: planners, pedestrian policies, metrics and scenarios, built in, installed, or in a user's files."""
+"""Names to things: planners, policies, predictors, metrics and scenarios, built in, installed, or in a user's files."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from crowdbench import plugins, scenario_file
 from crowdbench.errors import InputError
 from crowdbench.metrics import METRICS, Metric
 from crowdbench.planner import Planner
 from crowdbench.plugins import Kind
+from crowdbench.predict import PREDICTORS, Predictor
 from crowdbench.scenario import Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
+
+if TYPE_CHECKING:
+    from crowdbench.value.networks import ValueNetwork
 
 _PACKAGE = Path(__file__).parent
 # In a wheel the plug-in folders lie inside the package, in a checkout beside it.
@@ -24,6 +28,7 @@ _ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
 PLANNERS = Kind("planner", _ROOT / "agents" / "planners", "planner", "crowdbench.planners")
 PEDESTRIANS = Kind("pedestrian policy", _ROOT / "agents" / "pedestrians", "policy", "crowdbench.pedestrians")
 SCENARIOS = _ROOT / "scenarios"
+WEIGHTS = _ROOT / "agents" / "weights"
 
 RESERVED = ("case", "outcome", "steps")
 """Columns of every table of episodes, which no metric may be called."""
@@ -41,6 +46,25 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     return name, made
 
 
+def load_predictor(spec: str) -> tuple[str, Predictor]:
+    """A predictor's name and the predictor, from the name of a built-in one, `file.py` or `file.py:function`.
+
+    Raises InputError like `load_planner`.
+    """
+    file, function = plugins.parts(spec)
+    if file is not None:
+        name, factory = function or file.stem, plugins.function_of(file, function or "predictor")
+    elif spec in PREDICTORS:
+        name, factory = spec, PREDICTORS[spec]
+    else:
+        known = ", ".join(PREDICTORS)
+        raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
+    made = plugins.call(name, factory, {})
+    if not isinstance(made, Predictor):
+        raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a Predictor")
+    return name, made
+
+
 def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy, str | None]:
     """A pedestrian policy's name, the policy, and the digest of its file (None if it is built in or installed).
 
@@ -55,6 +79,28 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
             f"{spec}: the factory made a {type(made).__name__}, but must make a crowdbench.PedestrianPolicy"
         )
     return name, made, plugins.source(spec)
+
+
+def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwork:
+    """A value network with weights: the name of built-in ones, or `file.safetensors`, with its card beside it.
+
+    Raises InputError where they do not exist, are not this network's, or are not what their card says.
+    """
+    # Here, since torch takes a second and most planners do without.
+    from crowdbench.value import weights as files
+
+    if weights.endswith(files.SUFFIX):
+        return files.load_network(Path(weights), network, device)
+    if weights not in (names := [path.stem for path in weights_files()]):
+        raise InputError(
+            f"no weights are called {weights!r}; there are {', '.join(names)}, or give a file: ./mine{files.SUFFIX}"
+        )
+    return files.load_network(WEIGHTS / f"{weights}{files.SUFFIX}", network, device)
+
+
+def weights_files() -> list[Path]:
+    """The files of the built-in weights."""
+    return sorted(WEIGHTS.glob("*.safetensors"))
 
 
 def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -85,7 +84,7 @@ class _Witness(Planner):
 
     def __init__(self, planner: Planner) -> None:
         self.planner = planner
-        self.privileged = planner.privileged  # type: ignore[misc]
+        self.privileged = planner.privileged
         self.observations: list[Observation] = []
         self.commands: list[Float[np.ndarray, "world 2"]] = []
         self.changed = ""
@@ -95,7 +94,7 @@ class _Witness(Planner):
         self.planner.reset(cases)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        before = _copy(obs)
+        before = obs.take(slice(None))
         self.observations.append(before)
         command = self.planner.plan(obs)
         for part, field, seen in _arrays(before):
@@ -111,7 +110,7 @@ def _replay(make: Callable[[], Driver], observations: list[Observation], cases: 
     """The commands of a new planner that is shown the same observations."""
     driver = make()
     driver.reset(cases)
-    return np.concatenate([driver.decide(_copy(obs)) for obs in observations])
+    return np.concatenate([driver.decide(obs.take(slice(None))) for obs in observations])
 
 
 def _alone(make: Callable[[], Driver], observations: list[Observation], cases: Int[np.ndarray, "world"]) -> np.ndarray:
@@ -123,7 +122,7 @@ def _alone(make: Callable[[], Driver], observations: list[Observation], cases: I
         for obs, command in zip(observations, commands, strict=True):
             rows = np.flatnonzero(obs.case == case)
             if len(rows):
-                command[rows] = driver.decide(_copy(obs, rows))
+                command[rows] = driver.decide(obs.take(rows))
     return np.concatenate(commands)
 
 
@@ -144,13 +143,3 @@ def _arrays(obs: Observation) -> list[tuple[str, str, np.ndarray]]:
         for field in dataclasses.fields(owner)
         if isinstance(getattr(owner, field.name), np.ndarray)
     ]
-
-
-def _copy(obs: Observation, rows: Int[np.ndarray, "row"] | slice = slice(None)) -> Observation:
-    """The observation's rows, in arrays of their own."""
-    new: dict[str, dict[str, Any]] = {"": {}, "vehicle": {}, "pedestrians": {}}
-    for part, field, values in _arrays(obs):
-        new[part][field] = values[rows].copy()
-    vehicle = dataclasses.replace(obs.vehicle, **new["vehicle"])
-    pedestrians = dataclasses.replace(obs.pedestrians, **new["pedestrians"])
-    return dataclasses.replace(obs, vehicle=vehicle, pedestrians=pedestrians, record=None, **new[""])

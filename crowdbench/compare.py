@@ -122,5 +122,7 @@ def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
 
 def _names(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> tuple[str, str]:
     """What tells the two apart: the planners, or else the directories."""
-    one, two = (planner_label(result["planner"], result.get("options", {})) for result in results)
+    one, two = (
+        planner_label(result["planner"], result.get("options", {}), result.get("replan_every", 1)) for result in results
+    )
     return (one, two) if one != two else (str(a), str(b))

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from rerun.chunk import Chunk
 
 from crowdbench.geometry import nearest_in_step, norm
@@ -44,7 +44,10 @@ CIRCLE: Float[np.ndarray, "49 2"] = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], a
 
 def times(start: int, stop: int, dt: float) -> list[rr.TimeColumn]:
     """The two timelines of states `start` to `stop` - 1: seconds since the start, and the step's number."""
-    steps = np.arange(start, stop)
+    return _moments(np.arange(start, stop), dt)
+
+
+def _moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
     return [rr.TimeColumn("time", duration=steps * dt), rr.TimeColumn("step", sequence=steps)]
 
 
@@ -253,13 +256,15 @@ def _curves(entity: str, moments: Sequence[rr.TimeColumn], values: Float[np.ndar
 
 def _logs(trace: Trace, row: int) -> Iterator[Chunk]:
     """What the planner logged, of each step: one number or several `[n]` as curves, `[n, xy]` as points, and
-    `[..., time, n, xy]` as lines over time.
+    `[..., time, n, xy]` as lines over time. Each is shown until it is logged again.
     """
-    steps = int(trace.steps[row])
-    moments = times(0, steps, trace.rules.dt)
+    end = int(trace.steps[row])
     for name, array in trace.logs.items():
-        logged, entity = array[row, :steps], f"world/planner/{name}"
-        if logged.size == 0:
+        entity = f"world/planner/{name}"
+        # Left out where nothing was logged: Rerun draws no curve through numbers that stand between NaNs.
+        told = np.flatnonzero(~np.isnan(array[row, :end].reshape(end, -1)).all(axis=1))
+        logged, steps, moments = array[row, told], len(told), _moments(told, trace.rules.dt)
+        if steps == 0:
             continue
         if is_curve(array):
             yield _curves(f"{PLANNER_PLOTS}/{name}", moments, logged.reshape(steps, -1))

@@ -1,4 +1,4 @@
-"""Calls a planner, times it and holds it to its contract. The only place that calls `Planner.plan`."""
+"""Calls a planner, times it and holds it to its contract. The only place that asks planners for commands."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 import numpy as np
@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.errors import InputError
 from crowdbench.geometry import norm
-from crowdbench.planner import Planner
+from crowdbench.planner import OneStepOnly, Planner
 from crowdbench.settings import DECISION_LIMIT
 from crowdbench.sim.simulator import SPEED_TOLERANCE
 from crowdbench.types import Observation
@@ -47,12 +47,28 @@ class Driver:
         Raises InputError, naming planner, case and step, where the planner raises, takes longer than
         `decision_limit` seconds, or returns what is not a finite command per world within its speed.
         """
+        return self._asked(obs, self.planner.plan)
+
+    def decide_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
+        """The planner's commands for the next `steps` steps, in m/s.
+
+        Raises InputError as `decide` does, naming the step that a command is for, and where the planner has no
+        `plan_ahead`.
+        """
+        return self._asked(obs, self.planner.plan_ahead, steps)
+
+    def _asked(self, obs: Observation, plan: Callable[..., object], *steps: int) -> Float[np.ndarray, "world *time 2"]:
         start = time.perf_counter()
         try:
             with _interrupted_after(self.decision_limit):
-                command = self.planner.plan(obs)
+                command = plan(obs, *steps)
         except InputError:
             raise
+        except OneStepOnly:
+            raise InputError(
+                f"planner {self.name} decides one step at a time: "
+                "it has no plan_ahead, so that it runs with replan_every = 1 only"
+            ) from None
         except _TimeLimit as error:
             raise self._too_slow(obs, getattr(error, "row", 0)) from None
         except (Exception, SystemExit) as error:
@@ -63,36 +79,36 @@ class Driver:
         # Nobody interrupts a planner in another thread, or one that swallows what interrupts it.
         if seconds > self.decision_limit:
             raise self._too_slow(obs, 0)
-        return self._checked(command, obs)
+        return self._checked(command, obs, *steps)
 
-    def _checked(self, command: object, obs: Observation) -> Float[np.ndarray, "world 2"]:
+    def _checked(self, command: object, obs: Observation, *steps: int) -> Float[np.ndarray, "world *time 2"]:
+        shape = [len(obs), *steps, 2]
         if not isinstance(command, np.ndarray) or command.dtype.kind != "f":
             found = f"{command.dtype} array" if isinstance(command, np.ndarray) else type(command).__name__
-            raise self._wrong(obs, 0, f"returned a {found} instead of a float array of shape [world, 2]")
-        if command.shape != (len(obs), 2):
-            expected = [len(obs), 2]
-            raise self._wrong(
-                obs, 0, f"returned shape {list(command.shape)} instead of {expected}, a velocity per world"
-            )
+            wanted = "[world, time, 2]" if steps else "[world, 2]"
+            raise self._wrong(obs, 0, f"returned a {found} instead of a float array of shape {wanted}")
+        if list(command.shape) != shape:
+            meant = "a velocity per world and step" if steps else "a velocity per world"
+            raise self._wrong(obs, 0, f"returned shape {list(command.shape)} instead of {shape}, {meant}")
         command = command.astype(np.float64)
-        finite = np.isfinite(command).all(axis=1)
-        if not finite.all():
-            row = int(np.argmin(finite))
-            raise self._wrong(obs, row, f"returned {command[row].tolist()}, but a velocity must be finite")
-        speed, limit = norm(command), obs.vehicle.preferred_speed
-        legal = speed <= limit * (1 + SPEED_TOLERANCE)
-        if not legal.all():
-            row = int(np.argmin(legal))
-            raise self._wrong(
-                obs, row, f"asked for {speed[row]:.6g} m/s, but the vehicle's maximum is {limit[row]:g} m/s"
-            )
+        each = command.reshape(-1, *(steps or (1,)), 2)
+        if len(wrong := np.argwhere(~np.isfinite(each).all(axis=2))):
+            row, ahead = wrong[0].tolist()
+            found = each[row, ahead].tolist()
+            raise self._wrong(obs, row, f"returned {found}, but a velocity must be finite", ahead)
+        speed, limit = norm(each), obs.vehicle.preferred_speed
+        legal = speed <= limit[:, None] * (1 + SPEED_TOLERANCE)
+        if len(wrong := np.argwhere(~legal)):
+            row, ahead = wrong[0].tolist()
+            found = f"{speed[row, ahead]:.6g} m/s"
+            raise self._wrong(obs, row, f"asked for {found}, but the vehicle's maximum is {limit[row]:g} m/s", ahead)
         return command
 
     def _too_slow(self, obs: Observation, row: int) -> InputError:
         return self._wrong(obs, row, f"thought longer than the limit of {self.decision_limit:g} s")
 
-    def _wrong(self, obs: Observation, row: int, what: str) -> InputError:
-        return InputError(f"planner {self.name} {what} (case {obs.case[row]}, step {obs.step[row]})")
+    def _wrong(self, obs: Observation, row: int, what: str, ahead: int = 0) -> InputError:
+        return InputError(f"planner {self.name} {what} (case {obs.case[row]}, step {obs.step[row] + ahead})")
 
 
 class _TimeLimit(BaseException):

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.geometry import norm, wrap_angle
-from crowdbench.reward import discount, reward
+from crowdbench.reward import discount, episode_rewards
 from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
 
 Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
@@ -167,10 +167,8 @@ def stopped_time(trace: Trace) -> Float[np.ndarray, "world"]:
 
 def discounted_return(trace: Trace) -> Float[np.ndarray, "world"]:
     """Sum of discounted rewards from the start [1]."""
-    steps = np.arange(trace.gap.shape[1])
-    outcome = np.where(steps == trace.steps[:, None] - 1, trace.outcome[:, None], Outcome.RUNNING)
-    factor = discount(trace.preferred_speed[:, :1], trace.rules.dt) ** steps
-    return _sum(factor * reward(outcome, trace.gap, trace.rules.dt))
+    factor = discount(trace.preferred_speed[:, :1], trace.rules.dt) ** np.arange(trace.gap.shape[1])
+    return _sum(factor * episode_rewards(trace))
 
 
 def deflection(trace: Trace) -> Float[np.ndarray, "world"]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Callable
-from typing import ClassVar, TypeVar
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,15 +16,30 @@ from crowdbench.types import Observation, Pedestrians, Vehicle
 State = TypeVar("State", Vehicle, Pedestrians)
 
 
+class OneStepOnly(NotImplementedError):
+    """Raised by a planner that is asked for several steps at once and decides one at a time."""
+
+
 class Planner(abc.ABC):
     """Decides the vehicle's velocity in every world of a batch. Complete once it is constructed."""
 
-    privileged: ClassVar[bool] = False
+    privileged: bool = False
     """Whether it calls `Observation.true_next`, which no vehicle could see: shown, never ranked."""
+
+    facts: Mapping[str, str] = MappingProxyType({})
+    """What results say of it beyond its name and options, such as the digest of its weights."""
 
     @abc.abstractmethod
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """The velocity command for each world, in m/s, no faster than `obs.vehicle.preferred_speed`."""
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
+        """The velocity commands for the next `steps` steps, in m/s, no faster than `obs.vehicle.preferred_speed`.
+
+        Called instead of `plan`, at every `steps`-th step, in runs with `replan_every` above 1: the vehicle carries
+        them out without looking in between. Raises OneStepOnly in planners that decide one step at a time.
+        """
+        raise OneStepOnly
 
     def reset(self, cases: Int[np.ndarray, "world"]) -> None:  # noqa: B027 (a hook, empty unless wanted)
         """Called once before a batch of cases starts; for planners that remember something by case."""

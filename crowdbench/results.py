@@ -117,10 +117,15 @@ def read_result(directory: Path) -> dict[str, Any]:
     return result
 
 
-def planner_label(planner: str, options: Mapping[str, Any]) -> str:
-    """A planner's name with its options, as shown to people."""
-    given = ", ".join(f"{key}={value}" for key, value in options.items())
+def planner_label(planner: str, options: Mapping[str, Any], replan_every: int = 1) -> str:
+    """A planner's name with its options, and after how many steps it looks again, as shown to people."""
+    given = ", ".join(f"{key}={value}" for key, value in {**options, **replanning(replan_every)}.items())
     return f"{planner} ({given})" if given else planner
+
+
+def replanning(replan_every: int) -> dict[str, int]:
+    """What names and titles say of it: nothing where the planner decides every step."""
+    return {} if replan_every == 1 else {"replan_every": replan_every}
 
 
 def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int | None]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.types import DISCOMFORT_GAP, Outcome
+from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
 
 SUCCESS = 1.0
 """Paid once, on arrival."""
@@ -38,6 +38,13 @@ def reward(
     """
     discomfort = np.minimum(gap - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
     return np.where(outcome == _RUNNING, discomfort, _ENDED[outcome])
+
+
+def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:
+    """The reward of every step of a trace, NaN after its last."""
+    steps = np.arange(trace.gap.shape[1])
+    outcome = np.where(steps == trace.steps[:, None] - 1, trace.outcome[:, None], _RUNNING)
+    return np.where(steps < trace.steps[:, None], reward(outcome, trace.gap, trace.rules.dt), np.nan)
 
 
 def discount(preferred_speed: Float[np.ndarray, "*batch"], dt: float) -> Float[np.ndarray, "*batch"]:

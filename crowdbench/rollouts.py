@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.cases import Cases
 from crowdbench.driver import Driver
+from crowdbench.errors import InputError
 from crowdbench.scenario import Scenario
 from crowdbench.sim.simulator import advance, crowd_velocities, observe, step
 from crowdbench.types import Outcome, Trace, World
@@ -21,14 +22,19 @@ def rollout(
     scenario: Scenario,
     cases: Cases,
     *,
+    replan_every: int = 1,
     keep_logs: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> Trace:
     """Drive the driver's planner through `cases`, each to its outcome.
 
-    Worlds that have ended leave the batch. `keep_logs` keeps what the planner logs; `progress` is told how
-    many episodes have ended in each step. Raises InputError where planner or scenario break their contract.
+    Worlds that have ended leave the batch. The planner is asked at every `replan_every`-th step, by `plan_ahead`
+    for as many steps where that is not every step. `keep_logs` keeps what it logs; `progress` is told how many
+    episodes have ended in each step. Raises InputError where planner or scenario break their contract, or
+    `replan_every` is below 1.
     """
+    if replan_every < 1:
+        raise InputError(f"replan_every is {replan_every}, but a planner looks again after 1 step or more")
     world = scenario.worlds(cases)
     driver.reset(world.case)
     log = _Log(world)
@@ -36,16 +42,19 @@ def rollout(
     rows = np.arange(len(world))
     for t in range(scenario.rules.max_steps):
         crowd = crowd_velocities(world, scenario.policies)
-        obs = observe(
-            world,
-            future=crowd.copy() if driver.planner.privileged else None,
-            record=functools.partial(log.log, rows, t) if keep_logs else None,
-        )
-        after, outcome, gap = step(world, driver.decide(obs), crowd)
+        ahead = t % replan_every
+        if ahead == 0:
+            obs = observe(
+                world,
+                future=crowd.copy() if driver.planner.privileged else None,
+                record=functools.partial(log.log, rows, t) if keep_logs else None,
+            )
+            commands = driver.decide(obs)[:, None] if replan_every == 1 else driver.decide_ahead(obs, replan_every)
+        after, outcome, gap = step(world, commands[:, ahead], crowd)
         log.step(rows, t, after, outcome, gap)
         running = outcome == Outcome.RUNNING
         if not running.all():
-            after, rows = after.take(running), rows[running]
+            after, rows, commands = after.take(running), rows[running], commands[running]
             if progress is not None:
                 progress(int((~running).sum()))
         if not len(rows):

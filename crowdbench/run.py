@@ -45,6 +45,7 @@ def run(
     *,
     metrics: Mapping[str, Metric],
     about: Mapping[str, Any],
+    replan_every: int = 1,
     record: str = "failures",
     batch: int = BATCH,
     overwrite: bool = False,
@@ -52,13 +53,13 @@ def run(
 ) -> Finished:
     """Drive, measure and write `result.json`, `episodes.csv` and, unless `record` is "none", `run.rrd`.
 
-    `about` goes into the result as it is. An interrupt (Ctrl-C) keeps the batches that are finished, if
-    any, or else raises KeyboardInterrupt: they are the first cases, so their rates are not biased towards short
-    episodes. Raises InputError, leaving nothing behind, where anything breaks its contract or `out` cannot be
-    written.
+    `about` goes into the result as it is; `replan_every` is `rollout`'s. An interrupt (Ctrl-C) keeps the batches that
+    are finished, if any, or else raises KeyboardInterrupt: they are the first cases, so their rates are not biased
+    towards short episodes. Raises InputError, leaving nothing behind, where anything breaks its contract or `out`
+    cannot be written.
     """
     start = time.perf_counter()
-    label = planner_label(driver.name, about.get("options", {}))
+    label = planner_label(driver.name, about.get("options", {}), replan_every)
     with Interrupts() as interrupts, new_directory(out, overwrite) as directory:
         with _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep:
             parts: list[Episodes] = []
@@ -66,7 +67,14 @@ def run(
             for part in cases.batches(_fitting(batch, scenario)):
                 try:
                     with interrupts.let_through():
-                        trace = rollout(driver, scenario, part, keep_logs=record != "none", progress=progress)
+                        trace = rollout(
+                            driver,
+                            scenario,
+                            part,
+                            replan_every=replan_every,
+                            keep_logs=record != "none",
+                            progress=progress,
+                        )
                 except KeyboardInterrupt:
                     if not parts:
                         raise
@@ -77,6 +85,8 @@ def run(
         result = {
             "planner": driver.name,
             "privileged": driver.planner.privileged,
+            "planner_facts": dict(driver.planner.facts),
+            "replan_every": replan_every,
             **about,
             "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
             "cases": str(Cases(cases.split, cases.start, cases.start + len(episodes))),

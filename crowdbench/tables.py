@@ -12,6 +12,7 @@ from crowdbench.bench import Row
 from crowdbench.check import Point
 from crowdbench.compare import Comparison
 from crowdbench.metrics import METRICS, Metric
+from crowdbench.prediction_errors import Errors
 from crowdbench.results import Episodes
 from crowdbench.types import Outcome
 
@@ -83,6 +84,18 @@ def check_table(name: str, points: list[Point]) -> Table:
     table = _table(f"The contract, as {name} keeps it", ("", "left"), ("point", "left"), ("seen", "left"))
     for point in points:
         table.add_row(Text("kept", "green") if point.kept else Text("broken", "red"), point.name, point.seen)
+    return table
+
+
+def prediction_table(title: str, dt: float, places: Mapping[str, Errors]) -> Table:
+    """ADE and FDE in metres at every horizon, with their intervals, place by place."""
+    intervals = [(name, "left") for name in ("ADE [m]", "95 % interval", "FDE [m]", "95 % interval")]
+    table = _table(title, ("", "left"), ("steps", "right"), ("time [s]", "right"), *intervals)
+    for place, errors in places.items():
+        for steps, pair in enumerate(zip(errors.ade, errors.fde, strict=True), 1):
+            values = [(_number(e.mean), f"{_number(e.low)} to {_number(e.high)}") for e in pair]
+            table.add_row(place if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *values[0], *values[1])
+        table.add_section()
     return table
 
 

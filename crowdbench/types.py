@@ -11,6 +11,7 @@ import dataclasses
 import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
@@ -160,7 +161,7 @@ class Pedestrians:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a planner is given at each step, for every world that is still running.
+    """What a planner is given when it is asked, for every world that is still running.
 
     `case` tells which case each row is: worlds that have ended leave the batch, so a planner with a
     memory keys it by case. A planner for one world at a time sees the same without the world axis.
@@ -177,6 +178,16 @@ class Observation:
 
     def __len__(self) -> int:
         return len(self.case)
+
+    def take(self, rows: np.ndarray | slice) -> Observation:
+        """The worlds of the given rows (a mask, indices, a slice), in arrays of their own; what is logged is lost."""
+
+        def taken(part: Any) -> dict[str, np.ndarray]:
+            arrays = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+            return {name: array[rows].copy() for name, array in arrays.items() if isinstance(array, np.ndarray)}
+
+        vehicle, pedestrians = Vehicle(**taken(self.vehicle)), Pedestrians(**taken(self.pedestrians))
+        return dataclasses.replace(self, vehicle=vehicle, pedestrians=pedestrians, record=None, **taken(self))  # type: ignore[arg-type]
 
     @property
     def time(self) -> Float[np.ndarray, "*world"]:
@@ -244,7 +255,8 @@ class Trace:
     t to state t + 1, so the command of step t is `velocity[:, t + 1, 0]`. `gap[:, t]` is the closest
     distance between the rims of the vehicle and any pedestrian during step t, as the judge measured it
     (infinite among no pedestrians). `undisturbed` holds where the pedestrians walk when the vehicle is
-    not there; it is kept only where they see the vehicle. `logs` holds what the planner logged.
+    not there; it is kept only where they see the vehicle. `logs` holds what the planner logged, `[world, step, ...]`,
+    NaN in steps at which it was not asked.
     """
 
     split: str

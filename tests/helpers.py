@@ -61,11 +61,11 @@ def trace(position, outcome=Outcome.SUCCESS, *, gap=None, goal=None, undisturbed
     )
 
 
-def drive(planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0, **overrides):
+def drive(planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0, replan_every=1, **overrides):
     """A trace of a planner, by name or as an object; overrides use `__` for dots."""
     name, made = load_planner(planner) if isinstance(planner, str) else (type(planner).__name__, planner)
     place = load_scenario(scenario, {key.replace("__", "."): value for key, value in overrides.items()})
-    return rollout(Driver(made, name, decision_limit), place, Cases.parse(cases))
+    return rollout(Driver(made, name, decision_limit), place, Cases.parse(cases), replan_every=replan_every)
 
 
 def same(one, two):

@@ -105,6 +105,7 @@ def test_json_is_all_that_json_prints():
         (["view", "nothing.rrd"], "nothing.rrd"),
         (["view", "nothing.rrd", "--screenshot", "picture.png"], "one case"),
         (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),
+        (["run", "--planner", "orca", "--replan-every", "0"], "--replan-every"),
     ],
 )
 def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, arguments, expected):
@@ -114,6 +115,44 @@ def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, arguments, ex
     assert done.stderr.startswith("crowdbench: ")
     assert done.stderr.count("\n") == 1
     assert expected in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+AHEAD_PLANNER = """
+import numpy as np
+from crowdbench import Planner
+
+class Ahead(Planner):
+    def plan(self, obs):
+        return self.plan_ahead(obs, 1)[:, 0]
+
+    def plan_ahead(self, obs, steps):
+        return np.tile([0.0, 0.9], (len(obs), steps, 1))
+
+def planner():
+    return Ahead()
+"""
+
+
+def test_a_run_that_replans_seldom_says_so_everywhere(tmp_path):
+    (tmp_path / "mine.py").write_text(AHEAD_PLANNER)
+    arguments = ["run", "--planner", "./mine.py", "--cases", "3", "--record", "none"]
+    often, seldom = crowdbench(*arguments), crowdbench(*arguments, "--replan-every", "8")
+    assert seldom.stdout.splitlines()[0] == "mine (replan_every=8) on circle_crossing_5, cases test:0:3"
+    assert often.stdout.splitlines()[0] == "mine on circle_crossing_5, cases test:0:3"
+    runs = [f"runs/mine-circle_crossing_5-3{more}" for more in ("", "-replan_every=8")]
+    assert [json.loads((tmp_path / run / "result.json").read_text())["replan_every"] for run in runs] == [1, 8]
+    title = crowdbench("compare", *runs).stdout.splitlines()[0]
+    assert title == "mine and mine (replan_every=8): 3 shared cases, 0 solved by both"
+
+
+def test_a_planner_of_single_steps_does_not_run_ahead(tmp_path):
+    done = crowdbench("run", "--planner", "orca", "--cases", "2", "--replan-every", "8")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == (
+        "crowdbench: planner orca decides one step at a time: "
+        "it has no plan_ahead, so that it runs with replan_every = 1 only"
+    )
     assert list(tmp_path.iterdir()) == []
 
 

@@ -77,6 +77,61 @@ def test_a_broken_planner_gets_one_sentence(name):
     assert "\n" not in str(error.value)
 
 
+class SaysAhead(Still):
+    """Returns what it is given to return for 8 steps, when it is asked for the second time."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def plan_ahead(self, obs, steps):
+        return self.answer(obs) if obs.step[0] else np.zeros((len(obs), steps, 2))
+
+
+def ahead(case, step, command):
+    """An answer that is nothing but zeros but for one command."""
+
+    def answer(obs):
+        commands = np.zeros((len(obs), 8, 2))
+        commands[obs.case == case, step - obs.step[0]] = command
+        return commands
+
+    return answer
+
+
+BROKEN_AHEAD = {
+    "not a number": (
+        ahead(3, 13, [0.0, np.nan]),
+        "returned [0.0, nan], but a velocity must be finite (case 3, step 13)",
+    ),
+    "too fast": (ahead(4, 15, [0.0, 1.5]), "asked for 1.5 m/s, but the vehicle's maximum is 1 m/s (case 4, step 15)"),
+    "one step": (
+        lambda obs: np.zeros((len(obs), 2)),
+        "returned shape [5, 2] instead of [5, 8, 2], a velocity per world",
+    ),
+    "a step too few": (lambda obs: np.zeros((len(obs), 7, 2)), "returned shape [5, 7, 2] instead of [5, 8, 2]"),
+    "time first": (lambda obs: np.zeros((8, len(obs), 2)), "returned shape [8, 5, 2] instead of [5, 8, 2]"),
+    "a list": (lambda obs: [], "returned a list instead of a float array of shape [world, time, 2]"),
+    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (case 0, step 8)"),
+    "no end": (forever, "thought longer than the limit of 0.2 s (case 0, step 8)"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN_AHEAD)
+def test_a_broken_plan_of_several_steps_gets_one_sentence(name):
+    answer, expected = BROKEN_AHEAD[name]
+    with pytest.raises(InputError) as error:
+        drive(SaysAhead(answer), "5", decision_limit=0.2, replan_every=8)
+    assert str(error.value).startswith("planner SaysAhead ")
+    assert expected in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("planner", [Still(), OneWorldPlanner(lambda obs: np.zeros(2))])
+def test_a_planner_of_single_steps_is_told_that_it_plans_none_ahead(planner):
+    with pytest.raises(InputError, match=r"^planner \w+ decides one step at a time: it has no plan_ahead"):
+        drive(planner, "2", replan_every=8)
+
+
 def test_a_speed_within_rounding_is_no_offence():
     trace = drive(Says(lambda obs: np.tile([1.0 + 5e-7, 0.0], (len(obs), 1))), "3")
     assert (trace.velocity[:, 3, 0, 0] == 1.0 + 5e-7).all()

@@ -94,6 +94,19 @@ def test_all_that_a_planner_logs_can_be_recorded(tmp_path):
     assert len(read(write(tmp_path / "run.rrd", talked)).trace) == 2
 
 
+def test_what_is_logged_now_and_then_is_drawn_without_the_gaps(driven):
+    now_and_then = np.arange(driven.gap.shape[1]) % 8 == 0
+    shapes = {"curve": (), "points": (5, 2), "lines": (8, 5, 2)}
+    logs = {name: np.full((*driven.gap.shape, *shape), np.nan) for name, shape in shapes.items()}
+    for values in logs.values():
+        values[:, now_and_then] = 1.0
+    logs["never"] = np.full(driven.gap.shape, np.nan)
+    chunks = list(drawing._logs(dataclasses.replace(driven, logs=logs), 0))
+    moving = [chunk.to_record_batch() for chunk in chunks if not chunk.is_static]
+    asked = list(range(0, int(driven.steps[0]), 8))
+    assert [batch.column("step").to_pylist() for batch in moving] == [asked] * 3
+
+
 def test_an_error_leaves_nothing_behind(driven, tmp_path):
     with pytest.raises(IndexError), Recorder(tmp_path / "run.rrd", **RUN) as recorder:
         recorder.add(driven, np.array([0, 1, 99]), {})

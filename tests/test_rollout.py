@@ -7,6 +7,8 @@ from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.driver import Driver
 from crowdbench.envs.observations import flatten
+from crowdbench.errors import InputError
+from crowdbench.planner import Planner
 from crowdbench.rollouts import rollout
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.simulator import crowd_velocities, observe, step
@@ -140,6 +142,69 @@ def test_a_privileged_planner_sees_the_true_next_velocities():
 
     trace = drive(Oracle(), "1")
     assert np.array_equal(np.concatenate(seen), trace.velocity[0, 1 : len(seen) + 1, 1:])
+
+
+def test_replanning_every_step_is_planning():
+    assert same(drive("orca", replan_every=1), drive("orca"))
+
+
+class Ahead(Planner):
+    """Plans the same few moves again and again: odd cases drive up, even ones wait. Keeps when it was asked what."""
+
+    privileged = True
+
+    def __init__(self):
+        self.asked = []
+
+    def plan(self, obs):
+        raise AssertionError("only asked for several steps at once")
+
+    def plan_ahead(self, obs, steps):
+        self.asked.append((int(obs.step[0]), steps, obs.case, obs.true_next()))
+        obs.log("clock", obs.case * 1000.0 + obs.step)
+        return self.moves(obs.case, np.arange(steps)) + 1e-3 * obs.pedestrians.position[:, :1]
+
+    @staticmethod
+    def moves(case, k):
+        """The commands of cases before a pedestrian's position is added, so that none is like another."""
+        return np.stack(np.broadcast_arrays(0.01 * k, 0.9 * (case[:, None] % 2) + 1e-4 * case[:, None]), axis=2)
+
+
+def test_a_plan_of_several_steps_is_carried_out_without_looking():
+    planner = Ahead()
+    trace = drive(planner, "40", replan_every=8)
+    assert {Outcome.COLLISION, Outcome.TIMEOUT} <= set(trace.outcome)
+    assert (trace.steps % 8 != 0).any()
+    assert [(start, steps) for start, steps, *_ in planner.asked] == [(start, 8) for start in range(0, 97, 8)]
+    for start, _, case, future in planner.asked:
+        running = trace.steps > start
+        assert np.array_equal(case, trace.case[running])
+        assert np.array_equal(future, trace.velocity[running, start + 1, 1:])
+    for w in range(40):
+        t = np.arange(trace.steps[w])
+        seen = trace.position[w, t - t % 8, 1]
+        expected = Ahead.moves(trace.case[w : w + 1], t % 8)[0] + 1e-3 * seen
+        assert np.array_equal(trace.velocity[w, t + 1, 0], expected)
+
+
+def test_a_case_planned_ahead_does_not_depend_on_its_batch():
+    together = drive(Ahead(), "40", replan_every=8)
+    for w in (0, 17, 39):
+        assert same(drive(Ahead(), f"{w}:{w + 1}", replan_every=8), rows(together, slice(w, w + 1)))
+
+
+def test_a_planner_that_plans_ahead_logs_only_when_it_is_asked():
+    place, cases = load_scenario("circle_crossing_5"), Cases.parse("20")
+    trace = rollout(Driver(Ahead(), "ahead"), place, cases, replan_every=8, keep_logs=True)
+    t = np.arange(trace.gap.shape[1])
+    asked = (t < trace.steps[:, None]) & (t % 8 == 0)
+    expected = np.where(asked, trace.case[:, None] * 1000.0 + t, np.nan)
+    assert np.array_equal(trace.logs["clock"], expected, equal_nan=True)
+
+
+def test_a_planner_looks_again_after_one_step_or_more():
+    with pytest.raises(InputError, match="replan_every is 0"):
+        drive("orca", "1", replan_every=0)
 
 
 def test_mixed_crowds_move_each_by_its_own_policy():

@@ -1,0 +1,82 @@
+"""The command line: reads options, calls what does the work, prints. Imports what a command needs when it runs."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import signal
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import Annotated
+
+import typer
+from typer.exceptions import TyperException
+
+from crowdbench.cli import learning, listing, predictors, running, studies
+from crowdbench.cli.options import INTERRUPTED
+from crowdbench.errors import InputError
+
+DEBUG = "--debug"
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "run": running.run,
+    "train": learning.train,
+    "list": listing.list_,
+    "check": listing.check,
+    "compare": running.compare,
+    "study": studies.study,
+    "view": running.view,
+    "score": running.score,
+    "evaluate-predictor": predictors.evaluate_predictor,
+    "bench": listing.bench,
+}
+"""The commands, in the order in which --help shows them."""
+
+app = typer.Typer(
+    add_completion=False,
+    epilog=f"{DEBUG}, anywhere, shows the traceback of an error.",
+)
+for name, command in COMMANDS.items():
+    app.command(name)(command)
+
+
+def _version(wanted: bool | None) -> None:
+    if wanted:
+        print(importlib.metadata.version("crowdbench"))
+        raise typer.Exit
+
+
+@app.callback()
+def crowdbench(
+    version: Annotated[
+        bool | None, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = None,
+) -> None:
+    """The benchmark for navigation in crowds."""
+
+
+def main() -> None:
+    """The entry point: every error of the user's is one sentence and a non-zero exit."""
+    debug = DEBUG in sys.argv
+    arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        status = app(arguments, standalone_mode=False)
+        if status == INTERRUPTED:
+            print("crowdbench: interrupted: nothing was kept", file=sys.stderr)
+        sys.exit(status)
+    except (InputError, TyperException) as error:
+        if debug:
+            raise
+        message = error.format_message() if isinstance(error, TyperException) else str(error)
+        print(f"crowdbench: {message}", file=sys.stderr)
+        sys.exit(2 if isinstance(error, TyperException) else 1)
+    except OSError as error:
+        if debug:
+            raise
+        print(f"crowdbench: the output cannot be written: {error.strerror or error}", file=sys.stderr)
+        sys.exit(1)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

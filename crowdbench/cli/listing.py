@@ -1,0 +1,84 @@
+"""The commands that say what there is, whether a planner keeps the contract, and how fast it all is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Annotated
+
+import typer
+
+from crowdbench.cli.options import CasesOption, LimitOption, OptionOption, ScenarioOption, print_table
+from crowdbench.errors import InputError
+from crowdbench.settings import DECISION_LIMIT
+
+
+def list_(
+    kind: Annotated[str, typer.Argument(help="planners, pedestrians, predictors, scenarios or metrics.")],
+) -> None:
+    """List planners, pedestrians, predictors, scenarios or metrics."""
+    from crowdbench import catalog
+    from crowdbench.metrics import METRICS
+    from crowdbench.predict import PREDICTORS
+    from crowdbench.tables import listing_table
+
+    listings: dict[str, Callable[[], list[tuple[str, str]]]] = {
+        "planners": catalog.PLANNERS.names,
+        "pedestrians": catalog.PEDESTRIANS.names,
+        "predictors": lambda: _described(PREDICTORS),
+        "scenarios": catalog.scenarios,
+        "metrics": lambda: _described(METRICS),
+    }
+    if kind not in listings:
+        *others, last = listings
+        raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(others)} or {last}")
+    print_table(listing_table(kind, listings[kind]()))
+
+
+def _described(things: Mapping[str, object]) -> list[tuple[str, str]]:
+    """Each name with the first line of the docstring."""
+    return [(name, (thing.__doc__ or "").partition("\n")[0]) for name, thing in things.items()]
+
+
+def check(
+    planner: Annotated[str, typer.Argument(help="A name, ./mine.py or ./mine.py:factory.")],
+    option: OptionOption = None,
+    scenario: ScenarioOption = "circle_crossing_5",
+    cases: CasesOption = "val:20",
+    decision_limit: LimitOption = DECISION_LIMIT,
+) -> None:
+    """Say point by point whether a planner keeps the contract."""
+    from crowdbench import catalog
+    from crowdbench.cases import Cases
+    from crowdbench.check import check as examine
+    from crowdbench.console import announce_compilation
+    from crowdbench.tables import check_table
+
+    announce_compilation()
+    options = catalog.assignments(option or [], "--option")
+    name, _ = catalog.load_planner(planner, options)
+    points = examine(
+        lambda: catalog.load_planner(planner, options)[1],
+        name,
+        catalog.load_scenario(scenario),
+        Cases.parse(cases),
+        decision_limit,
+    )
+    print_table(check_table(name, points))
+    if not all(point.kept for point in points):
+        raise typer.Exit(1)
+
+
+def bench() -> None:
+    """Measure the speed here, beside navground's where that is installed."""
+    from crowdbench.bench.measure import rows
+    from crowdbench.console import progress
+    from crowdbench.tables import bench_table
+
+    with progress(9, "measurements") as tell:
+        measured = []
+        for row in rows():
+            measured.append(row)
+            tell(1)
+    print_table(bench_table(measured))
+    if all(row.theirs is None for row in measured):
+        print("\nnavground is not installed, so its column is skipped: pip install 'crowdbench[bench]'")

@@ -1,0 +1,214 @@
+"""Recorded tracks of real pedestrians, in the form in which ETH/UCY is passed on, and windows of them.
+
+A file has one line for each pedestrian in each annotated frame: frame, pedestrian, x and y in metres, separated by
+tabs or spaces. Lines may come in any order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench import rng
+from crowdbench.errors import InputError
+from crowdbench.types import Observation, Pedestrians, Vehicle
+
+FRAME_STEP = 10
+"""Frames from one annotation to the next."""
+
+DT = 0.4
+"""Seconds from one annotation to the next."""
+
+COLUMNS = ("frame", "pedestrian", "x", "y")
+
+SCENES: Mapping[str, tuple[str, ...]] = {
+    "eth": ("biwi_eth",),
+    "hotel": ("biwi_hotel",),
+    "univ": ("students001", "students003"),
+    "zara1": ("crowds_zara01",),
+    "zara2": ("crowds_zara02",),
+}
+"""The five scenes of ETH/UCY (Pellegrini et al. 2009, Lerner et al. 2007), each with the files that are its test."""
+
+TRAINING_ONLY = ("crowds_zara03", "uni_examples")
+"""Files of ETH/UCY that are in no scene's test."""
+
+FEWEST = 2
+"""Pedestrians that a window has at least: windows of one are left out, as in Social GAN (Gupta et al. 2018)."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Where the pedestrians of one recording were in each frame, in metres; rows by pedestrian, then frame."""
+
+    name: str
+    frame: Int[np.ndarray, "row"]
+    pedestrian: Int[np.ndarray, "row"]
+    position: Float[np.ndarray, "row 2"]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Stretches of consecutive annotations, as a batch; what is not `present` is padding, at the origin.
+
+    `frame` is the first of each window; `pedestrian` tells who is who, and is 0 in the padding.
+    """
+
+    frame: Int[np.ndarray, "window"]
+    pedestrian: Int[np.ndarray, "window pedestrian"]
+    present: Bool[np.ndarray, "window pedestrian"]
+    position: Float[np.ndarray, "window time pedestrian 2"]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def take(self, rows: slice | np.ndarray) -> Windows:
+        """The windows of the given rows."""
+        return Windows(self.frame[rows], self.pedestrian[rows], self.present[rows], self.position[rows])
+
+    def observation(self, seen: int) -> Observation:
+        """What a predictor is shown: the first `seen` positions, all of them really observed.
+
+        The first frame stands for the case. There is no vehicle, and pedestrians are points: its numbers are NaN,
+        their radii zero.
+        """
+        # Copies, as the simulator's: what a predictor does to its observation must not reach the recording.
+        history = self.position[:, :seen].copy()
+        nowhere = np.full((len(self), 2), np.nan)
+        return Observation(
+            vehicle=Vehicle(nowhere, nowhere, nowhere, nowhere[:, 0], nowhere[:, 0]),
+            pedestrians=Pedestrians(
+                position=history[:, -1],
+                velocity=(history[:, -1] - history[:, -2]) / DT,
+                radius=np.zeros(self.present.shape),
+                present=self.present.copy(),
+                history=history,
+                observed=np.full(len(self), seen),
+            ),
+            case=self.frame,
+            key=rng.case_keys(0, "test", self.frame),
+            step=np.full(len(self), seen - 1),
+            dt=DT,
+        )
+
+
+def read_folder(folder: Path) -> list[Tracks]:
+    """The recordings of all `*.txt` files in a folder. Raises InputError where there are none, or one is broken."""
+    if not folder.is_dir():
+        raise InputError(f"there is no folder {folder} with recorded tracks")
+    files = sorted(folder.glob("*.txt"))
+    if not files:
+        raise InputError(f"{folder} has no files *.txt with recorded tracks")
+    return [read_tracks(path) for path in files]
+
+
+def read_tracks(path: Path) -> Tracks:
+    """A recording. Raises InputError, naming the line, where the file cannot be read or is not in the form."""
+    try:
+        lines = path.read_text(encoding="utf-8").split("\n")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file, but tracks are lines of {', '.join(COLUMNS)}") from None
+    table, number = _numbers(path, lines)
+    frame, pedestrian = _whole(path, table, number, 0), _whole(path, table, number, 1)
+    off = (frame - frame[0]) % FRAME_STEP != 0
+    if off.any():
+        row = int(np.argmax(off))
+        raise InputError(
+            f"{path}, line {number[row]}: frame {frame[row]} is not on the grid of the first one, {frame[0]}: "
+            f"frames must be multiples of {FRAME_STEP} apart"
+        )
+    order = np.lexsort((frame, pedestrian))
+    tracks = Tracks(path.stem, frame[order], pedestrian[order], table[order, 2:])
+    again = (np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0)
+    if again.any():
+        one, two = order[np.argmax(again) :][:2]
+        raise InputError(
+            f"{path}, line {number[two]}: pedestrian {pedestrian[two]} is in frame {frame[two]} a second time, after "
+            f"line {number[one]}, but must be there once"
+        )
+    return tracks
+
+
+def _numbers(path: Path, lines: list[str]) -> tuple[Float[np.ndarray, "row 4"], list[int]]:
+    """The finite numbers of each line that is not blank, and the line's number, from 1."""
+    fields = [line.split() for line in lines]
+    number = [n for n, found in enumerate(fields, 1) if found]
+    rows = [found for found in fields if found]
+    if not rows:
+        raise InputError(f"{path} is empty, but must have a line {', '.join(COLUMNS)} for each position")
+    for n, row in zip(number, rows, strict=True):
+        if len(row) != len(COLUMNS):
+            raise InputError(
+                f"{path}, line {n}: found {len(row)} columns, but there must be {len(COLUMNS)}: "
+                f"{', '.join(COLUMNS)}, separated by tabs or spaces"
+            )
+    table = np.array([[_number(path, n, text) for text in row] for n, row in zip(number, rows, strict=True)])
+    wrong = np.argwhere(~np.isfinite(table))
+    if len(wrong):
+        row, column = wrong[0]
+        raise InputError(
+            f"{path}, line {number[row]}: {COLUMNS[column]} is {table[row, column]}, but must be a finite number"
+        )
+    return table, number
+
+
+def _number(path: Path, line: int, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{path}, line {line}: {text!r} is not a number") from None
+
+
+def _whole(path: Path, table: Float[np.ndarray, "row 4"], number: list[int], column: int) -> Int[np.ndarray, "row"]:
+    values = table[:, column]
+    wrong = (values != np.rint(values)) | (np.abs(values) > 2**53)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(f"{path}, line {number[row]}: {COLUMNS[column]} is {values[row]}, but must be a whole number")
+    return values.astype(np.int64)
+
+
+def scenes(recordings: Iterable[Tracks]) -> dict[str, list[Tracks]]:
+    """The recordings to test on: by scene those of ETH/UCY that are complete, every other one by itself."""
+    left = {tracks.name: tracks for tracks in recordings if tracks.name not in TRAINING_ONLY}
+    whole = {scene: [left.pop(name) for name in names] for scene, names in SCENES.items() if left.keys() >= set(names)}
+    return whole | {name: [tracks] for name, tracks in left.items()}
+
+
+def windows(tracks: Tracks, length: int) -> Windows:
+    """All stretches of `length` annotations, one starting at every annotated frame.
+
+    A window has the pedestrians that are there all the time; it is left out where they are fewer than `FEWEST`.
+    """
+    first = np.arange(len(tracks.frame) - length + 1)
+    last = first + length - 1
+    # Rows are sorted and unique: where so many rows on it is the same pedestrian as many frames on, none is missing.
+    complete = (tracks.pedestrian[first] == tracks.pedestrian[last]) & (
+        tracks.frame[last] - tracks.frame[first] == FRAME_STEP * (length - 1)
+    )
+    first = first[complete]
+    first = first[np.argsort(tracks.frame[first], kind="stable")]
+    _, window, count = np.unique(tracks.frame[first], return_inverse=True, return_counts=True)
+    return _padded(tracks, first[count[window] >= FEWEST], length)
+
+
+def _padded(tracks: Tracks, first: Int[np.ndarray, "stretch"], length: int) -> Windows:
+    """Windows from the row at which each stretch starts; those of one frame follow each other."""
+    frame, start, window, count = np.unique(
+        tracks.frame[first], return_index=True, return_inverse=True, return_counts=True
+    )
+    widest = int(count.max(initial=0))
+    place = np.arange(len(first)) - start[window]
+    pedestrian = np.zeros((len(frame), widest), np.int64)
+    present = np.zeros((len(frame), widest), bool)
+    position = np.zeros((len(frame), length, widest, 2))
+    pedestrian[window, place] = tracks.pedestrian[first]
+    present[window, place] = True
+    position[window, :, place] = tracks.position[first[:, None] + np.arange(length)]
+    return Windows(frame, pedestrian, present, position)

@@ -1,0 +1,1 @@
+"""Training: one file per method, and what they share."""

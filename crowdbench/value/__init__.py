@@ -1,0 +1,1 @@
+"""Value networks: how much a state of vehicle and crowd is worth."""

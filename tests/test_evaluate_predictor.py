@@ -1,0 +1,248 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from crowdbench import prediction_errors
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_scenario
+from crowdbench.errors import InputError
+from crowdbench.predict import ConstantVelocity, Linear, Oracle, Prediction, Predictor
+from crowdbench.predict.tracks import Tracks, read_folder
+from crowdbench.prediction_errors import HORIZON, MEAN, displacement, on_scenario, on_tracks
+from crowdbench.rollouts import _walk_alone
+
+CASES = Cases.parse("val:6")
+
+
+class Off(Predictor):
+    """Stands still, and is off by what a function of the observation says, `[world, mode, time, pedestrian]`."""
+
+    def __init__(self, off):
+        self.off = off
+
+    def predict(self, obs, steps):
+        off = self.off(obs)
+        position = obs.pedestrians.position[:, None, None] + np.stack([off, np.zeros_like(off)], axis=-1)
+        return Prediction(position, np.zeros_like(position))
+
+
+def recording(frames, name="mine", step=0.0):
+    """Pedestrians who are there for so many frames, moving so many metres in each."""
+    rows = [(10 * t, p, step * t, p) for p, own in enumerate(frames) for t in range(own)]
+    frame, pedestrian, x, y = np.array(rows).T
+    return Tracks(name, frame.astype(int), pedestrian.astype(int), np.stack([x, y], axis=1))
+
+
+def means(estimates):
+    return [estimate.mean for estimate in estimates]
+
+
+def test_ade_is_the_mean_up_to_a_step_and_fde_the_error_at_it():
+    truth = np.zeros((1, 3, 2, 2))
+    position = np.zeros((1, 1, 3, 2, 2))
+    position[0, 0, :, 0] = [[3.0, 4.0], [0.0, 1.0], [0.0, 0.0]]
+    position[0, 0, :, 1] = [[1.0, 0.0], [2.0, 0.0], [6.0, 0.0]]
+    found = displacement(Prediction(position, position), truth, np.ones((1, 2), bool))
+    np.testing.assert_allclose(found[0, 0], [[5.0, 3.0, 2.0], [5.0, 1.0, 0.0]])
+    np.testing.assert_allclose(found[0, 1], [[1.0, 1.5, 3.0], [1.0, 2.0, 6.0]])
+
+
+def test_the_best_mode_is_one_for_all_who_count_and_another_for_each_measure_and_step():
+    off = np.array([[[1.0, 1.0, 9.0], [4.0, 4.0, 0.0]], [[3.0, 0.0, 0.0], [1.0, 2.0, 0.0]]])  # [mode, time, pedestrian]
+    position = np.stack([off, np.zeros_like(off)], axis=-1)[None]
+    found = displacement(Prediction(position, position), np.zeros((1, 2, 3, 2)), np.array([[True, True, False]]))
+    np.testing.assert_allclose(found[0, :2, 1], [[1.0, 1.0], [1.0, 2.0]])  # FDE: the first mode, then the second
+    np.testing.assert_allclose(found[0, :2, 0], [[1.0, 2.0], [1.0, 1.0]])
+    everybody = displacement(Prediction(position, position), np.zeros((1, 2, 3, 2)), np.ones((1, 3), bool))
+    np.testing.assert_allclose(everybody[0, :, 1, 0], [3.0, 0.0, 0.0])
+
+
+def test_each_pedestrian_of_each_window_weighs_the_same():
+    # Pedestrian 0 is in windows 0, 1 and 2, pedestrian 1 too (alone it makes none), pedestrian 2 in window 0.
+    number = Off(lambda obs: np.repeat(obs.pedestrians.position[:, None, None, :, 1], HORIZON, axis=2))
+    found = on_tracks("number", number, [recording([18, 19, 16])])["mine"]
+    assert means(found.ade) == pytest.approx([(3 * 0 + 3 * 1 + 1 * 2) / 7] * HORIZON)
+    assert (found.fde[0].n, found.fde[0].max) == (3, 2.0)
+
+
+def test_windows_of_one_pedestrian_are_no_independent_samples():
+    number = Off(lambda obs: np.repeat(obs.pedestrians.position[:, None, None, :, 1], HORIZON, axis=2))
+    found = on_tracks("number", number, [recording([200, 200])])["mine"].fde[0]
+    assert (found.mean, found.low, found.high, found.n) == (0.5, 0.0, 1.0, 2)
+
+
+def test_each_scene_weighs_the_same_in_the_mean():
+    step = Off(lambda obs: np.arange(8.0)[:, None] * obs.pedestrians.present[:, None, None])
+    found = on_tracks("step", step, [recording([16, 16], "one"), recording([30, 30, 30], "two", step=1.0)])
+    assert list(found) == ["one", "two", MEAN]
+    assert means(found["one"].fde) == pytest.approx(np.arange(8.0))
+    assert means(found["one"].ade) == pytest.approx(np.arange(8.0) / 2)
+    assert means(found["two"].fde) == pytest.approx(np.ones(8))
+    assert means(found[MEAN].fde) == pytest.approx((np.arange(8.0) + 1) / 2)
+
+
+def test_scenes_are_resampled_apart_from_each_other():
+    number = Off(lambda obs: np.repeat(obs.pedestrians.position[:, None, None, :, 1], HORIZON, axis=2))
+    found = on_tracks("number", number, [recording([16] * 50, name) for name in ("one", "two")])
+    one, mean = found["one"].fde[0], found[MEAN].fde[0]
+    assert (mean.high - mean.low) / (one.high - one.low) == pytest.approx(0.5**0.5, rel=0.1)
+
+
+def slowly(predict, scenario, cases):
+    """ADE and FDE `[horizon]`: one pedestrian after the other, until it comes near its goal."""
+    world = scenario.worlds(cases)
+    track = _walk_alone(scenario, world)
+    errors = []
+    for w in range(len(world)):
+        for p in np.flatnonzero(world.present[w, 1:]):
+            own, goal, radius = track[w, :, p], world.goal[w, p + 1], world.radius[w, p + 1]
+            for t in range(len(own) - HORIZON):
+                if np.linalg.norm(own[t] - goal) < radius:
+                    break
+                distance = np.linalg.norm(predict(own[: t + 1]) - own[t + 1 : t + 1 + HORIZON], axis=1)
+                errors.append([distance.cumsum() / np.arange(1, HORIZON + 1), distance])
+    return np.mean(errors, axis=0)
+
+
+def last_velocity(track):
+    moved = track[-1] - track[-2] if len(track) > 1 else np.zeros(2)
+    return track[-1] + np.arange(1, HORIZON + 1)[:, None] * moved
+
+
+def fitted_line(track):
+    track = track[-8:]
+    if len(track) == 1:
+        return np.repeat(track, HORIZON, axis=0)
+    ahead = np.arange(len(track), len(track) + HORIZON)
+    return np.stack([np.polyval(np.polyfit(np.arange(len(track)), own, 1), ahead) for own in track.T], axis=1)
+
+
+@pytest.mark.parametrize(("predictor", "predict"), [(ConstantVelocity(), last_velocity), (Linear(), fitted_line)])
+def test_on_a_scenario_all_who_are_on_their_way_count_at_every_step(predictor, predict):
+    scenario = load_scenario("circle_crossing_5_visible", {"pedestrians.number": [2, 5]})
+    found = on_scenario("mine", predictor, scenario, CASES)
+    ade, fde = slowly(predict, scenario, CASES)
+    np.testing.assert_allclose(means(found.ade), ade)
+    np.testing.assert_allclose(means(found.fde), fde)
+    assert found.ade[0].n == len(CASES)
+
+
+def test_batches_do_not_matter(monkeypatch):
+    scenario = load_scenario("circle_crossing_5")
+    whole = on_scenario("cvm", ConstantVelocity(), scenario, CASES)
+    tracks = [recording([20, 40, 30, 30], step=0.5)]
+    windows = on_tracks("linear", Linear(), tracks)
+    monkeypatch.setattr(prediction_errors, "BATCH", 4)
+    told = []
+    assert on_scenario("cvm", ConstantVelocity(), scenario, CASES, told.append) == whole
+    assert told == [4, 2]
+    np.testing.assert_allclose(means(on_tracks("linear", Linear(), tracks)["mine"].fde), means(windows["mine"].fde))
+
+
+def test_the_oracle_is_right_for_one_step():
+    found = on_scenario("oracle", Oracle(), load_scenario("circle_crossing_5"), CASES)
+    assert found.fde[0].max < 1e-12
+    assert found.fde[1].mean > 1e-3
+
+
+def test_constant_velocity_on_orca_crowds_is_off_as_measured_before():
+    found = on_scenario("cvm", ConstantVelocity(), load_scenario("circle_crossing_5"), Cases.parse("val:100"))
+    assert found.fde[0].mean == pytest.approx(0.0143, abs=0.001)
+    assert found.fde[0].low < found.fde[0].mean < found.fde[0].high
+    assert found.fde[7].mean == pytest.approx(0.366, abs=0.02)
+
+
+def test_the_errors_on_eth_ucy_are_the_known_ones(shared):
+    recordings = read_folder(shared / "data" / "eth_ucy")
+    constant = on_tracks("cvm", ConstantVelocity(), recordings)
+    linear = on_tracks("linear", Linear(), recordings)
+    assert list(constant) == ["eth", "hotel", "univ", "zara1", "zara2", MEAN]
+    assert round(constant[MEAN].ade[7].mean, 3) == 0.339
+    assert round(linear[MEAN].ade[7].mean, 3) == 0.460
+    assert [round(found.ade[7].mean, 2) for found in constant.values()] == [0.67, 0.26, 0.31, 0.25, 0.21, 0.34]
+
+
+def raises(obs):
+    raise ZeroDivisionError("nothing there")
+
+
+@pytest.mark.parametrize(
+    ("off", "expected"),
+    [
+        (raises, "predictor mine raised ZeroDivisionError: nothing there"),
+        (lambda obs: np.zeros((len(obs), 1, 7, 5)), r"of shape \[6, 1, 7, 5, 2\], but they must be \[world, mode"),
+        (lambda obs: np.zeros((len(obs), 0, 8, 5)), r"of shape \[6, 0, 8, 5, 2\], but"),
+        (lambda obs: np.full((len(obs), 1, 8, 5), np.nan), "returned positions that are not finite"),
+        (lambda obs: obs.true_next(), r"raised PermissionError: true_next\(\)"),
+    ],
+)
+def test_a_broken_predictor_is_told_in_one_sentence(off, expected):
+    with pytest.raises(InputError, match=expected):
+        on_scenario("mine", Off(off), load_scenario("circle_crossing_5"), CASES)
+
+
+def test_what_is_no_prediction_is_told():
+    class Wrong(Predictor):
+        def predict(self, obs, steps):
+            return np.zeros(3)
+
+    with pytest.raises(InputError, match="predictor mine returned a ndarray instead of a Prediction"):
+        on_scenario("mine", Wrong(), load_scenario("circle_crossing_5"), CASES)
+
+
+def test_where_nothing_can_be_predicted_it_is_told():
+    short = load_scenario("circle_crossing_5", {"time_limit": 2.0})
+    with pytest.raises(InputError, match="circle_crossing_5 has nothing to predict in cases val:0:6"):
+        on_scenario("cvm", ConstantVelocity(), short, CASES)
+    with pytest.raises(InputError, match="the recording mine has no window"):
+        on_tracks("cvm", ConstantVelocity(), [recording([15, 15])])
+    with pytest.raises(InputError, match="for training alone"):
+        on_tracks("cvm", ConstantVelocity(), [recording([20, 20], "uni_examples")])
+    with pytest.raises(InputError, match="predictor oracle looks into the simulator"):
+        on_tracks("oracle", Oracle(), [recording([20, 20])])
+
+
+def crowdbench(*arguments):
+    command = [sys.executable, "-m", "crowdbench", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+
+
+def test_the_command_prints_a_row_for_every_horizon_and_json_has_the_same(tmp_path):
+    rows = [(10 * t, p, 0.5 * t if p else 0.0, p) for p in range(2) for t in range(20)]
+    (tmp_path / "street.txt").write_text("\n".join("\t".join(map(str, row)) for row in rows))
+    shown = crowdbench("evaluate-predictor", "constant_velocity", "--data", str(tmp_path))
+    assert shown.returncode == 0, shown.stderr
+    lines = [line.split() for line in shown.stdout.splitlines()]
+    assert [line[:3] for line in lines if line[:1] == ["street"]] == [["street", "1", "0.40"]]
+    assert ["8", "3.20", "0.000", "0.000", "to", "0.000", "0.000", "0.000", "to", "0.000"] in lines
+    told = crowdbench("evaluate-predictor", "linear", "--cases", "val:5", "--set", "vehicle.visible=true", "--json")
+    result = json.loads(told.stdout)
+    place = load_scenario("circle_crossing_5", {"vehicle.visible": True})
+    found = on_scenario("linear", Linear(), place, Cases.parse("val:5"))
+    assert [step["mean"] for step in result["errors"]["circle_crossing_5"]["ade"]] == means(found.ade)
+    assert (result["predictor"], result["cases"], result["dt"]) == ("linear", "val:0:5", 0.25)
+    assert result["overrides"] == {"vehicle.visible": True}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["linaer"], "no predictor is called 'linaer'"),
+        (["linear", "--data", "nowhere"], "there is no folder nowhere"),
+        (["linear", "--data", ".", "--scenario", "square_crossing_5"], "--scenario does not go with --data"),
+        (["linear", "--data", ".", "--set", "dt=1"], "--set does not go with --data"),
+    ],
+)
+def test_the_command_answers_bad_input_with_one_sentence(arguments, expected):
+    done = crowdbench("evaluate-predictor", *arguments)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"crowdbench: {expected}"), done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_predictors_are_listed():
+    listed = crowdbench("list", "predictors").stdout
+    assert [line.split()[0] for line in listed.splitlines()[2:]] == ["linear", "constant_velocity", "oracle"]

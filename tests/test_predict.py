@@ -1,0 +1,164 @@
+import numpy as np
+import pytest
+
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_predictor, load_scenario
+from crowdbench.errors import InputError
+from crowdbench.predict import PREDICTORS, ConstantVelocity, Linear, Oracle
+from crowdbench.sim.simulator import advance, crowd_velocities, observe
+from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle
+
+DT = 0.25
+BOTH = pytest.mark.parametrize("predictor", [Linear(), ConstantVelocity()])
+
+
+def observation(tracks, observed=None, before=None):
+    """An observation of tracks `[world, time, pedestrian, 2]`, of which the last `observed` points were seen.
+
+    Those before are filled with the first one seen, or with `before`.
+    """
+    history = np.array(tracks, float)
+    worlds, _, pedestrians, _ = history.shape
+    observed = np.full(worlds, HISTORY) if observed is None else np.array(observed)
+    for own, seen in zip(history, observed, strict=True):
+        own[: HISTORY - seen] = own[HISTORY - seen] if before is None else before
+    nothing, zeros = np.zeros((worlds, 2)), np.zeros(worlds)
+    return Observation(
+        vehicle=Vehicle(nothing, nothing, nothing, zeros, zeros),
+        pedestrians=Pedestrians(
+            position=history[:, -1],
+            velocity=(history[:, -1] - history[:, -2]) / DT,
+            radius=np.full((worlds, pedestrians), 0.3),
+            present=np.ones((worlds, pedestrians), bool),
+            history=history,
+            observed=observed,
+        ),
+        case=np.arange(worlds),
+        key=np.zeros(worlds, np.uint64),
+        step=observed - 1,
+        dt=DT,
+    )
+
+
+def bent(worlds=HISTORY, pedestrians=3):
+    """Tracks that wander."""
+    return np.random.default_rng(0).normal(size=(worlds, HISTORY, pedestrians, 2)).cumsum(axis=1)
+
+
+def test_linear_is_the_least_squares_line_through_the_points_really_seen():
+    tracks, observed = bent(), np.arange(1, HISTORY + 1)
+    found = Linear().predict(observation(tracks, observed), 5)
+    assert found.position.shape == found.velocity.shape == (8, 1, 5, 3, 2)
+    time = DT * np.arange(1 - HISTORY, 1)
+    for w, seen in enumerate(observed[1:], 1):
+        for p in range(3):
+            for axis in range(2):
+                slope, at_now = np.polyfit(time[-seen:], tracks[w, -seen:, p, axis], 1)
+                np.testing.assert_allclose(found.position[w, 0, :, p, axis], at_now + slope * DT * np.arange(1, 6))
+                np.testing.assert_allclose(found.velocity[w, 0, :, p, axis], slope)
+
+
+def test_constant_velocity_goes_on_as_in_the_last_step():
+    tracks = bent()
+    found = ConstantVelocity().predict(observation(tracks), 4)
+    moved = tracks[:, -1] - tracks[:, -2]
+    for step in range(4):
+        np.testing.assert_allclose(found.position[:, 0, step], tracks[:, -1] + (step + 1) * moved)
+        np.testing.assert_allclose(found.velocity[:, 0, step], moved / DT)
+
+
+@BOTH
+def test_straight_tracks_are_continued(predictor):
+    time = DT * np.arange(1 - HISTORY, 4)[:, None, None]
+    track = np.array([[3.0, -2.0]]) + time * np.array([[0.7, 1.1]])
+    found = predictor.predict(observation(track[None, :HISTORY], [5]), 3)
+    np.testing.assert_allclose(found.position[0, 0], track[HISTORY:])
+    np.testing.assert_allclose(found.velocity[0, 0, :, 0], [[0.7, 1.1]] * 3)
+
+
+@BOTH
+def test_who_was_seen_once_stands_still(predictor):
+    tracks = bent()
+    found = predictor.predict(observation(tracks, np.ones(8, int)), 3)
+    np.testing.assert_allclose(found.position, np.repeat(tracks[:, None, -1:], 3, axis=2))
+    assert not found.velocity.any()
+
+
+@BOTH
+def test_points_that_were_not_seen_do_not_matter(predictor):
+    observed = np.arange(1, HISTORY + 1)
+    one = predictor.predict(observation(bent(), observed), 3)
+    other = predictor.predict(observation(bent(), observed, before=1e3), 3)
+    np.testing.assert_array_equal(one.position, other.position)
+    np.testing.assert_array_equal(one.velocity, other.velocity)
+
+
+@BOTH
+def test_padding_and_other_worlds_do_not_matter(predictor):
+    tracks, observed = bent(), np.arange(1, HISTORY + 1)
+    alone = predictor.predict(observation(tracks[4:5], observed[4:5]), 3)
+    padded = predictor.predict(observation(np.pad(tracks, ((0, 0), (0, 0), (0, 2), (0, 0))), observed), 3)
+    np.testing.assert_array_equal(padded.position[4:5, :, :, :3], alone.position)
+    np.testing.assert_array_equal(padded.velocity[4:5, :, :, :3], alone.velocity)
+    assert np.isfinite(padded.position).all()
+    assert np.isfinite(padded.velocity).all()
+
+
+def after(world, steps, scenario):
+    """The world some steps later, in which the vehicle stands."""
+    for _ in range(steps):
+        world = advance(world, np.pad(crowd_velocities(world, scenario.policies), ((0, 0), (1, 0), (0, 0))))
+    return world
+
+
+@pytest.mark.parametrize("name", ["circle_crossing_5", "circle_crossing_5_social_force"])
+def test_the_oracle_knows_the_next_step_and_goes_straight_on_from_there(name):
+    scenario = load_scenario(name)
+    world = after(scenario.worlds(Cases.parse("val:10")), 12, scenario)
+    found = Oracle().predict(observe(world, future=crowd_velocities(world, scenario.policies)), 3)
+    then = after(world, 1, scenario)
+    np.testing.assert_allclose(found.position[:, 0, 0], then.position[:, 1:])
+    np.testing.assert_allclose(found.velocity[:, 0, 0], then.velocity[:, 1:])
+    np.testing.assert_allclose(found.velocity[:, 0, 2], then.velocity[:, 1:])
+    np.testing.assert_allclose(found.position[:, 0, 2], then.position[:, 1:] + 2 * DT * then.velocity[:, 1:])
+
+
+def test_only_the_oracle_is_privileged_and_it_needs_the_future():
+    assert [name for name, predictor in PREDICTORS.items() if predictor.privileged] == ["oracle"]
+    with pytest.raises(PermissionError):
+        Oracle().predict(observation(bent()), 3)
+
+
+MINE = """
+from crowdbench.predict import Linear
+
+class Mine(Linear):
+    pass
+
+def predictor():
+    return Mine()
+
+def other():
+    return Linear()
+
+def wrong():
+    return 3
+"""
+
+
+def test_a_predictor_is_found_by_name_or_in_a_file(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(MINE)
+    assert [type(load_predictor(name)[1]) for name in PREDICTORS] == list(PREDICTORS.values())
+    name, predictor = load_predictor(str(path))
+    assert (name, type(predictor).__name__) == ("mine", "Mine")
+    name, predictor = load_predictor(f"{path}:other")
+    assert (name, type(predictor)) == ("other", Linear)
+    for spec, expected in [
+        ("linaer", "no predictor is called 'linaer'; there are linear, constant_velocity, oracle"),
+        (f"{path}:wrong", "made a int, but must make a Predictor"),
+        (f"{path}:none", "defines no function none"),
+        ("./nowhere.py", "there is no file"),
+    ]:
+        with pytest.raises(InputError, match=expected):
+            load_predictor(spec)
