@@ -91,15 +91,22 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
 
     if weights.endswith(files.SUFFIX):
         return files.load_network(Path(weights), network, device)
-    if weights not in (names := [path.stem for path in weights_files()]):
+    if weights not in (names := [path.stem for path in _weights()]):
         raise InputError(
             f"no weights are called {weights!r}; there are {', '.join(names)}, or give a file: ./mine{files.SUFFIX}"
         )
     return files.load_network(WEIGHTS / f"{weights}{files.SUFFIX}", network, device)
 
 
-def weights_files() -> list[Path]:
-    """The files of the built-in weights."""
+def weights() -> list[tuple[str, str]]:
+    """Name and headline of the built-in weights."""
+    from crowdbench.value.cards import headline
+    from crowdbench.value.weights import read_card
+
+    return [(path.stem, headline(read_card(path))) for path in _weights()]
+
+
+def _weights() -> list[Path]:
     return sorted(WEIGHTS.glob("*.safetensors"))
 
 

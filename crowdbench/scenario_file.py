@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import inspect
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from crowdbench.errors import InputError
 from crowdbench.generators import GENERATORS
 from crowdbench.scenario import Quantity, Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.toml_section import Section, is_number, read_toml
 from crowdbench.types import COLLISION_RULES, Rules
 
 MAX_PEDESTRIANS = 1000
@@ -21,12 +20,7 @@ PolicyLoader = Callable[[str], tuple[str, PedestrianPolicy, str | None]]
 
 def read_table(path: Path) -> dict[str, Any]:
     """The TOML table of a file. Raises InputError where it cannot be read."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"scenario {path} cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"scenario {path} is not valid TOML: {error}") from None
+    return read_toml(path, "scenario")
 
 
 def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyLoader) -> Scenario:
@@ -35,7 +29,7 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
 
     Raises InputError, naming `source` and the key, for unknown keys, wrong types and impossible values.
     """
-    top = _Section(dict(table), source)
+    top = Section(dict(table), source)
     top.text("description")
     rules = _rules(top)
     seed = top.integer("seed", 0, 0, 2**63 - 1)
@@ -47,8 +41,8 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
     vehicle.close()
     pedestrians = top.section("pedestrians")
     number = pedestrians.interval("number", 5, 0, MAX_PEDESTRIANS)
-    radius = pedestrians.quantity("radius", 0.3, least=1e-3)
-    preferred_speed = pedestrians.quantity("preferred_speed", 1.0, least=1e-3)
+    radius = _quantity(pedestrians, "radius", 0.3, least=1e-3)
+    preferred_speed = _quantity(pedestrians, "preferred_speed", 1.0, least=1e-3)
     shares, policies = _policies(pedestrians, load_policy)
     parameters = {policy: _parameters(pedestrians.section(policy), made) for policy, made in policies.items()}
     pedestrians.close()
@@ -73,7 +67,7 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
     )
 
 
-def _rules(top: _Section) -> Rules:
+def _rules(top: Section) -> Rules:
     rules = Rules(
         dt=top.number("dt", 0.25, above=0.0, below=1.0),
         time_limit=top.number("time_limit", 25.0, above=1.0, below=1e6),
@@ -85,7 +79,7 @@ def _rules(top: _Section) -> Rules:
     return rules
 
 
-def _layout(layout: _Section) -> tuple[str, dict[str, float]]:
+def _layout(layout: Section) -> tuple[str, dict[str, float]]:
     generator = layout.choice("generator", "circle_crossing", tuple(GENERATORS))
     options = {
         option: layout.number(option, parameter.default, least=0.0, below=1e6)
@@ -96,12 +90,12 @@ def _layout(layout: _Section) -> tuple[str, dict[str, float]]:
     return generator, options
 
 
-def _policies(pedestrians: _Section, load_policy: PolicyLoader) -> tuple[dict[str, float], dict[str, PedestrianPolicy]]:
+def _policies(pedestrians: Section, load_policy: PolicyLoader) -> tuple[dict[str, float], dict[str, PedestrianPolicy]]:
     """Share and policy by name; in the complete table the names stand for themselves, files by their digests."""
     shares: dict[str, float] = {}
     policies: dict[str, PedestrianPolicy] = {}
     files: dict[str, str] = {}
-    for spec, share in pedestrians.shares("policy", "orca").items():
+    for spec, share in _shares(pedestrians, "policy", "orca").items():
         name, policy, digest = load_policy(spec)
         if name in pedestrians.complete or name in policies:
             raise pedestrians.wrong("policy", f"of policies that are not both called {name}, nor as another key here")
@@ -116,135 +110,45 @@ def _policies(pedestrians: _Section, load_policy: PolicyLoader) -> tuple[dict[st
     return shares, policies
 
 
-def _parameters(section: _Section, policy: PedestrianPolicy) -> dict[str, Quantity]:
+def _parameters(section: Section, policy: PedestrianPolicy) -> dict[str, Quantity]:
     quantities = {
-        parameter: section.quantity(parameter, default, least=0.0) for parameter, default in policy.parameters.items()
+        parameter: _quantity(section, parameter, default, least=0.0) for parameter, default in policy.parameters.items()
     }
     section.close()
     return quantities
 
 
-class _Section:
-    """One table of the file. Every read names the key and its default; `close` finds keys nobody reads.
-
-    `complete` collects what was read, defaults included, in one form however it was written.
-    """
-
-    def __init__(self, table: dict[str, Any], source: str, prefix: str = "") -> None:
-        self.table = table
-        self.source = source
-        self.prefix = prefix
-        self.complete: dict[str, Any] = {}
-        self.sections: dict[str, _Section] = {}
-
-    def wrong(self, key: str, right: str) -> InputError:
-        found = self.table.get(key)
-        return InputError(f"{self.source}: {self.prefix}{key} is {found!r}, but must be {right}")
-
-    def read(self, key: str, default: Any) -> Any:
-        self.complete[key] = self.table.get(key, default)
-        return self.complete[key]
-
-    def section(self, key: str) -> _Section:
-        if key not in self.sections:
-            table = self.table.get(key, {})
-            if not isinstance(table, dict):
-                raise self.wrong(key, f"a table [{self.prefix}{key}]")
-            self.sections[key] = _Section(table, self.source, f"{self.prefix}{key}.")
-            self.complete[key] = self.sections[key].complete
-        return self.sections[key]
-
-    def text(self, key: str) -> str:
-        value = self.read(key, "")
-        if not isinstance(value, str):
-            raise self.wrong(key, "a text in quotes")
-        return value
-
-    def flag(self, key: str, default: bool) -> bool:
-        value = self.read(key, default)
-        if not isinstance(value, bool):
-            raise self.wrong(key, "true or false")
-        return value
-
-    def choice(self, key: str, default: str, choices: tuple[str, ...]) -> str:
-        value = self.read(key, default)
-        if value not in choices:
-            raise self.wrong(key, "one of " + ", ".join(f'"{choice}"' for choice in choices))
-        return str(value)
-
-    def integer(self, key: str, default: int, low: int, high: int) -> int:
-        value = self.read(key, default)
-        if not _is_integer(value) or not low <= value <= high:
-            raise self.wrong(key, f"a whole number from {low} to {high}")
-        return int(value)
-
-    def number(
-        self, key: str, default: float, *, least: float | None = None, above: float = 0.0, below: float
-    ) -> float:
-        value = self.read(key, default)
-        if not _is_number(value) or not (value > above or value == least) or not value < below:
-            bound = f"of at least {least:g}" if least is not None else f"above {above:g}"
-            raise self.wrong(key, f"a number {bound} and below {below:g}")
-        self.complete[key] = float(value)
-        return float(value)
-
-    def interval(self, key: str, default: int, low: int, high: int) -> tuple[int, int]:
-        value = self.read(key, default)
-        pair = [value, value] if _is_integer(value) else value
-        if (
-            not isinstance(pair, list)
-            or len(pair) != 2
-            or not all(map(_is_integer, pair))
-            or not low <= pair[0] <= pair[1] <= high
-        ):
-            raise self.wrong(key, f"a whole number from {low} to {high}, or a pair of them, [least, most]")
-        self.complete[key] = pair
-        return pair[0], pair[1]
-
-    def shares(self, key: str, default: str) -> dict[str, float]:
-        value = self.read(key, default)
-        shares = {value: 1.0} if isinstance(value, str) else value
-        if (
-            not isinstance(shares, dict)
-            or not shares
-            or not all(_is_number(share) and 0 < share < 1e9 for share in shares.values())
-        ):
-            raise self.wrong(
-                key, "the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }"
-            )
-        total = sum(shares.values())
-        return {name: share / total for name, share in shares.items()}
-
-    def quantity(self, key: str, default: float, *, least: float) -> Quantity:
-        """A number or a Gaussian; whole where the default is."""
-        value = self.read(key, default)
-        table = {"mean": value, "std": 0.0, "low": value, "high": value} if _is_number(value) else value
-        if (
-            not isinstance(table, dict)
-            or set(table) != {"mean", "std", "low", "high"}
-            or not all(map(_is_number, table.values()))
-            or not least <= table["low"] <= table["mean"] <= table["high"] < 1e6
-            or not 0 <= table["std"] < 1e6
-            or (table["std"] > 0 and table["high"] - table["low"] < 0.1 * table["std"])
-        ):
-            raise self.wrong(
-                key,
-                f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
-                f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std",
-            )
-        self.complete[key] = {name: float(number) for name, number in table.items()}
-        return Quantity(**self.complete[key], whole=isinstance(default, int))
-
-    def close(self) -> None:
-        for key in self.table:
-            if key not in self.complete:
-                known = ", ".join(self.complete)
-                raise InputError(f"{self.source}: unknown key {self.prefix}{key}; the keys here are {known}")
+def _shares(section: Section, key: str, default: str) -> dict[str, float]:
+    value = section.read(key, default)
+    shares = {value: 1.0} if isinstance(value, str) else value
+    if (
+        not isinstance(shares, dict)
+        or not shares
+        or not all(is_number(share) and 0 < share < 1e9 for share in shares.values())
+    ):
+        raise section.wrong(
+            key, "the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }"
+        )
+    total = sum(shares.values())
+    return {name: share / total for name, share in shares.items()}
 
 
-def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and value == value
+def _quantity(section: Section, key: str, default: float, *, least: float) -> Quantity:
+    """A number or a Gaussian; whole where the default is."""
+    value = section.read(key, default)
+    table = {"mean": value, "std": 0.0, "low": value, "high": value} if is_number(value) else value
+    if (
+        not isinstance(table, dict)
+        or set(table) != {"mean", "std", "low", "high"}
+        or not all(map(is_number, table.values()))
+        or not least <= table["low"] <= table["mean"] <= table["high"] < 1e6
+        or not 0 <= table["std"] < 1e6
+        or (table["std"] > 0 and table["high"] - table["low"] < 0.1 * table["std"])
+    ):
+        raise section.wrong(
+            key,
+            f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
+            f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std",
+        )
+    section.complete[key] = {name: float(number) for name, number in table.items()}
+    return Quantity(**section.complete[key], whole=isinstance(default, int))

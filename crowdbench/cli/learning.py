@@ -11,6 +11,8 @@ import typer
 from crowdbench.cli.options import INTERRUPTED, ScenarioOption, SetOption, use_threads
 from crowdbench.errors import InputError
 
+EPISODES = 6000
+
 if TYPE_CHECKING:
     from crowdbench.train.value import Validated
 
@@ -21,7 +23,7 @@ def train(
     overrides: SetOption = None,
     predictor: Annotated[str, typer.Option(help="A name or ./mine.py: what foresees the pedestrians.")] = "oracle",
     seed: Annotated[int, typer.Option(min=0, help="Another seed, another network.")] = 0,
-    episodes: Annotated[int | None, typer.Option(min=1, help="Episodes to learn from. [default: 6000]")] = None,
+    episodes: Annotated[int | None, typer.Option(min=1, help="Episodes to learn from, 6000 unless told.")] = None,
     minutes: Annotated[float | None, typer.Option(min=0.1, help="Minutes of training, instead of episodes.")] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="[default: all cores]")] = None,
@@ -37,34 +39,31 @@ def train(
     if episodes is not None and minutes is not None:
         raise InputError("--episodes and --minutes both say how long to train: give one of them")
     announce_compilation()
-    directory = resume or out or Path("runs") / f"train-{network}-seed{seed}"
-    with progress(100, "% of the training") as advance:
-        shown = 0
+    if resume is not None:
+        running = session.Session.resumed(resume, device)
+    else:
+        settings = catalog.assignments(overrides or [], "--set")
+        asked = session.Request(network, scenario, settings, predictor, seed, episodes or EPISODES, minutes)
+        running = session.Session.new(asked, out or Path("runs") / f"train-{network}-seed{seed}", device)
+    try:
+        with progress(100, "% of the training") as advance:
+            shown = 0
 
-        def tell(point: Validated, done: float) -> None:
-            nonlocal shown
-            say(_line(point))
-            advance(int(100 * done) - shown)
-            shown = int(100 * done)
+            def tell(point: Validated, done: float) -> None:
+                nonlocal shown
+                say(_line(point))
+                advance(int(100 * done) - shown)
+                shown = int(100 * done)
 
-        try:
-            if resume is not None:
-                weights = session.resume(resume, device, tell)
-            else:
-                asked = session.Request(
-                    network=network,
-                    scenario=scenario,
-                    overrides=catalog.assignments(overrides or [], "--set"),
-                    predictor=predictor,
-                    seed=seed,
-                    episodes=episodes or 6000,
-                    minutes=minutes,
-                )
-                weights = session.train(asked, directory, device, tell)
-        except KeyboardInterrupt:
-            say(f"crowdbench: interrupted: go on with crowdbench train {network} --resume {directory}")
-            sys.exit(INTERRUPTED)
-    print(f"{weights} drives with crowdbench run --planner {network} --option weights={weights}")
+            running.train(tell)
+        with progress(sum(map(len, session.FIGURES.values())), "cases for the card") as advance:
+            weights = running.finish(advance)
+    except KeyboardInterrupt:
+        kept = running.directory.exists()
+        left = f"go on with crowdbench train {network} --resume {running.directory}" if kept else "nothing was kept yet"
+        say(f"crowdbench: interrupted: {left}")
+        sys.exit(INTERRUPTED)
+    print(f"The weights are {weights}: crowdbench run --planner {network} --option weights={weights}")
 
 
 def _line(point: Validated) -> str:

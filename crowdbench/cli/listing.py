@@ -7,15 +7,16 @@ from typing import Annotated
 
 import typer
 
+from crowdbench.cli.learning import EPISODES
 from crowdbench.cli.options import CasesOption, LimitOption, OptionOption, ScenarioOption, print_table
 from crowdbench.errors import InputError
 from crowdbench.settings import DECISION_LIMIT
 
 
 def list_(
-    kind: Annotated[str, typer.Argument(help="planners, pedestrians, predictors, scenarios or metrics.")],
+    kind: Annotated[str, typer.Argument(help="planners, pedestrians, predictors, weights, scenarios or metrics.")],
 ) -> None:
-    """List planners, pedestrians, predictors, scenarios or metrics."""
+    """List planners, pedestrians, predictors, weights, scenarios or metrics."""
     from crowdbench import catalog
     from crowdbench.metrics import METRICS
     from crowdbench.predict import PREDICTORS
@@ -25,6 +26,7 @@ def list_(
         "planners": catalog.PLANNERS.names,
         "pedestrians": catalog.PEDESTRIANS.names,
         "predictors": lambda: _described(PREDICTORS),
+        "weights": catalog.weights,
         "scenarios": catalog.scenarios,
         "metrics": lambda: _described(METRICS),
     }
@@ -70,15 +72,19 @@ def check(
 
 def bench() -> None:
     """Measure the speed here, beside navground's where that is installed."""
-    from crowdbench.bench.measure import rows
+    from crowdbench.bench import NAVGROUND, Row
+    from crowdbench.bench.measure import measurements
     from crowdbench.console import progress
     from crowdbench.tables import bench_table
 
-    with progress(9, "measurements") as tell:
-        measured = []
-        for row in rows():
-            measured.append(row)
+    wanted = measurements(EPISODES)
+    with progress(len(wanted), "measurements") as tell:
+        measured: list[Row] = []
+        for measurement in wanted:
+            measured += measurement()
             tell(1)
     print_table(bench_table(measured))
-    if all(row.theirs is None for row in measured):
-        print("\nnavground is not installed, so its column is skipped: pip install 'crowdbench[bench]'")
+    print("\nDecisions are those of random weights, which cost what trained ones cost. CrowdNav's figures were recorded")
+    print("beforehand, elsewhere: they are not measured in this run.")
+    if not any(row.theirs for row in measured if row.whose == NAVGROUND):
+        print("navground is not installed, so its figures are left out: pip install 'crowdbench[bench]'")

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 
 from crowdbench.reward import discount, episode_rewards
 from crowdbench.types import Outcome, Trace
@@ -15,15 +15,15 @@ from crowdbench.value.joint_state import joint_states
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps from one state to the next, in float32.
+    """States of episodes, each with what came of it some steps later, in float32.
 
-    `value` is the discounted return to the episode's end; it says nothing of episodes that ran out of time.
-    `factor` is what the next state's value counts for: 0 after the last step of an episode, but not after a
-    time-out, which ends the watching, not the way.
+    `reward` is the discounted sum of the rewards until then, `later` the state reached, and `factor` what the value of
+    that state counts for: 0 where the episode ended before, but not by a time-out, which ends the watching, not the
+    way. `value` is the discounted return to the episode's end; it says nothing of episodes that ran out of time.
     """
 
     joint: Float32[np.ndarray, "step pedestrian 13"]
-    next_joint: Float32[np.ndarray, "step pedestrian 13"]
+    later: Float32[np.ndarray, "step pedestrian 13"]
     present: Bool[np.ndarray, "step pedestrian"]
     reward: Float32[np.ndarray, "step"]
     factor: Float32[np.ndarray, "step"]
@@ -37,41 +37,55 @@ class Steps:
         return Steps(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
 
 
-def steps_of(trace: Trace, *, timeouts: bool = True) -> Steps:
-    """All steps of a trace's episodes, those that ran out of time only if `timeouts`."""
-    taken = np.arange(trace.gap.shape[1]) < trace.steps[:, None]
-    if not timeouts:
-        taken &= (trace.outcome != Outcome.TIMEOUT)[:, None]
+def steps_of(trace: Trace, ahead: int, *, timeouts: bool = True) -> Steps:
+    """All states of a trace's episodes but the last ones, each with what came of it `ahead` steps later.
+
+    The states of episodes that ran out of time are left out unless `timeouts`.
+    """
+    length = trace.gap.shape[1]
+    taken = np.arange(length) < trace.steps[:, None]
     reward = np.where(taken, episode_rewards(trace), 0.0)
-    factor = discount(trace.preferred_speed[:, :1], trace.rules.dt)
-    last = np.arange(trace.gap.shape[1]) == trace.steps[:, None] - 1
-    ends = last & (trace.outcome != Outcome.TIMEOUT)[:, None]
-    states = (len(trace), trace.position.shape[1])
+    factor = discount(trace.preferred_speed[:, 0], trace.rules.dt)
+    # The state that is looked at later: that many steps on, or the episode's last.
+    then = np.minimum(np.arange(length) + ahead, trace.steps[:, None])
+    over = (then == trace.steps[:, None]) & (trace.outcome != Outcome.TIMEOUT)[:, None]
+    joint, present = _states(trace)
+    world, time = np.nonzero(taken & (timeouts | (trace.outcome != Outcome.TIMEOUT))[:, None])
+    return Steps(
+        joint=joint[world, time],
+        later=joint[world, then[world, time]],
+        present=present[world],
+        reward=_returns(reward, factor, ahead)[world, time].astype(np.float32),
+        factor=np.where(over, 0.0, factor[:, None] ** (then - np.arange(length)))[world, time].astype(np.float32),
+        value=_returns(reward, factor, length)[world, time].astype(np.float32),
+    )
+
+
+def _states(
+    trace: Trace,
+) -> tuple[Float32[np.ndarray, "world time pedestrian 13"], Bool[np.ndarray, "world pedestrian"]]:
+    """The joint states of a trace, and who is present in them."""
+    worlds, times, agents = trace.position.shape[:3]
     joint = joint_states(
         np.nan_to_num(trace.position),
         np.nan_to_num(trace.velocity),
-        np.broadcast_to(trace.radius[:, None], (*states, trace.radius.shape[1])),
-        np.broadcast_to(trace.present[:, None], (*states, trace.present.shape[1])),
-        np.broadcast_to(trace.goal[:, None, 0], (*states, 2)),
-        np.broadcast_to(trace.preferred_speed[:, :1], states),
+        np.broadcast_to(trace.radius[:, None], (worlds, times, agents)),
+        np.broadcast_to(trace.present[:, None], (worlds, times, agents)),
+        np.broadcast_to(trace.goal[:, None, 0], (worlds, times, 2)),
+        np.broadcast_to(trace.preferred_speed[:, :1], (worlds, times)),
     )
-    present = np.zeros(joint.shape[:3], bool)
-    present[..., : trace.present.shape[1] - 1] = trace.present[:, None, 1:]
-    return Steps(
-        joint=joint[:, :-1][taken],
-        next_joint=joint[:, 1:][taken],
-        present=present[:, :-1][taken],
-        reward=reward[taken].astype(np.float32),
-        factor=np.where(ends, 0.0, factor)[taken].astype(np.float32),
-        value=_returns(reward, factor[:, 0])[taken].astype(np.float32),
-    )
+    present = np.zeros((worlds, joint.shape[2]), bool)
+    present[:, : agents - 1] = trace.present[:, 1:]
+    return joint, present
 
 
-def _returns(reward: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """The discounted sum of each step's reward and all later ones of its episode."""
-    returns = reward.copy()
-    for t in range(reward.shape[1] - 2, -1, -1):
-        returns[:, t] += factor * returns[:, t + 1]
+def _returns(
+    reward: Float[np.ndarray, "world step"], factor: Float[np.ndarray, "world"], ahead: int
+) -> Float[np.ndarray, "world step"]:
+    """The discounted sum of each step's reward and those of the steps after it, `ahead` in all."""
+    returns = np.zeros_like(reward)
+    for later in range(min(ahead, reward.shape[1])):
+        returns[:, : reward.shape[1] - later] += factor[:, None] ** later * reward[:, later:]
     return returns
 
 

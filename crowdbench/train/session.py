@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import dataclasses
 import platform
@@ -38,8 +39,6 @@ FIGURES = {"validation": Cases("val", 0, 1000), "test": Cases("test", 0, 500)}
 
 MEASURED = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
 
-Tell = Callable[[Validated, float], None]
-
 
 @dataclass(frozen=True)
 class Request:
@@ -72,50 +71,71 @@ class Request:
         return Training(Setup(self.network, scenario, predictor, self.seed, self.episodes, self.minutes, device))
 
 
-def train(request: Request, out: Path, device: str, tell: Tell) -> Path:
-    """Train from nothing in the new directory `out`; the path of the weights.
+@dataclass(frozen=True)
+class Session:
+    """A training in its directory. `train` it, and then `finish`."""
 
-    `tell` is given each point of the curve and the progress. An interrupt leaves the last checkpoint. Raises
-    InputError where something asked for does not exist, or `out` does.
-    """
-    training = request.training(device)
-    try:
-        out.mkdir(parents=True)
-    except FileExistsError:
-        raise InputError(
-            f"{out} exists already: name another place with --out, or go on with what is there: --resume {out}"
-        ) from None
-    return _finish(training, request, out, tell)
+    request: Request
+    training: Training
+    directory: Path
+
+    @classmethod
+    def new(cls, request: Request, directory: Path, device: str) -> Session:
+        """Start from nothing. Raises InputError where something asked for does not exist, or the directory does."""
+        training = request.training(device)
+        try:
+            directory.mkdir(parents=True)
+        except FileExistsError:
+            raise InputError(
+                f"{directory} exists already: name another place with --out, or go on with what is there: "
+                f"--resume {directory}"
+            ) from None
+        return cls(request, training, directory)
+
+    @classmethod
+    def resumed(cls, directory: Path, device: str) -> Session:
+        """Go on from the checkpoint in a directory, as if nothing had happened.
+
+        Raises InputError where there is none, or its training cannot go on.
+        """
+        if (directory / WEIGHTS).exists():
+            raise InputError(f"the training in {directory} is finished: its weights are {directory / WEIGHTS}")
+        request = Request(**checkpoint.read_about(directory / CHECKPOINT))
+        training = request.training(device)
+        checkpoint.restore(training, directory / CHECKPOINT)
+        return cls(request, training, directory)
+
+    def train(self, tell: Callable[[Validated, float], None]) -> None:
+        """Train to the end; `tell` is given every point of the curve, and the progress from 0 to 1.
+
+        What stops it leaves the last checkpoint, or no directory where there is none yet.
+        """
+
+        def keep() -> None:
+            checkpoint.save(self.training, self.directory / CHECKPOINT, dataclasses.asdict(self.request))
+            _write_curve(self.training.curve, self.directory / CURVE)
+            tell(self.training.curve[-1], self.training.progress)
+
+        try:
+            self.training.run(keep)
+        finally:
+            # Raised where there is something in it: then there is something to go on with.
+            with contextlib.suppress(OSError):
+                self.directory.rmdir()
+
+    def finish(self, progress: Callable[[int], None]) -> Path:
+        """Measure what was kept and write weights, card and curves; the path of the weights.
+
+        `progress` is told how many of the episodes of `FIGURES` have ended.
+        """
+        points = [dataclasses.asdict(point) for point in self.training.curve]
+        curves.write(self.directory / RECORDING, self.request.command, points)
+        save_network(self.training.best, self.directory / WEIGHTS, _card(self.training, self.request, progress))
+        (self.directory / CHECKPOINT).unlink()
+        return self.directory / WEIGHTS
 
 
-def resume(directory: Path, device: str, tell: Tell) -> Path:
-    """Go on from the checkpoint in a directory, as if nothing had happened; the path of the weights.
-
-    Raises InputError where there is none, or its training cannot go on.
-    """
-    path = directory / CHECKPOINT
-    if (directory / WEIGHTS).exists():
-        raise InputError(f"the training in {directory} is finished: its weights are {directory / WEIGHTS}")
-    request = Request(**checkpoint.read_about(path))
-    training = request.training(device)
-    checkpoint.restore(training, path)
-    return _finish(training, request, directory, tell)
-
-
-def _finish(training: Training, request: Request, out: Path, tell: Tell) -> Path:
-    def keep() -> None:
-        checkpoint.save(training, out / CHECKPOINT, dataclasses.asdict(request))
-        _write_curve(training.curve, out / CURVE)
-        tell(training.curve[-1], training.progress)
-
-    training.run(keep)
-    curves.write(out / RECORDING, request.command, [dataclasses.asdict(point) for point in training.curve])
-    save_network(training.best, out / WEIGHTS, _card(training, request))
-    (out / CHECKPOINT).unlink()
-    return out / WEIGHTS
-
-
-def _card(training: Training, request: Request) -> dict[str, Any]:
+def _card(training: Training, request: Request, progress: Callable[[int], None]) -> dict[str, Any]:
     setup = training.setup
     return {
         "command": request.command,
@@ -127,7 +147,7 @@ def _card(training: Training, request: Request) -> dict[str, Any]:
             "kept_after_episodes": training.kept.episodes,
             "minutes": round(training.seconds / 60, 1),
         },
-        "figures": {split: _figures(training, cases) for split, cases in FIGURES.items()},
+        "figures": {split: _figures(training, cases, progress) for split, cases in FIGURES.items()},
         "commit": _commit(),
         "machine": f"{_processor()}, {torch.get_num_threads()} threads, {setup.device}",
         "versions": {"python": platform.python_version(), "torch": torch.__version__},
@@ -136,12 +156,13 @@ def _card(training: Training, request: Request) -> dict[str, Any]:
     }
 
 
-def _figures(training: Training, cases: Cases) -> dict[str, Any]:
+def _figures(training: Training, cases: Cases, progress: Callable[[int], None]) -> dict[str, Any]:
     """How the kept network does, with the predictor and on the scenario that it was trained with."""
     setup = training.setup
     driver = Driver(ValuePlanner(setup.predictor, training.best), setup.network)
     metrics = {name: METRICS[name] for name in MEASURED}
-    parts = [Episodes.of(rollout(driver, setup.scenario, part), metrics) for part in cases.batches(BATCH)]
+    traces = (rollout(driver, setup.scenario, part, progress=progress) for part in cases.batches(BATCH))
+    parts = [Episodes.of(trace, metrics) for trace in traces]
     return {"cases": str(cases), "metrics": to_json(Episodes.joined(parts).summary())}
 
 

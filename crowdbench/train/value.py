@@ -53,6 +53,9 @@ SAMPLES = 8
 """Steps that are learnt from per step driven."""
 
 BATCH = 512
+AHEAD = 6
+"""Steps between a state and the one whose value it learns from: one would carry what is learnt too slowly back."""
+
 CAPACITY = 400_000
 """Steps that are remembered."""
 
@@ -146,7 +149,7 @@ class Training:
     def _imitate(self) -> float:
         """Learn the returns of demonstrated episodes. The loss of the last pass."""
         trace = rollout(Driver(ORCAPlanner(SAFETY_SPACE), "orca"), self.setup.scenario, self._cases(0, DEMONSTRATIONS))
-        steps = steps_of(trace, timeouts=False)
+        steps = steps_of(trace, AHEAD, timeouts=False)
         optimizer = torch.optim.Adam(self.network.parameters(), lr=IMITATION_RATE)
         generator = np.random.default_rng([self.setup.seed, 0])
         for _ in range(PASSES):
@@ -160,7 +163,7 @@ class Training:
         """Drive a round of episodes and learn from all that are remembered. The mean loss."""
         for group in self.optimizer.param_groups:
             group["lr"] = RATE * min(1.0, 2.0 * (1.0 - self.progress))
-        steps = steps_of(self._drive())
+        steps = steps_of(self._drive(), AHEAD)
         self.replay.add(steps)
         generator = np.random.default_rng([self.setup.seed, 1, self.rounds])
         losses = []
@@ -189,8 +192,8 @@ class Training:
 
     @torch.no_grad()
     def _target(self, batch: Steps) -> Float[Tensor, "step"]:
-        """TD(0): the reward and the discounted value of the next state."""
-        later = self.average(self._tensor(batch.next_joint), self._tensor(batch.present))
+        """The rewards of the next steps and the discounted value of the state after them."""
+        later = self.average(self._tensor(batch.later), self._tensor(batch.present))
         return self._tensor(batch.reward) + self._tensor(batch.factor) * later
 
     def _update(self, optimizer: torch.optim.Optimizer, batch: Steps, target: Float[Tensor, "step"]) -> float:

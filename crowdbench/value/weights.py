@@ -18,19 +18,22 @@ from safetensors.torch import load, save
 
 from crowdbench.errors import InputError
 from crowdbench.files import whole
+from crowdbench.value import cards
 from crowdbench.value.networks import NETWORKS, ValueNetwork
 
 SUFFIX = ".safetensors"
 
 
 def save_network(network: ValueNetwork, path: Path, card: Mapping[str, Any]) -> None:
-    """Write the weights to `path`, which ends in .safetensors, and the card beside them."""
+    """Write the weights to `path`, which ends in .safetensors, and the card beside them, for programs and people."""
     content = save({name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()})
     about = {"network": network.name, "sha256": hashlib.sha256(content).hexdigest(), **card}
     with whole(path) as partial:
         partial.write_bytes(content)
     with whole(path.with_suffix(".json")) as partial:
         partial.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+    with whole(path.with_suffix(".md")) as partial:
+        partial.write_text(cards.markdown(about), encoding="utf-8")
 
 
 def read_card(path: Path) -> dict[str, Any]:

@@ -1,0 +1,428 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+import torch
+from helpers import world
+from test_joint_state import slow_joint_states
+
+from crowdbench.lookahead import ValuePlanner, planner
+from crowdbench.lookahead.actions import speeds_and_headings
+from crowdbench.lookahead.outlook import Scene
+from crowdbench.predict import ConstantVelocity, Oracle, Prediction, Predictor
+from crowdbench.sim.simulator import observe, step
+from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle
+from crowdbench.value.networks import NETWORKS, ValueNetwork, alone
+
+torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
+
+DT = 0.25
+
+
+class Nearer(ValueNetwork):
+    """Blind to the crowd: the way to the goal alone counts. Remembers how much it was given at once."""
+
+    name = "nearer"
+
+    def __init__(self):
+        super().__init__()
+        self.unused = torch.nn.Parameter(torch.zeros(1))
+        self.given = []
+
+    def crowd(self, joint, present):
+        self.given.append(len(joint) * joint.shape[1])
+        return alone(joint), torch.zeros(present.shape)
+
+
+class Far(Nearer):
+    """Values every state at 100."""
+
+    def crowd(self, joint, present):
+        return torch.full((len(joint),), 100.0), torch.zeros(present.shape)
+
+
+class Forks(Predictor):
+    """Each mode turns everybody by another angle; positions do not follow from the velocity, as with a fitted line."""
+
+    def __init__(self, modes):
+        self.turns = 0.7 * (np.arange(modes) - 1.0)
+
+    def predict(self, obs, steps):
+        x, y = np.moveaxis(obs.pedestrians.velocity, -1, 0)
+        c, s = np.cos(self.turns), np.sin(self.turns)
+        turned = np.einsum("xwpm->wmpx", [np.multiply.outer(x, c) - np.multiply.outer(y, s),
+                                          np.multiply.outer(x, s) + np.multiply.outer(y, c)])  # fmt: skip
+        ahead = np.arange(1, steps + 1)[:, None, None]
+        velocity = turned[:, :, None] * (1.0 + 0.2 * ahead)
+        return Prediction(obs.pedestrians.position[:, None, None] + 0.05 + 0.3 * ahead * velocity, velocity)
+
+
+class Says(Predictor):
+    """Says that the crowd will be at the given positions `[time, pedestrian, 2]`."""
+
+    def __init__(self, position):
+        self.position = np.array(position, float)
+
+    def predict(self, obs, steps):
+        position = np.repeat(self.position[None, None, :steps], len(obs), axis=0)
+        return Prediction(position, np.zeros(position.shape))
+
+
+def crowded(worlds=6, pedestrians=4, seed=0):
+    """Vehicles close to their goals among pedestrians; nobody is in world 0, everybody in world 1."""
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(-np.pi, np.pi, (worlds, pedestrians))
+    away = rng.uniform(0.6, 1.6, (worlds, pedestrians, 1)) * np.stack([np.cos(angle), np.sin(angle)], -1)
+    vehicle = rng.normal(0.0, 3.0, (worlds, 2))
+    present = rng.random((worlds, pedestrians)) < 0.7
+    present[0], present[1] = False, True
+    # The absent stand in the way.
+    position = vehicle[:, None] + np.where(present[..., None], away, 0.0)
+    velocity = rng.normal(0.0, 0.8, (worlds, pedestrians, 2))
+    past = DT * np.arange(1 - HISTORY, 1)[:, None, None]
+    return Observation(
+        vehicle=Vehicle(
+            position=vehicle,
+            velocity=rng.normal(0.0, 0.5, (worlds, 2)),
+            goal=vehicle + rng.normal(0.0, 0.4, (worlds, 2)),
+            radius=rng.uniform(0.2, 0.35, worlds),
+            preferred_speed=rng.uniform(0.6, 1.5, worlds),
+        ),
+        pedestrians=Pedestrians(
+            position=position,
+            velocity=velocity,
+            radius=rng.uniform(0.2, 0.4, (worlds, pedestrians)),
+            present=present,
+            history=position[:, None] + past * velocity[:, None],
+            observed=np.full(worlds, HISTORY),
+        ),
+        case=np.arange(worlds),
+        key=np.arange(worlds, dtype=np.uint64),
+        step=np.full(worlds, HISTORY),
+        dt=DT,
+        future=velocity,
+    )
+
+
+def network(name="sarl"):
+    """Untrained, but with values that differ much from state to state."""
+    torch.manual_seed(1)
+    made = NETWORKS[name]()
+    with torch.no_grad():
+        for values in made.parameters():
+            values *= 2.0
+    return made
+
+
+def scene(obs, prediction, ahead=0, position=None):
+    after = prediction.position[:, :, ahead]
+    before = (
+        prediction.position[:, :, ahead - 1]
+        if ahead
+        else np.repeat(obs.pedestrians.position[:, None], len(after[0]), 1)
+    )
+    return Scene(
+        position=obs.vehicle.position if position is None else position,
+        goal=obs.vehicle.goal,
+        radius=obs.vehicle.radius,
+        preferred_speed=obs.vehicle.preferred_speed,
+        crowd=before,
+        next_crowd=after,
+        next_velocity=prediction.velocity[:, :, ahead],
+        crowd_radius=obs.pedestrians.radius,
+        present=obs.pedestrians.present,
+        dt=obs.dt,
+    )
+
+
+def slow_step(scene, w, mode, command):
+    """Outcome, reward and next joint states of one command in one future, by the published rules."""
+    share = np.linspace(0.0, 1.0, 401)[:, None]
+    own = scene.position[w] + share * scene.dt * command
+    gap = math.inf
+    for p in np.flatnonzero(scene.present[w]):
+        start, end = scene.crowd[w, mode, p], scene.next_crowd[w, mode, p]
+        distance = np.sqrt((((1.0 - share) * start + share * end - own) ** 2).sum(axis=1))
+        gap = min(gap, distance.min() - scene.crowd_radius[w, p] - scene.radius[w])
+    if gap < 0.0:
+        outcome, reward = Outcome.COLLISION, -0.25
+    elif math.dist(own[-1], scene.goal[w]) < scene.radius[w]:
+        outcome, reward = Outcome.SUCCESS, 1.0
+    else:
+        outcome, reward = Outcome.RUNNING, (gap - 0.2) * 0.5 * scene.dt if gap < 0.2 else 0.0
+    joint = slow_joint_states(
+        np.concatenate([own[-1:], scene.next_crowd[w, mode]]),
+        np.concatenate([command[None], scene.next_velocity[w, mode]]),
+        np.append(scene.radius[w], scene.crowd_radius[w]),
+        np.append(True, scene.present[w]),
+        scene.goal[w],
+        scene.preferred_speed[w],
+    )
+    return outcome, reward, joint
+
+
+def slow_values(scene, commands, network, aggregate=np.mean):
+    """The values and the outcomes `[world, action, mode]`, one command in one future at a time."""
+    worlds, actions, modes = *commands.shape[:2], scene.crowd.shape[1]
+    outcomes, values = np.zeros((worlds, actions, modes), int), np.zeros((worlds, actions))
+    for w in range(worlds):
+        steps = [slow_step(scene, w, m, commands[w, a]) for a, m in itertools.product(range(actions), range(modes))]
+        joint = torch.tensor(np.array([joint for _, _, joint in steps]), dtype=torch.float32)
+        present = torch.from_numpy(np.repeat(scene.present[None, w], len(steps), axis=0))
+        later = 0.9 ** (scene.dt * scene.preferred_speed[w]) * network(joint, present).detach().numpy()
+        total = [r + (v if o == Outcome.RUNNING else 0.0) for (o, r, _), v in zip(steps, later, strict=True)]
+        outcomes[w] = np.array([o for o, _, _ in steps]).reshape(actions, modes)
+        values[w] = [aggregate(each) for each in np.array(total).reshape(actions, modes)]
+    return values, outcomes
+
+
+def assert_best(chosen, commands, values):
+    """Each world's chosen command is one of its commands and, but for ties, the best of them."""
+    for w in range(len(chosen)):
+        same = (commands[w] == chosen[w]).all(axis=1)
+        assert same.any()
+        assert values[w, same].max() >= values[w].max() - 1e-5
+
+
+# The commands.
+
+
+def test_there_are_81_commands_in_exponential_steps():
+    preferred = np.array([1.0, 0.4, 1.7])
+    commands = speeds_and_headings(preferred)
+    for w, most in enumerate(preferred):
+        expected = [(0.0, 0.0)]
+        for k in range(1, 6):
+            speed = most * (math.exp(k / 5) - 1.0) / (math.e - 1.0)
+            expected += [(speed * math.cos(n * math.pi / 8), speed * math.sin(n * math.pi / 8)) for n in range(16)]
+        np.testing.assert_allclose(commands[w], expected, rtol=1e-12, atol=1e-12)
+        assert (commands[w, 0] == 0.0).all()
+        assert len(np.unique(commands[w], axis=0)) == 81
+        assert np.hypot(*commands[w].T).max() == pytest.approx(most, rel=1e-12)
+
+
+# One step.
+
+
+@pytest.mark.parametrize("name", list(NETWORKS))
+def test_values_are_reward_and_discounted_value_of_the_predicted_step(name):
+    obs, net = crowded(), network(name)
+    made = ValuePlanner(ConstantVelocity(), net)
+    seen = scene(obs, made.predictor.predict(obs, 1))
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    values, outcomes = slow_values(seen, commands, net)
+    assert set(outcomes.flat) == {Outcome.RUNNING, Outcome.SUCCESS, Outcome.COLLISION}
+    np.testing.assert_allclose(made.values(seen, commands), values, rtol=0.0, atol=1e-5)
+    assert_best(made.plan(obs), commands, values)
+
+
+@pytest.mark.parametrize("aggregate", [np.mean, np.min])
+def test_values_are_aggregated_over_modes(aggregate):
+    def over_modes(values):
+        return aggregate(values, axis=1)
+
+    obs, net = crowded(seed=3), network()
+    made = ValuePlanner(Forks(3), net, **{} if aggregate is np.mean else {"aggregate": over_modes})
+    seen = scene(obs, made.predictor.predict(obs, 1))
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    values, outcomes = slow_values(seen, commands, net, aggregate)
+    assert (outcomes.min(axis=2) != outcomes.max(axis=2)).any()
+    np.testing.assert_allclose(made.values(seen, commands), values, rtol=0.0, atol=1e-5)
+    assert_best(made.plan(obs), commands, values)
+
+
+@pytest.mark.parametrize("chunk", [1, 100, 1000])
+def test_chunks_change_no_value_and_bound_what_a_network_is_given(monkeypatch, chunk):
+    obs, net, near = crowded(3), network(), Nearer()
+    seen = scene(obs, Forks(3).predict(obs, 1))
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    whole = ValuePlanner(Forks(3), net).values(seen, commands)
+    monkeypatch.setattr(planner, "CHUNK", chunk)
+    np.testing.assert_allclose(ValuePlanner(Forks(3), net).values(seen, commands), whole, rtol=0.0, atol=1e-5)
+    ValuePlanner(Forks(3), near).values(seen, commands)
+    one_command = 3 * 4
+    assert max(near.given) <= max(chunk, one_command)
+    assert sum(near.given) == 3 * 81 * one_command
+
+
+def test_nothing_comes_after_arrival_or_collision():
+    obs = crowded()
+    seen = scene(obs, ConstantVelocity().predict(obs, 1))
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    values = ValuePlanner(ConstantVelocity(), Far()).values(seen, commands)[1:]
+    outcomes = slow_values(seen, commands, Far())[1][1:, :, 0]
+    assert set(outcomes.flat) == {Outcome.RUNNING, Outcome.SUCCESS, Outcome.COLLISION}
+    assert (values[outcomes == Outcome.SUCCESS] == 1.0).all()
+    assert (values[outcomes == Outcome.COLLISION] == -0.25).all()
+    # Somebody is there in some of the other worlds only.
+    crowd = obs.pedestrians.present.any(axis=1)[1:]
+    assert (values[crowd][outcomes[crowd] == Outcome.RUNNING] > 50.0).all()
+
+
+def test_the_planner_takes_the_reward_it_is_given():
+    obs = crowded()
+    seen = scene(obs, ConstantVelocity().predict(obs, 1))
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    made = ValuePlanner(ConstantVelocity(), Far(), reward=lambda outcome, gap, dt: outcome * 10.0 + dt)
+    outcomes = slow_values(seen, commands, Far())[1][:, :, 0]
+    ended = outcomes != Outcome.RUNNING
+    assert np.array_equal(made.values(seen, commands)[ended], 10.0 * outcomes[ended] + DT)
+
+
+@pytest.mark.parametrize(
+    ("crowd", "said", "goes"),
+    [([0.65, 0.0], [5.0, 0.0], True), ([0.65, 0.0], [0.65, 0.0], False), ([5.0, 5.0], [0.75, 0.0], False)],
+)
+def test_a_prediction_is_believed_right_or_wrong(crowd, said, goes):
+    before = world([[0.0, 0.0], crowd], goal=[[5.0, 0.0], [0.0, 0.0]])
+    command = ValuePlanner(Says([[said]]), Nearer()).plan(observe(before))
+    assert np.array_equal(command, [[1.0, 0.0]]) == goes
+    # In truth the crowd stands still: whoever believes otherwise runs into it.
+    outcome = step(before, command, np.zeros((1, 1, 2)))[1]
+    assert outcome == (Outcome.COLLISION if goes else Outcome.RUNNING)
+
+
+def test_a_vehicle_alone_goes_straight_to_its_goal():
+    made = ValuePlanner(ConstantVelocity(), network())
+    obs = observe(world([[0.0, 0.0]], goal=[[0.0, 5.0]]))
+    assert obs.pedestrians.present.shape == (1, 0)
+    np.testing.assert_allclose(made.plan(obs), [[0.0, 1.0]], atol=1e-12)
+
+
+def test_a_case_does_not_depend_on_its_batch():
+    obs, made = crowded(8), ValuePlanner(Forks(2), network())
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    together = made.values(scene(obs, made.predictor.predict(obs, 1)), commands)
+    alone = []
+    for w in range(8):
+        one = obs.take(np.array([w]))
+        seen = scene(one, made.predictor.predict(one, 1))
+        np.testing.assert_allclose(made.values(seen, commands[w : w + 1])[0], together[w], rtol=0.0, atol=1e-5)
+        alone.append(made.plan(one)[0])
+    assert_best(alone, commands, together)
+
+
+@pytest.mark.parametrize(("predictor", "privileged"), [(Oracle(), True), (ConstantVelocity(), False)])
+def test_a_planner_is_privileged_where_its_predictor_is(predictor, privileged):
+    assert ValuePlanner(predictor, network()).privileged is privileged
+
+
+def test_what_the_planner_saw_is_logged():
+    logs = {}
+    obs, net = crowded(), network()
+    obs = Observation(**vars(obs) | {"record": logs.__setitem__})
+    made = ValuePlanner(Forks(2), net)
+    command, prediction = made.plan(obs), made.predictor.predict(obs, 1)
+    assert logs.keys() == {"predicted", "value", "attention"}
+    assert np.array_equal(logs["predicted"], prediction.position)
+    seen = scene(obs, prediction)
+    for w in range(len(obs)):
+        joint = np.array([slow_step(seen, w, m, command[w])[2] for m in range(2)], np.float32)
+        present = torch.from_numpy(np.repeat(obs.pedestrians.present[None, w], 2, axis=0))
+        value, attention = net.attend(torch.from_numpy(joint), present)
+        assert logs["value"][w] == pytest.approx(value.mean().item(), abs=1e-5)
+        np.testing.assert_allclose(logs["attention"][w], attention.detach().mean(0), atol=1e-5)
+
+
+# Limits and exploration.
+
+
+def within(change):
+    """Commands that differ from the velocity by no more than so many m/s."""
+
+    def limits(velocity, commands):
+        return np.linalg.norm(commands - velocity[:, None], axis=-1) <= change
+
+    return limits
+
+
+def test_only_allowed_commands_are_taken():
+    obs, net = crowded(), network()
+    made = ValuePlanner(ConstantVelocity(), net, limits=within(0.5))
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    values = slow_values(scene(obs, made.predictor.predict(obs, 1)), commands, net)[0]
+    allowed = within(0.5)(obs.vehicle.velocity, commands)
+    assert allowed.any(axis=1).all()
+    assert not allowed[np.arange(6), values.argmax(axis=1)].all()
+    assert_best(made.plan(obs), commands, np.where(allowed, values, -np.inf))
+
+
+def test_a_vehicle_that_can_follow_no_command_keeps_its_velocity():
+    obs = crowded()
+    stuck = np.arange(6) % 2 == 0
+
+    def limits(velocity, commands):
+        return np.repeat(~stuck[:, None], commands.shape[1], axis=1)
+
+    planners = [ValuePlanner(ConstantVelocity(), network(), limits=limits) for limits in (limits, None)]
+    limited, free = (made.plan(obs) for made in planners)
+    assert np.array_equal(limited, np.where(stuck[:, None], obs.vehicle.velocity, free))
+
+
+def around(command, preferred_speed):
+    """The same command turned a little to either side, and slower by a share of the preferred speed."""
+    c, s = np.cos(0.1), np.sin(0.1)
+    turned = [command @ np.array([[c, side], [-side, c]]) for side in (-s, s)]
+    return np.stack([*turned, command * (1.0 - 0.05 * preferred_speed[:, None])], axis=1)
+
+
+@pytest.mark.parametrize("limits", [None, within(0.7)])
+def test_a_finer_command_is_taken_where_it_is_better_and_allowed(limits):
+    obs, net = crowded(12), network()
+    coarse_commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    coarse = ValuePlanner(ConstantVelocity(), net, limits=limits).plan(obs)
+    made = ValuePlanner(ConstantVelocity(), net, limits=limits, explore=around)
+    commands = np.concatenate([coarse_commands, around(coarse, obs.vehicle.preferred_speed)], axis=1)
+    values = slow_values(scene(obs, made.predictor.predict(obs, 1)), commands, net)[0]
+    if limits is not None:
+        values = np.where(limits(obs.vehicle.velocity, commands), values, -np.inf)
+    chosen = made.plan(obs)
+    assert_best(chosen, commands, values)
+    finer, arrived = (chosen != coarse).any(axis=1), values[:, :81].max(axis=1) == 1.0
+    assert finer.any()
+    assert arrived.any()
+    assert not finer[arrived].any()
+
+
+# Several steps.
+
+
+def test_planning_one_step_ahead_is_planning():
+    obs, made = crowded(), ValuePlanner(Forks(2), network())
+    assert np.array_equal(made.plan_ahead(obs, 1)[:, 0], made.plan(obs))
+
+
+@pytest.mark.parametrize("limits", [None, within(0.7)])
+def test_each_later_step_starts_where_the_one_before_ended(limits):
+    obs, net = crowded(4), network()
+    made = ValuePlanner(Forks(2), net, limits=limits)
+    prediction = made.predictor.predict(obs, 3)
+    plan = made.plan_ahead(obs, 3)
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    position, velocity = obs.vehicle.position, obs.vehicle.velocity
+    for ahead in range(3):
+        values = slow_values(scene(obs, prediction, ahead, position), commands, net)[0]
+        if limits is not None:
+            values = np.where(limits(velocity, commands), values, -np.inf)
+        assert_best(plan[:, ahead], commands, values)
+        velocity = plan[:, ahead]
+        position = position + DT * velocity
+    assert (plan[:, 0] != plan[:, 2]).any()
+
+
+def test_each_mode_goes_on_by_itself():
+    obs, net = crowded(4), network()
+    made = ValuePlanner(Forks(3), net)
+    later = scene(obs, made.predictor.predict(obs, 2), 1)
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    values, outcomes = slow_values(later, commands, net)
+    assert (outcomes == Outcome.COLLISION).any()
+    np.testing.assert_allclose(made.values(later, commands), values, rtol=0.0, atol=1e-5)
+
+
+def test_the_crowd_of_a_later_step_comes_from_where_it_was_predicted():
+    obs = observe(world([[0.0, 0.0], [5.0, 5.0]], goal=[[5.0, 0.0], [0.0, 0.0]]))
+    # First it passes the goal, then it runs from there through the vehicle, who cannot get out of its way.
+    made = ValuePlanner(Says([[[5.0, -5.0]], [[-5.0, 5.0]]]), Nearer())
+    assert np.array_equal(made.plan_ahead(obs, 2), [[[1.0, 0.0], [0.0, 0.0]]])

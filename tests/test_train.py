@@ -1,0 +1,183 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from crowdbench import InputError, load_scenario
+from crowdbench.lookahead import ValuePlanner
+from crowdbench.lookahead.actions import speeds_and_headings
+from crowdbench.predict import ConstantVelocity
+from crowdbench.sim.simulator import observe
+from crowdbench.train import checkpoint, session, value
+from crowdbench.train.value import Exploring, Setup, Training
+from crowdbench.value.networks import NETWORKS, digest
+from crowdbench.value.weights import load_network, read_card
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """A training of seconds."""
+    for name, size in {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "VALIDATION_CASES": 5, "PASSES": 2}.items():
+        monkeypatch.setattr(value, name, size)
+    cases = {split: dataclasses.replace(cases, stop=6) for split, cases in session.FIGURES.items()}
+    monkeypatch.setattr(session, "FIGURES", cases)
+
+
+REQUEST = session.Request("cadrl", "circle_crossing_mixed", {"pedestrians.number": [1, 3]}, "oracle", 7, 40, None)
+
+
+def ignore(*arguments):
+    """Told, and says nothing."""
+
+
+class Killed(Exception):
+    """Stops a training, as a signal would."""
+
+
+def stopped_after(points):
+    """A listener that stops a training after so many points of its curve."""
+    seen = []
+
+    def tell(*point):
+        seen.append(point)
+        if len(seen) == points:
+            raise Killed
+
+    return tell
+
+
+@pytest.mark.parametrize("network", ["cadrl", "lstm_rl", "sarl"])
+def test_a_resumed_training_ends_in_the_same_weights(network, tmp_path):
+    request = dataclasses.replace(REQUEST, network=network)
+    whole = session.Session.new(request, tmp_path / "whole", "cpu")
+    whole.train(ignore)
+    killed = session.Session.new(request, tmp_path / "killed", "cpu")
+    with pytest.raises(Killed):
+        killed.train(stopped_after(3))
+    resumed = session.Session.resumed(tmp_path / "killed", "cpu")
+    assert 0 < resumed.training.rounds < whole.training.rounds
+    resumed.train(ignore)
+    for part in ("network", "average", "best"):
+        assert digest(getattr(resumed.training, part)) == digest(getattr(whole.training, part))
+    points = [dataclasses.replace(point, seconds=0.0) for point in resumed.training.curve]
+    assert points == [dataclasses.replace(point, seconds=0.0) for point in whole.training.curve]
+
+
+def test_another_seed_is_another_network(tmp_path):
+    digests = []
+    for seed in (0, 1):
+        one = session.Session.new(dataclasses.replace(REQUEST, seed=seed, episodes=10), tmp_path / str(seed), "cpu")
+        one.train(ignore)
+        digests.append(digest(one.training.network))
+    assert digests[0] != digests[1]
+
+
+def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
+    running = session.Session.new(REQUEST, tmp_path / "run", "cpu")
+    running.train(ignore)
+    path = running.finish(ignore)
+    assert digest(load_network(path, "cadrl")) == digest(running.training.best)
+    card = read_card(path)
+    assert card["command"] == (
+        "crowdbench train cadrl --scenario circle_crossing_mixed --set 'pedestrians.number=[1, 3]' "
+        "--predictor oracle --seed 7 --episodes 40"
+    )
+    assert card["figures"]["test"]["cases"] == "test:0:6"
+    assert card["figures"]["test"]["metrics"]["success_rate"]["n"] == 6
+    lines = (tmp_path / "run" / "curve.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(running.training.curve)
+    curves = {str(chunk.entity_path) for chunk in RrdReader(tmp_path / "run" / "training.rrd").store().stream()}
+    assert {"/loss", "/success", "/navigation_time"} <= curves
+    assert {file.name for file in (tmp_path / "run").iterdir()} == {
+        "weights.safetensors",
+        "weights.json",
+        "weights.md",
+        "curve.csv",
+        "training.rrd",
+    }
+    with pytest.raises(InputError, match="is finished: its weights are"):
+        session.Session.resumed(tmp_path / "run", "cpu")
+
+
+def test_a_training_that_stops_before_its_first_checkpoint_leaves_nothing(tmp_path, monkeypatch):
+    def fail(*arguments):
+        raise Killed
+
+    monkeypatch.setattr(Training, "_imitate", fail)
+    with pytest.raises(Killed):
+        session.Session.new(REQUEST, tmp_path / "run", "cpu").train(ignore)
+    assert not (tmp_path / "run").exists()
+
+
+def test_minutes_end_a_training(tmp_path):
+    request = dataclasses.replace(REQUEST, minutes=0.02, episodes=10**9)
+    running = session.Session.new(request, tmp_path / "run", "cpu")
+    running.train(ignore)
+    assert running.training.progress == 1.0
+    assert running.training.seconds >= 1.2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"network": "mlp"}, "no network is called 'mlp'; there are cadrl, lstm_rl, sarl"),
+        ({"predictor": "crystal_ball"}, "no predictor is called 'crystal_ball'"),
+        ({"scenario": "nowhere"}, "no scenario is called 'nowhere'"),
+    ],
+)
+def test_what_does_not_exist_is_refused_and_nothing_is_left(change, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        session.Session.new(dataclasses.replace(REQUEST, **change), tmp_path / "run", "cpu")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_place_that_is_taken_is_refused(tmp_path):
+    with pytest.raises(InputError, match="exists already: name another place with --out, or go on"):
+        session.Session.new(REQUEST, tmp_path, "cpu")
+
+
+def test_a_directory_without_a_checkpoint_cannot_be_resumed(tmp_path):
+    with pytest.raises(InputError, match="there is no checkpoint"):
+        session.Session.resumed(tmp_path, "cpu")
+    (tmp_path / session.CHECKPOINT).write_bytes(b"something else, and not short")
+    with pytest.raises(InputError, match="is not a checkpoint of a training"):
+        session.Session.resumed(tmp_path, "cpu")
+
+
+def test_a_checkpoint_of_another_network_is_refused(tmp_path):
+    setup = Setup("cadrl", load_scenario("circle_crossing_5"), ConstantVelocity(), 0, 10, None, "cpu")
+    checkpoint.save(Training(setup), tmp_path / "state", {})
+    with pytest.raises(InputError, match="is a checkpoint of another network than sarl"):
+        checkpoint.restore(Training(dataclasses.replace(setup, network="sarl")), tmp_path / "state")
+
+
+def observed(worlds):
+    """The start of so many validation cases."""
+    return observe(load_scenario("circle_crossing_5").draw("val", np.arange(worlds)))
+
+
+def test_exploration_takes_its_share_of_commands_and_repeats_in_any_batch():
+    planner = ValuePlanner(ConstantVelocity(), NETWORKS["cadrl"]())
+    obs = observed(400)
+    greedy = planner.plan(obs)
+    assert np.array_equal(Exploring(planner, 0.0, 0).plan(obs), greedy)
+    exploring = Exploring(planner, 0.3, 0)
+    commands = exploring.plan(obs)
+    random = (commands != greedy).any(axis=1)
+    assert 0.2 < random.mean() < 0.4
+    assert np.array_equal(exploring.plan(obs.take(slice(100, 200)))[random[100:200]], commands[100:200][random[100:200]])
+    assert not np.array_equal(Exploring(planner, 0.3, 1).plan(obs)[random], commands[random])
+    # All of the 81 commands come up: 400 random ones of 81 leave one in a hundred out.
+    everything = Exploring(planner, 1.0, 0).plan(obs).round(6)
+    assert 75 <= len(np.unique(everything, axis=0)) <= 81
+
+
+def test_what_exploring_skips_is_what_planning_gives():
+    planner = ValuePlanner(ConstantVelocity(), NETWORKS["cadrl"]())
+    obs = observed(50)
+    commands = Exploring(planner, 0.5, 3).plan(obs)
+    same = np.isclose(commands, planner.plan(obs), atol=1e-6).all(axis=1)
+    legal = speeds_and_headings(obs.vehicle.preferred_speed)
+    assert same.sum() >= 15
+    assert (np.abs(commands[:, None] - legal).max(axis=2).min(axis=1) < 1e-12).all()

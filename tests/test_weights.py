@@ -1,0 +1,116 @@
+import json
+
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from crowdbench import InputError
+from crowdbench.value.networks import NETWORKS, digest
+from crowdbench.value.weights import load_network, save_network
+
+FIGURES = {
+    f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")
+} | {"navigation_time": {"mean": 10.0, "low": 9.0, "high": 11.0, "n": 5}}
+CARD = {
+    "command": "crowdbench train",
+    "training": {
+        "scenario": {"name": "circle", "digest": "0", "pedestrians": {"number": [1, 10]}},
+        "predictor": "oracle",
+        "seed": 0,
+        "episodes": 100,
+        "kept_after_episodes": 100,
+        "minutes": 1.0,
+    },
+    "figures": {"test": {"cases": "test:0:10", "metrics": FIGURES}},
+    "commit": None,
+    "machine": "a machine",
+    "versions": {"torch": "2"},
+    "data": "none",
+    "licence": "MIT",
+}
+
+
+@pytest.fixture
+def saved(tmp_path):
+    path = tmp_path / "mine.safetensors"
+    save_network(NETWORKS["sarl"](), path, CARD)
+    return path
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_weights_come_back_as_they_were(name, tmp_path):
+    network = NETWORKS[name]()
+    save_network(network, tmp_path / "mine.safetensors", CARD)
+    assert digest(load_network(tmp_path / "mine.safetensors", name)) == digest(network)
+    assert digest(NETWORKS[name]()) != digest(network)
+
+
+def test_the_card_is_rendered_for_people(saved):
+    text = saved.with_suffix(".md").read_text()
+    assert "circle, 1 to 10 pedestrians" in text
+    assert "| test test:0:10 | 50.0 % (40.0 to 60.0) |" in text
+
+
+def refused(path, network="sarl", device="cpu"):
+    with pytest.raises(InputError) as error:
+        load_network(path, network, device)
+    return str(error.value)
+
+
+def test_altered_weights_are_refused(saved):
+    content = bytearray(saved.read_bytes())
+    content[-1] ^= 1
+    saved.write_bytes(content)
+    assert refused(saved).endswith("are not those that their card describes: their sha256 differs")
+
+
+def test_missing_weights_are_refused(tmp_path):
+    assert "cannot be read: No such file" in refused(tmp_path / "none.safetensors")
+
+
+def test_weights_without_a_card_are_refused(saved):
+    saved.with_suffix(".json").unlink()
+    assert "need their card mine.json beside them" in refused(saved)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"network": "sarl"}', '{"network": "sarl", "sha256": 1}'])
+def test_a_card_that_is_none_is_refused(saved, text):
+    saved.with_suffix(".json").write_text(text)
+    assert str(saved.with_suffix(".json")) in refused(saved)
+
+
+def test_weights_of_another_network_are_refused(saved):
+    assert refused(saved, "cadrl").endswith("are of the network sarl, but must be of cadrl")
+
+
+def test_foreign_tensors_are_refused_in_one_line(saved):
+    card = json.loads(saved.with_suffix(".json").read_text())
+    save_file({"foreign": torch.zeros(3)}, saved)
+    import hashlib
+
+    card["sha256"] = hashlib.sha256(saved.read_bytes()).hexdigest()
+    saved.with_suffix(".json").write_text(json.dumps(card))
+    message = refused(saved)
+    assert "cannot be loaded" in message
+    assert "\n" not in message
+
+
+def test_a_pickle_is_never_opened(saved):
+    class Trap:
+        def __reduce__(self):
+            return pytest.fail, ("it was unpickled",)
+
+    import hashlib
+    import pickle
+
+    saved.write_bytes(pickle.dumps(Trap()))
+    card = json.loads(saved.with_suffix(".json").read_text())
+    card["sha256"] = hashlib.sha256(saved.read_bytes()).hexdigest()
+    saved.with_suffix(".json").write_text(json.dumps(card))
+    assert "cannot be loaded" in refused(saved)
+
+
+def test_a_device_that_is_not_there_is_refused(saved):
+    if torch.cuda.is_available():
+        pytest.skip("there is a CUDA device")
+    assert "cannot be loaded on cuda" in refused(saved, device="cuda")
