@@ -15,8 +15,6 @@ from crowdbench.sim.simulator import observe, step
 from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle
 from crowdbench.value.networks import NETWORKS, ValueNetwork, alone
 
-torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
-
 DT = 0.25
 
 

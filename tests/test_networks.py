@@ -7,8 +7,6 @@ from torch import nn
 from crowdbench.value.joint_state import DISTANCE, VEHICLE, joint_states
 from crowdbench.value.networks import NETWORKS
 
-torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
-
 EVERY = pytest.mark.parametrize("name", list(NETWORKS))
 
 

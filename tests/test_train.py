@@ -166,7 +166,9 @@ def test_exploration_takes_its_share_of_commands_and_repeats_in_any_batch():
     commands = exploring.plan(obs)
     random = (commands != greedy).any(axis=1)
     assert 0.2 < random.mean() < 0.4
-    assert np.array_equal(exploring.plan(obs.take(slice(100, 200)))[random[100:200]], commands[100:200][random[100:200]])
+    assert np.array_equal(
+        exploring.plan(obs.take(slice(100, 200)))[random[100:200]], commands[100:200][random[100:200]]
+    )
     assert not np.array_equal(Exploring(planner, 0.3, 1).plan(obs)[random], commands[random])
     # All of the 81 commands come up: 400 random ones of 81 leave one in a hundred out.
     everything = Exploring(planner, 1.0, 0).plan(obs).round(6)
