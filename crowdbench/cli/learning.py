@@ -26,9 +26,9 @@ def train(
     episodes: Annotated[int | None, typer.Option(min=1, help="Episodes to learn from, 6000 unless told.")] = None,
     minutes: Annotated[float | None, typer.Option(min=0.1, help="Minutes of training, instead of episodes.")] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    threads: Annotated[int | None, typer.Option(min=1, help="[default: all cores]")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")] = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with the interrupted training in this directory.")] = None,
-    out: Annotated[Path | None, typer.Option(help="[default: runs/train-<network>-seed<seed>]")] = None,
+    out: Annotated[Path | None, typer.Option(help="runs/train-<network>-seed<seed> unless told.")] = None,
 ) -> None:
     """Train a value network: demonstrations by ORCA, imitation, then episodes of its own."""
     use_threads(threads)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Annotated, Any
 
@@ -30,13 +31,15 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JS
 
 
 def use_threads(threads: int | None) -> None:
-    """Let the simulator use that many threads, or all. Raises InputError where there are fewer."""
+    """Let the simulator and networks use that many threads, or all. Raises InputError where there are fewer."""
     import numba
 
     if threads is not None:
         if threads > numba.config.NUMBA_NUM_THREADS:
             raise InputError(f"--threads {threads} is more than the {numba.config.NUMBA_NUM_THREADS} there are")
         numba.set_num_threads(threads)
+        # torch reads it when it is imported, which only commands with networks do.
+        os.environ["OMP_NUM_THREADS"] = str(threads)
 
 
 def print_table(table: Any) -> None:

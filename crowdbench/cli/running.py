@@ -40,11 +40,11 @@ def run(
         int, typer.Option(min=1, help="Steps that the planner decides at once, without looking in between.")
     ] = 1,
     metric: MetricOption = None,
-    out: Annotated[Path | None, typer.Option(help="[default: runs/<planner>-<scenario>-<n>]")] = None,
+    out: Annotated[Path | None, typer.Option(help="runs/<planner>-<scenario>-<n> unless told.")] = None,
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run.")] = False,
     batch: Annotated[int, typer.Option(min=1, help="Cases that run in lock-step.")] = BATCH,
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads of the simulator. [default: all cores]")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")] = None,
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:

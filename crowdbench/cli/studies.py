@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 def study(
     file: Annotated[Path, typer.Argument(help="A study, such as docs/studies/crowds.toml.")],
-    out: Annotated[Path | None, typer.Option(help="Where its runs are kept. [default: runs/study-<name>]")] = None,
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads of the simulator. [default: all cores]")] = None,
+    out: Annotated[Path | None, typer.Option(help="Where its runs are kept, runs/study-<name> unless told.")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make the runs of a study that are not there yet, and print its tables in Markdown."""
