@@ -11,7 +11,7 @@ import typer
 from crowdbench.cli.options import INTERRUPTED, ScenarioOption, SetOption, use_threads
 from crowdbench.errors import InputError
 
-EPISODES = 6000
+EPISODES = 4000
 
 if TYPE_CHECKING:
     from crowdbench.train.value import Validated
@@ -23,7 +23,7 @@ def train(
     overrides: SetOption = None,
     predictor: Annotated[str, typer.Option(help="A name or ./mine.py: what foresees the pedestrians.")] = "oracle",
     seed: Annotated[int, typer.Option(min=0, help="Another seed, another network.")] = 0,
-    episodes: Annotated[int | None, typer.Option(min=1, help="Episodes to learn from, 6000 unless told.")] = None,
+    episodes: Annotated[int | None, typer.Option(min=1, help="Episodes to learn from, 4000 unless told.")] = None,
     minutes: Annotated[float | None, typer.Option(min=0.1, help="Minutes of training, instead of episodes.")] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")] = None,

@@ -21,6 +21,7 @@ from crowdbench.errors import InputError
 from crowdbench.files import whole
 from crowdbench.lookahead import ValuePlanner
 from crowdbench.metrics import METRICS
+from crowdbench.predict import ConstantVelocity
 from crowdbench.results import Episodes, to_json
 from crowdbench.rollouts import rollout
 from crowdbench.settings import BATCH
@@ -157,9 +158,9 @@ def _card(training: Training, request: Request, progress: Callable[[int], None])
 
 
 def _figures(training: Training, cases: Cases, progress: Callable[[int], None]) -> dict[str, Any]:
-    """How the kept network does, with the predictor and on the scenario that it was trained with."""
+    """How the kept network does at constant velocity, among the crowd that it was trained in."""
     setup = training.setup
-    driver = Driver(ValuePlanner(setup.predictor, training.best), setup.network)
+    driver = Driver(ValuePlanner(ConstantVelocity(), training.best), setup.network)
     metrics = {name: METRICS[name] for name in MEASURED}
     traces = (rollout(driver, setup.scenario, part, progress=progress) for part in cases.batches(BATCH))
     parts = [Episodes.of(trace, metrics) for trace in traces]

@@ -25,7 +25,7 @@ from crowdbench.driver import Driver
 from crowdbench.lookahead import ValuePlanner
 from crowdbench.metrics import discounted_return, navigation_time_or_limit, success_rate
 from crowdbench.planner import Planner
-from crowdbench.predict import Predictor
+from crowdbench.predict import ConstantVelocity, Predictor
 from crowdbench.reactive import ORCAPlanner
 from crowdbench.rollouts import rollout
 from crowdbench.scenario import Scenario
@@ -49,26 +49,26 @@ RATE = 5e-4
 ROUND = 100
 """Episodes that the network drives between updates."""
 
-SAMPLES = 8
+SAMPLES = 10
 """Steps that are learnt from per step driven."""
 
 BATCH = 512
 AHEAD = 6
 """Steps between a state and the one whose value it learns from: one would carry what is learnt too slowly back."""
 
-CAPACITY = 400_000
+CAPACITY = 150_000
 """Steps that are remembered."""
 
-EXPLORATION = (0.5, 0.05, 0.4)
+EXPLORATION = (0.15, 0.02, 0.4)
 """Share of random commands at first, in the end, and the part of the training over which it falls."""
 
-AVERAGING = 0.005
+AVERAGING = 0.01
 """Weight of the network in the moving average, at every update."""
 
-VALIDATIONS = 20
+VALIDATIONS = 12
 """How often, over a whole training, the network is measured on validation cases."""
 
-VALIDATION_CASES = 300
+VALIDATION_CASES = 200
 SECONDS_PER_POINT = 1.0
 """Seconds of driving that weigh as much as one percentage point of success when a network is chosen."""
 
@@ -208,7 +208,8 @@ class Training:
         return torch.from_numpy(array).to(self.setup.device)
 
     def _validate(self, loss: float) -> None:
-        driver = Driver(ValuePlanner(self.setup.predictor, self.average), self.setup.network)
+        # A network is chosen by how it does with what a vehicle can see, whatever it is trained with.
+        driver = Driver(ValuePlanner(ConstantVelocity(), self.average), self.setup.network)
         trace = rollout(driver, self.setup.scenario, Cases("val", 0, VALIDATION_CASES))
         point = Validated(
             episodes=self.rounds * ROUND,

@@ -11,7 +11,7 @@ def headline(card: Mapping[str, Any]) -> str:
     trained, test = card["training"], card["figures"]["test"]
     return (
         f"{card['network']}, seed {trained['seed']}, {trained['minutes']:.1f} min with the {trained['predictor']} "
-        f"predictor on {_scenario(card)}: {_rate(test['metrics']['success_rate'])} success on its test cases"
+        f"predictor among {_scenario(card)}: {_rate(test['metrics']['success_rate'])} success on test cases"
     )
 
 
@@ -35,7 +35,11 @@ def markdown(card: Mapping[str, Any]) -> str:
     }
     lines = [f"# {card['network']}, seed {trained['seed']}", "", "| | |", "|---|---|"]
     lines += [f"| {name} | {value} |" for name, value in rows.items()]
-    lines += ["", "Measured once, after training, with the same predictor and crowd (95 % intervals):", ""]
+    lines += [
+        "",
+        "Measured once, after training, in the same crowd, foreseen at constant velocity (95 % intervals):",
+        "",
+    ]
     lines += ["| cases | success | collisions | time-outs | navigation time |", "|---|---|---|---|---|"]
     for name, figures in card["figures"].items():
         measured = figures["metrics"]
