@@ -192,6 +192,17 @@ def test_the_variant_and_the_cases_are_what_is_run():
     assert weights == ["one", "two", "one", "two", "one"]
 
 
+def test_a_table_of_seeds_may_have_no_variant(tmp_path):
+    asked = read("".join(line for line in SEEDS.splitlines(True) if not line.startswith("variant")))
+    (row,) = asked.tables[0].rows
+    assert len(asked.runs) == 3
+    for run in asked.runs:
+        leave(run, tmp_path, episodes([1] * run.cases.stop, navigation_time=[9.0] * run.cases.stop))
+    header, _, line = [line for line in asked.tables[0].fill(tmp_path).markdown().splitlines() if line.startswith("|")]
+    assert "success, " not in header
+    assert line.count("|") == header.count("|")
+
+
 def test_a_label_replan_every_and_privilege_are_shown():
     Path("mine.py").write_text(MINE.replace("return made", "made.privileged = True; return made"))
     rows = read(SEEDS + "replan_every = 8\n").tables[0].rows

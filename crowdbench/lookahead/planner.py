@@ -74,7 +74,7 @@ class ValuePlanner(Planner):
         commands = np.empty((len(obs), steps, 2))
         position, velocity = obs.vehicle.position, obs.vehicle.velocity
         for step in range(steps):
-            scene = _scene(obs, prediction, step, position)
+            scene = scene_of(obs, prediction, step, position)
             velocity = commands[:, step] = self._best(scene, velocity)
             if step == 0:
                 self._log(obs, prediction, scene, velocity)
@@ -108,6 +108,7 @@ class ValuePlanner(Planner):
             near = self.explore(command, scene.preferred_speed)
             refined, refined_value = self._best_of(scene, velocity, near)
             command = np.where((refined_value > value)[:, None], refined, command)
+            value = np.maximum(value, refined_value)
         # Only where no command is allowed is the best of them worth nothing at all.
         return np.where(np.isneginf(value)[:, None], velocity, command)
 
@@ -135,7 +136,7 @@ class ValuePlanner(Planner):
         obs.log("attention", attention.mean(axis=1)[:, :pedestrians])
 
 
-def _scene(obs: Observation, prediction: Prediction, step: int, position: Float[np.ndarray, "world 2"]) -> Scene:
+def scene_of(obs: Observation, prediction: Prediction, step: int, position: Float[np.ndarray, "world 2"]) -> Scene:
     """The scene before one step of a prediction, with the vehicle at `position`."""
     after = prediction.position[:, :, step]
     before = prediction.position[:, :, step - 1] if step else obs.pedestrians.position[:, None]

@@ -52,7 +52,7 @@ class FilledRow:
     success_rates: list[float]
     success_rate: Estimate
     navigation_time: Estimate
-    variant_success_rate: Estimate
+    variant_success_rate: Estimate | None
     shipped_validation: Shipped
     shipped_test: Shipped
     reported: str
@@ -70,7 +70,7 @@ class FilledRow:
             str(len(self.weights)),
             SUCCESS.estimate(self.success_rate),
             TIME.estimate(self.navigation_time),
-            SUCCESS.estimate(self.variant_success_rate),
+            *([] if self.variant_success_rate is None else [SUCCESS.estimate(self.variant_success_rate)]),
             str(self.shipped_validation),
             str(self.shipped_test),
             self.reported,
@@ -95,7 +95,8 @@ class FilledSeeds(Filled):
 
     def markdown(self) -> str:
         """See `Filled`."""
-        header = ["planner", "scenario", "seeds", "success", "time", f"success, {self.variant}"]
+        header = ["planner", "scenario", "seeds", "success", "time"]
+        header += [f"success, {self.variant}"] if self.variant else []
         header += [f"shipped, {self.validation}", f"shipped, {self.cases}", "reported"]
         each = "\n".join(row.each_seed() for row in self.rows)
         parts = [
@@ -125,6 +126,7 @@ class Row:
         """Its numbers, from runs in `out`."""
         first = self.test[0]
         test = [run.episodes(out) for run in self.test]
+        variant = [run.episodes(out) for run in self.variant]
         success = _of_all(test, SUCCESS)
         return FilledRow(
             planner=self.planner,
@@ -135,7 +137,7 @@ class Row:
             success_rates=success.mean(axis=1).tolist(),
             success_rate=two_level(success),
             navigation_time=two_level(_of_all(test, TIME)),
-            variant_success_rate=two_level(_of_all([run.episodes(out) for run in self.variant], SUCCESS)),
+            variant_success_rate=two_level(_of_all(variant, SUCCESS)) if variant else None,
             shipped_validation=Shipped.of(self.validation.episodes(out)),
             shipped_test=Shipped.of(test[0]),
             reported=self.reported,
@@ -144,7 +146,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Seeds(Table):
-    """A table of such planners, on `cases` as they are and under the overrides of a variant of the scenario."""
+    """A table of such planners, on `cases`, and once more on a variant of the scenario where there is one."""
 
     title: str
     cases: Cases
@@ -159,16 +161,16 @@ class Seeds(Table):
         with section.blamed():
             cases = Cases.parse(section.text("cases", "test:500"))
             validation = Cases.parse(section.text("validation", "val:1000"))
-        variant = section.section("variant")
-        variant_title, overrides = variant.needed("title"), variant.values("overrides")
-        variant.close()
+        variant, overrides = "", None
+        if "variant" in section.table:
+            table = section.section("variant")
+            variant, overrides = table.needed("title"), table.values("overrides")
+            table.close()
         tables = section.tables("rows")
         if not tables:
             raise section.wrong("rows", "one table or more")
         section.close()
-        return cls(
-            title, cases, validation, variant_title, [_row(table, cases, validation, overrides) for table in tables]
-        )
+        return cls(title, cases, validation, variant, [_row(row, cases, validation, overrides) for row in tables])
 
     @property
     def runs(self) -> list[Run]:
@@ -181,7 +183,7 @@ class Seeds(Table):
         return FilledSeeds(self.title, str(self.cases), str(self.validation), self.variant, rows)
 
 
-def _row(section: Section, cases: Cases, validation: Cases, overrides: dict[str, object]) -> Row:
+def _row(section: Section, cases: Cases, validation: Cases, overrides: dict[str, object] | None) -> Row:
     planner, weights, scenario = section.needed("planner"), section.texts("weights"), section.needed("scenario")
     options = section.values("options")
     if "weights" in options:
@@ -196,7 +198,7 @@ def _row(section: Section, cases: Cases, validation: Cases, overrides: dict[str,
 
     with section.blamed():
         test = [run(each, cases, {}) for each in weights]
-        variant = [run(each, cases, overrides) for each in weights]
+        variant = [] if overrides is None else [run(each, cases, overrides) for each in weights]
         name = label or planner_label(test[0].planner, options, replan_every)
         return Row(name, weights, reported, test, variant, run(weights[0], validation, {}))
 
