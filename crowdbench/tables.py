@@ -100,12 +100,15 @@ def prediction_table(title: str, dt: float, places: Mapping[str, Errors]) -> Tab
 
 
 def bench_table(rows: list[Row]) -> Table:
-    """What was measured; the ratio says how many times quicker than navground."""
-    table = _table("Speed", ("work", "left"), ("here", "right"), ("navground", "right"), ("ratio", "right"))
+    """What was measured; the ratio says how many times quicker than elsewhere."""
+    table = _table(
+        "Speed", ("work", "left"), ("here", "right"), ("elsewhere", "right"), ("", "left"), ("ratio", "right")
+    )
     for row in rows:
-        theirs = "" if row.theirs is None else f"{row.theirs:.3g} {row.unit}"
-        ratio = "" if row.ratio is None else f"{row.ratio:.1f}x"
-        table.add_row(row.work, f"{row.ours:.3g} {row.unit}", theirs, ratio)
+        ours, theirs, whose, ratio = f"{row.ours:.3g} {row.unit}", "", "", ""
+        if row.theirs is not None:
+            theirs, whose, ratio = f"{row.theirs:.3g} {row.unit}", row.whose, f"{row.ratio:.1f}x"
+        table.add_row(row.work, ours, theirs, whose, ratio)
     return table
 
 

@@ -1,42 +1,166 @@
-"""The measurements run and are told apart; how fast anything is, no test judges."""
+"""The measurements run, are told apart and count right; how fast anything is, no test judges."""
 
+import hashlib
 import io
+import itertools
+import json
 
 import numpy as np
 import pytest
+import torch
 from rich.console import Console
+from safetensors.torch import save_file
 
-from crowdbench.bench import Row, measure
+from crowdbench.bench import CROWDNAV, NAVGROUND, Row, commands, learned, simulator, timing
+from crowdbench.bench.measure import measurements
+from crowdbench.errors import InputError
 from crowdbench.tables import bench_table
+from crowdbench.train import value as method
+from crowdbench.value.networks import SARL
+
+torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
+
+SARL_PER_PEDESTRIAN = 13 * 150 + 150 * 100 + 100 * 100 + 100 * 100 + 100 * 100 + 100
+"""Multiply-adds of the embedding, the features' first layer, and the attention on the embedding."""
+
+SARL_PER_STATE = 100 * 100 + 100 * 50 + 56 * 150 + 150 * 100 + 100 * 100 + 100
+"""Multiply-adds of the attention on the crowd's mean, the features' last layer, and the value."""
 
 
-def test_every_measurement_gives_a_time(monkeypatch):
-    monkeypatch.setattr(measure, "ROUNDS", 1)
-    monkeypatch.setattr(measure.importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr(measure, "_commands", lambda: iter([Row("start-up", 0.1, "s")]))
-    rows = list(measure.rows())
-    assert len(rows) == 6
-    assert all(row.ours > 0 for row in rows)
+def take_seconds(monkeypatch, *seconds):
+    """Let works take these seconds, one after the other, without doing them."""
+    times = iter(seconds)
+    monkeypatch.setattr(learned, "seconds", lambda work: next(times))
+
+
+@pytest.fixture
+def short_training(monkeypatch):
+    monkeypatch.setattr(method, "DEMONSTRATIONS", 4)
+    monkeypatch.setattr(method, "ROUND", 2)
+    monkeypatch.setattr(method, "BATCH", 128)
+
+
+def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
+    monkeypatch.setattr(simulator, "ROUNDS", 1)
+    monkeypatch.setattr(simulator.importlib.util, "find_spec", lambda name: None)
+    works = (simulator.one_world_rows, simulator.many_worlds_row, simulator.whole_step_row, simulator.environment_row)
+    rows = [row for work in works for row in work()]
+    assert len(rows) == 5
+    assert all(row.ours > 0 and row.unit == "us" for row in rows)
     assert all(row.theirs is None for row in rows)
 
 
+def test_decisions_stand_beside_what_was_recorded_of_crowdnav():
+    rows = [*learned.batched_rows(worlds=3, rounds=1), *learned.single_rows(decisions=2)]
+    assert [row.theirs for row in rows] == [37.0, 67.0, 37.0, 67.0]
+    assert {row.whose for row in rows} == {CROWDNAV}
+    assert all(row.ours > 0 and row.unit == "ms" for row in rows)
+
+
+def test_a_batch_is_counted_per_world(monkeypatch):
+    monkeypatch.setattr(learned, "seconds", lambda work: 1.5)
+    assert [row.ours for row in learned.batched_rows(worlds=3, rounds=1)] == [500.0, 500.0]
+    assert [row.ours for row in learned.single_rows(decisions=2)] == [1500.0, 1500.0]
+
+
+@pytest.mark.parametrize("pedestrians", [5, 10])
+def test_the_operations_of_a_decision_are_those_of_its_layers(pedestrians):
+    states = 3 * 81
+    by_hand = 2 * states * (pedestrians * SARL_PER_PEDESTRIAN + SARL_PER_STATE)
+    assert learned.operations(learned.decision(pedestrians, 3)) == by_hand
+
+
+def test_the_share_of_the_limit_is_of_operations_per_second(monkeypatch):
+    take_seconds(monkeypatch, 0.0, 0.0, 1e-6, 4e-3)
+    limit, share = learned.share_rows(worlds=1, size=10, rounds=1)
+    assert (limit.unit, share.unit) == ("GFLOP/s", "%")
+    assert limit.ours == pytest.approx(2 * 10**3 / 1e-6 / 1e9)
+    reached = 2 * 81 * (5 * SARL_PER_PEDESTRIAN + SARL_PER_STATE) / 4e-3 / 1e9
+    assert share.ours == pytest.approx(100 * reached / limit.ours)
+
+
+@pytest.mark.usefixtures("short_training")
+def test_a_training_is_foreseen_from_parts_that_ran():
+    [row] = learned.training_row(episodes=60)
+    assert row.unit == "min"
+    assert row.ours > 0
+    assert "foreseen from imitation and 3 of 30 rounds" in row.work
+
+
+def test_a_training_lasts_its_imitation_and_all_its_rounds(monkeypatch):
+    take_seconds(monkeypatch, 30.0, 1.0, 2.0, 6.0)
+    [row] = learned.training_row(episodes=6000)
+    assert row.ours == (30.0 + 60 * 3.0) / 60
+
+
+def test_the_measured_rounds_explore_as_much_as_all_on_average(monkeypatch):
+    explored = []
+    monkeypatch.setattr(method.Training, "imitate", lambda training: 0.0)
+    monkeypatch.setattr(method.Training, "improve", lambda training: explored.append(training.exploration))
+    list(learned.training_row(episodes=60_000))
+    first, last, part = method.EXPLORATION
+    assert np.mean(explored) == pytest.approx(part * (first + last) / 2 + (1 - part) * last, abs=0.01)
+
+
 def test_a_command_is_timed_with_its_memory():
-    seconds, memory = measure._command(["--help"])
+    seconds, memory = commands.command("--help")
     assert 0.0 < seconds < 60.0
     assert 1e7 < memory < 1e11
 
 
+def test_a_run_of_sarl_is_timed_with_its_memory(monkeypatch, tmp_path):
+    monkeypatch.setattr(commands, "TIMES", 1)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    weights = tmp_path / "stand-in.safetensors"
+    save_file(SARL().state_dict(), weights)
+    card = {"network": "sarl", "sha256": hashlib.sha256(weights.read_bytes()).hexdigest()}
+    weights.with_suffix(".json").write_text(json.dumps(card))
+    time, memory = commands.sarl_rows(cases=1, weights=str(weights))
+    assert (time.unit, memory.unit) == ("s", "MB")
+    assert time.ours > 0.0
+    assert 10.0 < memory.ours < 1e5
+
+
+def test_a_command_that_fails_is_no_measurement(tmp_path):
+    with pytest.raises(InputError, match=r"run --planner nobody.*no planner is called 'nobody'"):
+        commands.command("run", "--planner", "nobody", "--out", str(tmp_path / "run"))
+
+
+def test_every_measurement_is_taken():
+    names = {getattr(work, "func", work).__name__ for work in measurements(100)}
+    defined = {
+        name for module in (simulator, learned, commands) for name in vars(module) if name.endswith(("_row", "_rows"))
+    }
+    assert names == {name for name in defined if not name.startswith("_")}
+
+
+def test_works_that_are_compared_take_turns():
+    order = []
+    times = itertools.count()
+
+    def work(name):
+        order.append(name)
+        return float(next(times))
+
+    ours, theirs = timing.in_turns(3, lambda: work("ours"), lambda: work("theirs"))
+    assert order == ["ours", "theirs"] * 4
+    assert (ours, theirs) == (4.0, 5.0)
+
+
 def test_all_measured_agents_are_at_work_in_every_step():
     for agents in (6, 51):
-        start = measure.circle(agents, 1)
+        start = simulator.circle(agents, 1)
         apart = np.linalg.norm(start[0, :, None] - start[0], axis=-1) + np.eye(agents) * 9
-        assert apart.min() > 2 * measure.RADIUS
-        assert 2 * np.linalg.norm(start, axis=-1).min() > measure.STEPS * measure.DT
+        assert apart.min() > 2 * simulator.RADIUS
+        assert 2 * np.linalg.norm(start, axis=-1).min() > simulator.STEPS * simulator.DT
 
 
-def test_the_table_says_how_many_times_quicker():
+def test_the_table_says_how_many_times_quicker_than_who():
+    rows = [Row("walking", 2.0, "us", 5.0), Row("alone", 1.0, "s"), Row("deciding", 1.0, "ms", 37.0, CROWDNAV)]
     out = io.StringIO()
-    Console(file=out, width=200).print(bench_table([Row("walking", 2.0, "us", 5.0), Row("alone", 1.0, "s")]))
-    assert "2.5x" in out.getvalue()
-    assert Row("alone", 1.0, "s").ratio is None
-    assert Row("walking", 2.0, "us", 5.0).ratio == pytest.approx(2.5)
+    Console(file=out, width=200).print(bench_table(rows))
+    _, _, walking, alone, deciding = out.getvalue().splitlines()
+    assert walking.split() == ["walking", "2", "us", "5", "us", NAVGROUND, "2.5x"]
+    assert alone.split() == ["alone", "1", "s"]
+    assert deciding.split() == ["deciding", "1", "ms", "37", "ms", *CROWDNAV.split(), "37.0x"]
+    assert rows[1].ratio is None

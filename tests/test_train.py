@@ -104,7 +104,7 @@ def test_a_training_that_stops_before_its_first_checkpoint_leaves_nothing(tmp_pa
     def fail(*arguments):
         raise Killed
 
-    monkeypatch.setattr(Training, "_imitate", fail)
+    monkeypatch.setattr(Training, "imitate", fail)
     with pytest.raises(Killed):
         session.Session.new(REQUEST, tmp_path / "run", "cpu").train(ignore)
     assert not (tmp_path / "run").exists()

@@ -1,18 +1,26 @@
-"""How fast crowdbench is, beside navground where that is installed: ratios measured in one run."""
+"""How fast crowdbench is: all measured in one run, beside navground in turns where that is installed.
+
+CrowdNav's figures alone are recorded ones, and are shown as such.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+NAVGROUND = "navground"
+
+CROWDNAV = "CrowdNav, recorded"
+
 
 @dataclass(frozen=True)
 class Row:
-    """Some work: our figure and navground's, in the same unit; smaller is better."""
+    """Some work: our figure, and another's in the same unit where there is one; then smaller is better."""
 
     work: str
     ours: float
     unit: str
     theirs: float | None = None
+    whose: str = NAVGROUND
 
     @property
     def ratio(self) -> float | None:

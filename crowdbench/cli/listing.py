@@ -84,9 +84,7 @@ def bench() -> None:
             measured += measurement()
             tell(1)
     print_table(bench_table(measured))
-    print(
-        "\nDecisions are those of random weights, which cost what trained ones cost. CrowdNav's figures were recorded"
-    )
-    print("beforehand, elsewhere: they are not measured in this run.")
+    print("\nDecisions are those of random weights, which cost what trained ones cost.")
+    print("CrowdNav's figures were recorded beforehand, elsewhere: they are not measured in this run.")
     if not any(row.theirs for row in measured if row.whose == NAVGROUND):
         print("navground is not installed, so its figures are left out: pip install 'crowdbench[bench]'")

@@ -132,10 +132,10 @@ class Training:
     def run(self, after_validation: Callable[[], None]) -> None:
         """Train to the end; `after_validation` is called whenever a point is added to the curve."""
         if not self.curve:
-            self._validate(self._timed(self._imitate))
+            self._validate(self._timed(self.imitate))
             after_validation()
         while self.progress < 1.0:
-            loss = self._timed(self._round)
+            loss = self._timed(self.improve)
             if len(self.curve) <= int(self.progress * VALIDATIONS):
                 self._validate(loss)
                 after_validation()
@@ -146,7 +146,7 @@ class Training:
         self.seconds += time.perf_counter() - start
         return loss
 
-    def _imitate(self) -> float:
+    def imitate(self) -> float:
         """Learn the returns of demonstrated episodes. The loss of the last pass."""
         trace = rollout(Driver(ORCAPlanner(SAFETY_SPACE), "orca"), self.setup.scenario, self._cases(0, DEMONSTRATIONS))
         steps = steps_of(trace, AHEAD, timeouts=False)
@@ -159,7 +159,7 @@ class Training:
         self.average.load_state_dict(self.network.state_dict())
         return float(loss)
 
-    def _round(self) -> float:
+    def improve(self) -> float:
         """Drive a round of episodes and learn from all that are remembered. The mean loss."""
         for group in self.optimizer.param_groups:
             group["lr"] = RATE * min(1.0, 2.0 * (1.0 - self.progress))

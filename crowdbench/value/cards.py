@@ -54,9 +54,9 @@ def _scenario(card: Mapping[str, Any]) -> str:
     return f"{scenario['name']}, {least if least == most else f'{least} to {most}'} pedestrians"
 
 
-def _rate(estimate: Mapping[str, float]) -> str:
+def _rate(estimate: Mapping[str, Any]) -> str:
     return f"{100 * estimate['mean']:.1f} % ({100 * estimate['low']:.1f} to {100 * estimate['high']:.1f})"
 
 
-def _seconds(estimate: Mapping[str, float]) -> str:
+def _seconds(estimate: Mapping[str, Any]) -> str:
     return f"{estimate['mean']:.2f} s ({estimate['low']:.2f} to {estimate['high']:.2f})" if estimate["n"] else ""

@@ -45,7 +45,9 @@ class ValueNetwork(nn.Module, abc.ABC):
         batch = present.shape[:-1]
         joint, present = joint.reshape(-1, *joint.shape[-2:]), present.reshape(-1, present.shape[-1])
         value, attention = self.crowd(joint, present)
-        value = torch.where(present.any(-1), value, alone(joint))
+        accompanied = present.any(-1)
+        if not accompanied.all():
+            value = torch.where(accompanied, value, alone(joint))
         return value.reshape(batch), attention.reshape(*batch, attention.shape[-1])
 
     @abc.abstractmethod
@@ -74,7 +76,7 @@ class CADRL(ValueNetwork):
         self, joint: Float[Tensor, "batch pedestrian 13"], present: Bool[Tensor, "batch pedestrian"]
     ) -> tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]:
         """See `ValueNetwork`. All attention is on the pedestrian whose value it is."""
-        pairs = _spread(self.pair(joint[present])[:, 0], present, float("inf"))
+        pairs = _spread(self.pair(_gathered(joint, present))[:, 0], present, float("inf"))
         value, who = pairs.min(-1)
         return value, nn.functional.one_hot(who, present.shape[-1]) * present.to(pairs)
 
@@ -121,14 +123,16 @@ class SARL(ValueNetwork):
         self, joint: Float[Tensor, "batch pedestrian 13"], present: Bool[Tensor, "batch pedestrian"]
     ) -> tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]:
         """See `ValueNetwork`."""
-        embedding = self.embedding(joint[present])
+        embedding = self.embedding(_gathered(joint, present))
         number = present.sum(-1)
         mean = _spread(embedding, present).sum(1) / number.clamp(min=1)[:, None]
         mean_part = self.attention_mean(mean).repeat_interleave(number, dim=0)
         scores = self.attention((self.attention_own(embedding) + mean_part).relu_())[:, 0]
         # Where nobody is present, a softmax over nothing would be NaN.
         attention = _spread(scores, present, float("-inf")).softmax(-1).nan_to_num(0.0)
-        crowd = (_spread(self.features(embedding), present) * attention[..., None]).sum(1)
+        # The features' last layer is linear: it is applied once, to the weighted sum.
+        hidden, rectify, last = self.features
+        crowd = last((_spread(rectify(hidden(embedding)), present) * attention[..., None]).sum(1))
         value = self.value(torch.cat([joint[:, 0, :VEHICLE], crowd], -1))[:, 0]
         return value, attention
 
@@ -144,10 +148,19 @@ def digest(network: ValueNetwork) -> str:
 NETWORKS: dict[str, type[ValueNetwork]] = {network.name: network for network in (CADRL, LSTMRL, SARL)}
 
 
+def _gathered(
+    places: Float[Tensor, "batch pedestrian k"], present: Bool[Tensor, "batch pedestrian"]
+) -> Float[Tensor, "present k"]:
+    """The rows of those present; a view where all are."""
+    return places.flatten(0, 1) if present.all() else places[present]
+
+
 def _spread(
     rows: Float[Tensor, "present *k"], present: Bool[Tensor, "batch pedestrian"], absent: float = 0.0
 ) -> Tensor:
     """The rows of those present, in the places of a batch whose other places are `absent`: [batch, pedestrian, *k]."""
+    if len(rows) == present.numel():
+        return rows.reshape(*present.shape, *rows.shape[1:])
     places = rows.new_full((*present.shape, *rows.shape[1:]), absent)
     places[present] = rows
     return places
