@@ -27,11 +27,18 @@ def test_the_planner_of_the_readme_keeps_the_contract(tmp_path):
     assert all(point.kept for point in points)
 
 
+def test_the_composition_of_the_readme_drives(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(blocks("README.md")[1])
+    _, planner = load_planner(str(path))
+    assert {planner.facts["network"], *planner.facts} == {"sarl", "network", "weights"}
+
+
 def test_the_environments_of_the_readme_start():
     import gymnasium
 
     names = {}
-    exec(blocks("README.md")[1], names)
+    exec(blocks("README.md")[2], names)
     assert names["info"]["case"] == "test:37"
     assert names["many"].num_envs == 64
     assert isinstance(names["vehicle"], gymnasium.Env)
@@ -47,7 +54,7 @@ def test_the_policy_of_contributing_loads(tmp_path):
 COMMANDS = [
     command
     for command in re.findall(r"`crowdbench (run [^`]*)`", (ROOT / "README.md").read_text())
-    if "ppo.zip" not in command
+    if "ppo.zip" not in command and "weights=runs" not in command
 ]
 
 

@@ -194,10 +194,9 @@ def test_the_variant_and_the_cases_are_what_is_run():
 
 def test_a_table_of_seeds_may_have_no_variant(tmp_path):
     asked = read("".join(line for line in SEEDS.splitlines(True) if not line.startswith("variant")))
-    (row,) = asked.tables[0].rows
     assert len(asked.runs) == 3
-    for run in asked.runs:
-        leave(run, tmp_path, episodes([1] * run.cases.stop, navigation_time=[9.0] * run.cases.stop))
+    for each in asked.runs:
+        leave(each, tmp_path, episodes([1] * each.cases.stop, navigation_time=[9.0] * each.cases.stop))
     header, _, line = [line for line in asked.tables[0].fill(tmp_path).markdown().splitlines() if line.startswith("|")]
     assert "success, " not in header
     assert line.count("|") == header.count("|")
