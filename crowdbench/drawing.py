@@ -7,6 +7,7 @@ apart by colour-blind readers too.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -31,6 +32,9 @@ MUTED: Color = (140, 146, 158)
 FAINT: Color = (72, 78, 90)
 GRID: Color = (33, 36, 43)
 BACKGROUND: Color = (17, 19, 24)
+
+CURVES: tuple[Color, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0))
+"""Colours of a planner's own curves, told apart by colour-blind readers (Okabe and Ito 2008)."""
 
 PLANNER_PLOTS = "plots/planner"
 """Where the planner's own curves lie, apart from those of the judge."""
@@ -267,7 +271,11 @@ def _logs(trace: Trace, row: int) -> Iterator[Chunk]:
         if steps == 0:
             continue
         if is_curve(array):
-            yield _curves(f"{PLANNER_PLOTS}/{name}", moments, logged.reshape(steps, -1))
+            curves = logged.reshape(steps, -1)
+            names = [f"{name} {n}" if curves.shape[1] > 1 else name for n in range(curves.shape[1])]
+            style = rr.SeriesLines(names=names, colors=list(itertools.islice(itertools.cycle(CURVES), len(names))))
+            yield still(f"{PLANNER_PLOTS}/{name}", style)
+            yield _curves(f"{PLANNER_PLOTS}/{name}", moments, curves)
         elif logged.shape[-1] == 2 and logged.ndim == 3:
             points = rr.Points2D.columns(positions=logged.reshape(-1, 2))
             yield still(entity, rr.Points2D.from_fields(colors=[MUTED], radii=rr.Radius.ui_points(2)))
