@@ -13,13 +13,15 @@ from crowdbench.envs import registration
 
 if TYPE_CHECKING:
     from crowdbench.cases import Cases
-    from crowdbench.catalog import load_planner, load_scenario
+    from crowdbench.catalog import load_network, load_planner, load_predictor, load_scenario
     from crowdbench.driver import Driver
     from crowdbench.envs.observations import flatten
     from crowdbench.envs.parallel import parallel_env
     from crowdbench.errors import InputError
+    from crowdbench.lookahead import ValuePlanner
     from crowdbench.metrics import METRICS
     from crowdbench.planner import OneWorldPlanner, Planner
+    from crowdbench.predict import Prediction, Predictor
     from crowdbench.rollouts import rollout
     from crowdbench.scenario import Scenario
     from crowdbench.sim.pedestrians import PedestrianPolicy
@@ -37,12 +39,17 @@ _HOMES = {
     "Outcome": "types",
     "PedestrianPolicy": "sim.pedestrians",
     "Planner": "planner",
+    "Prediction": "predict",
+    "Predictor": "predict",
     "Rules": "types",
     "Scenario": "scenario",
     "Trace": "types",
+    "ValuePlanner": "lookahead",
     "World": "types",
     "flatten": "envs.observations",
+    "load_network": "catalog",
     "load_planner": "catalog",
+    "load_predictor": "catalog",
     "load_scenario": "catalog",
     "parallel_env": "envs.parallel",
     "rollout": "rollouts",
@@ -58,12 +65,17 @@ __all__ = [
     "Outcome",
     "PedestrianPolicy",
     "Planner",
+    "Prediction",
+    "Predictor",
     "Rules",
     "Scenario",
     "Trace",
+    "ValuePlanner",
     "World",
     "flatten",
+    "load_network",
     "load_planner",
+    "load_predictor",
     "load_scenario",
     "parallel_env",
     "rollout",
