@@ -241,3 +241,36 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
             assert list((tmp_path / "disk").iterdir()) == []
     finally:
         subprocess.run(["umount", "disk"], check=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["mlp"], "no network is called 'mlp'; there are cadrl, lstm_rl, sarl"),
+        (["cadrl", "--episodes", "9", "--minutes", "1"], "--episodes and --minutes both say how long to train"),
+        (["cadrl", "--device", "abacus"], "nothing can be trained on the device 'abacus'"),
+        (["cadrl", "--resume", "nowhere"], "there is no checkpoint nowhere/checkpoint.safetensors"),
+        (["cadrl", "--set", "pedestrians.number=-1"], "pedestrians.number is -1, but must be"),
+    ],
+)
+def test_a_training_that_cannot_start_says_why_in_one_sentence(arguments, message, tmp_path):
+    done = crowdbench("train", *arguments)
+    assert done.returncode == 1
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_weights_that_do_not_exist_are_refused_in_one_sentence(tmp_path):
+    (tmp_path / "mine.safetensors").write_bytes(b"nothing")
+    for weights, message in (("mine", "no weights are called 'mine'"), ("mine.safetensors", "need their card")):
+        done = crowdbench("run", "--planner", "sarl_cvm", "--option", f"weights={weights}", "--cases", "1")
+        assert done.returncode == 1
+        assert message in done.stderr
+        assert "Traceback" not in done.stderr
+
+
+def test_the_weights_that_come_along_are_listed():
+    listed = crowdbench("list", "weights").stdout
+    for network in ("cadrl", "lstm_rl", "sarl"):
+        assert f"\n{network} " in listed
