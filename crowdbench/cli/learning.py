@@ -69,5 +69,5 @@ def train(
 def _line(point: Validated) -> str:
     return (
         f"{point.episodes:6d} episodes, {point.seconds:4.0f} s: on validation cases {100 * point.success:.1f} % "
-        f"success in {point.navigation_time:.2f} s (a failure counts as the time limit)"
+        f"success in {point.navigation_time_or_limit:.2f} s (a failure counts as the time limit)"
     )

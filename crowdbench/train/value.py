@@ -98,13 +98,13 @@ class Validated:
     exploration: float
     loss: float
     success: float
-    navigation_time: float
+    navigation_time_or_limit: float
     discounted_return: float
 
     @property
     def score(self) -> float:
         """What the kept network is chosen by: the share of successes, less what slowness costs."""
-        return self.success - 0.01 / SECONDS_PER_POINT * self.navigation_time
+        return self.success - 0.01 / SECONDS_PER_POINT * self.navigation_time_or_limit
 
 
 class Training:
@@ -217,7 +217,7 @@ class Training:
             exploration=self.exploration,
             loss=loss,
             success=float(success_rate(trace).mean()),
-            navigation_time=float(navigation_time_or_limit(trace).mean()),
+            navigation_time_or_limit=float(navigation_time_or_limit(trace).mean()),
             discounted_return=float(discounted_return(trace).mean()),
         )
         self.curve.append(point)
