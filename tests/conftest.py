@@ -14,8 +14,9 @@ SOURCES = sorted((Path(__file__).parent.parent / "crowdbench").rglob("*.py"))
 DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in SOURCES)).hexdigest()[:16]
 os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir()) / f"crowdbench-numba-{DIGEST}"))
 
-# Tests run in several processes, whose networks' threads would get in each other's way.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Tests run in several processes, whose networks' threads would get in each other's way. Of numba's own threads
+# torch knows nothing; OpenMP's they would share, and numba would give torch as many as itself.
+os.environ |= {"OMP_NUM_THREADS": "1", "NUMBA_THREADING_LAYER": "workqueue"}
 
 install_import_hook("crowdbench", "typecheck.checked")
 

@@ -274,3 +274,14 @@ def test_the_weights_that_come_along_are_listed():
     listed = crowdbench("list", "weights").stdout
     for network in ("cadrl", "lstm_rl", "sarl"):
         assert f"\n{network} " in listed
+
+
+def test_one_thread_is_one_thread_for_simulator_and_networks():
+    code = (
+        "import crowdbench.cli.options as options; options.use_threads(1); import numba, torch\n"
+        "from crowdbench import Cases, Driver, load_planner, load_scenario, rollout\n"
+        "rollout(Driver(load_planner('cadrl')[1], 'cadrl'), load_scenario('circle_crossing_5'), Cases.parse('20'))\n"
+        "print(numba.get_num_threads(), torch.get_num_threads())"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "1 1\n"
+    assert "is more than the" in crowdbench("run", "--planner", "orca", "--threads", "100000").stderr

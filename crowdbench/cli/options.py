@@ -31,15 +31,16 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JS
 
 
 def use_threads(threads: int | None) -> None:
-    """Let the simulator and networks use that many threads, or all. Raises InputError where there are fewer."""
-    import numba
+    """Let the simulator and networks use that many threads, or all. Raises InputError where there are fewer.
 
+    To be called before numba and torch are imported, which read it then: they share a pool of threads, and each would
+    undo what the other is told later.
+    """
     if threads is not None:
-        if threads > numba.config.NUMBA_NUM_THREADS:
-            raise InputError(f"--threads {threads} is more than the {numba.config.NUMBA_NUM_THREADS} there are")
-        numba.set_num_threads(threads)
-        # torch reads it when it is imported, which only commands with networks do.
-        os.environ["OMP_NUM_THREADS"] = str(threads)
+        available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        if threads > available:
+            raise InputError(f"--threads {threads} is more than the {available} there are")
+        os.environ |= {"NUMBA_NUM_THREADS": str(threads), "OMP_NUM_THREADS": str(threads)}
 
 
 def print_table(table: Any) -> None:

@@ -49,6 +49,7 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Drive a planner through the cases of a scenario and score it."""
+    use_threads(threads)
     from crowdbench import catalog, plugins
     from crowdbench import run as runs
     from crowdbench.cases import Cases
@@ -59,7 +60,6 @@ def run(
     if record not in RECORD:
         raise InputError(f"--record {record} is not one of {', '.join(RECORD)}")
     announce_compilation()
-    use_threads(threads)
     wanted = Cases.parse(cases)
     options = catalog.assignments(option or [], "--option")
     name, made = catalog.load_planner(planner, options)

@@ -23,13 +23,13 @@ def study(
     as_json: JsonOption = False,
 ) -> None:
     """Make the runs of a study that are not there yet, and print its tables in Markdown."""
+    use_threads(threads)
     from crowdbench.console import announce_compilation, say
     from crowdbench.study.file import read_study
     from crowdbench.study.runs import missing
     from crowdbench.study.tables import plain
 
     announce_compilation()
-    use_threads(threads)
     asked = read_study(file)
     directory = out or Path("runs") / f"study-{asked.name}"
     try:
