@@ -1,0 +1,91 @@
+"""Records what the shipped learned planners do: python tests/golden/record.py, after their weights have changed.
+
+`states.npz` holds observations, the same for all planners; `<planner>.json` the outcome of each golden case and
+the place of the command that is chosen in each of the states.
+"""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+
+from crowdbench import Driver, Observation, Planner, load_planner, load_scenario, rollout
+from crowdbench.cases import Cases
+from crowdbench.lookahead.planner import scene_of
+from crowdbench.types import Outcome, Pedestrians, Vehicle
+
+FOLDER = Path(__file__).parent
+PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm")
+CASES = Cases("test", 0, 20)
+EVERY = 6
+"""Steps from one recorded state of an episode to the next."""
+
+
+def outcomes(planner):
+    """How each golden case ends."""
+    trace = rollout(Driver(planner, "golden"), load_scenario("circle_crossing_5"), CASES)
+    return [Outcome(outcome).label for outcome in trace.outcome]
+
+
+def values(planner, obs):
+    """What each command is worth to a planner, [world, action]."""
+    scene = scene_of(obs, planner.predictor.predict(obs, 1), 0, obs.vehicle.position)
+    return planner.values(scene, planner.actions(obs.vehicle.preferred_speed))
+
+
+class _Watching(Planner):
+    """Another planner, whose observations are kept now and then."""
+
+    privileged = True
+
+    def __init__(self, planner):
+        self.planner = planner
+        self.seen = []
+
+    def plan(self, obs):
+        if obs.step[0] % EVERY == 0:
+            self.seen.append(obs.take(slice(None)))
+        return self.planner.plan(obs)
+
+
+def write_states(path):
+    """Drive `sarl_cvm` and keep what it sees."""
+    watching = _Watching(load_planner("sarl_cvm")[1])
+    outcomes(watching)
+    arrays = {}
+    for part, kind in {"": Observation, "vehicle.": Vehicle, "pedestrians.": Pedestrians}.items():
+        for field in dataclasses.fields(kind):
+            owners = [getattr(obs, part[:-1]) if part else obs for obs in watching.seen]
+            found = [getattr(owner, field.name) for owner in owners]
+            if all(isinstance(array, np.ndarray) for array in found):
+                arrays[f"{part}{field.name}"] = np.concatenate(found)
+    np.savez_compressed(path, dt=watching.seen[0].dt, **arrays)
+
+
+def read_states(path):
+    """The recorded states as one observation."""
+    arrays = dict(np.load(path))
+    dt = float(arrays.pop("dt"))
+    parts = {
+        part: {name.removeprefix(part): array for name, array in arrays.items() if name.startswith(part)}
+        for part in ("vehicle.", "pedestrians.")
+    }
+    own = {name: array for name, array in arrays.items() if "." not in name}
+    return Observation(
+        vehicle=Vehicle(**parts["vehicle."]), pedestrians=Pedestrians(**parts["pedestrians."]), dt=dt, **own
+    )
+
+
+def main():
+    write_states(FOLDER / "states.npz")
+    states = read_states(FOLDER / "states.npz")
+    for name in PLANNERS:
+        _, planner = load_planner(name)
+        golden = {"outcomes": outcomes(planner), "chosen": values(planner, states).argmax(axis=1).tolist()}
+        (FOLDER / f"{name}.json").write_text(json.dumps(golden) + "\n")
+        print(name, golden["outcomes"].count("success"), "successes")
+
+
+if __name__ == "__main__":
+    main()
