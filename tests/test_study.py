@@ -462,12 +462,10 @@ def test_a_study_that_is_not_there_is_told():
         read_study(Path("nowhere.toml"))
 
 
-def test_the_shipped_studies_read_once_their_weights_are_there(monkeypatch):
-    from crowdbench.value.networks import NETWORKS
-
-    monkeypatch.setattr(catalog, "load_network", lambda network, weights, device="cpu": NETWORKS[network]())
+def test_the_shipped_studies_can_be_made():
     learned, crowds = (read_study(STUDIES / f"{name}.toml") for name in ("learned", "crowds"))
-    assert len(learned.runs) == 10 * (5 + 5 + 1)
-    assert {str(run.cases) for run in learned.runs} == {"test:0:500", "val:0:1000"}
+    # Five seeds of ten rows, six of them under both rules, and the shipped network's validation cases.
+    assert len(learned.runs) == 6 * (5 + 5 + 1) + 4 * (5 + 1)
+    assert {str(run.cases) for run in learned.runs} == {"test:0:500", "val:0:1000", "val:0:200"}
     assert len(crowds.runs) == 8 * len(catalog.scenarios())
     assert {run.planner for run in crowds.runs if run.privileged} == {"sarl"}
