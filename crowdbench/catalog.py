@@ -46,7 +46,7 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     return name, made
 
 
-def load_predictor(spec: str) -> tuple[str, Predictor]:
+def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Predictor]:
     """A predictor's name and the predictor, from the name of a built-in one, `file.py` or `file.py:function`.
 
     Raises InputError like `load_planner`.
@@ -59,7 +59,7 @@ def load_predictor(spec: str) -> tuple[str, Predictor]:
     else:
         known = ", ".join(PREDICTORS)
         raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
-    made = plugins.call(name, factory, {})
+    made = plugins.call(name, factory, options or {})
     if not isinstance(made, Predictor):
         raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a Predictor")
     return name, made

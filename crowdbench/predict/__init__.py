@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.predict.linear import ConstantVelocity, Linear
@@ -10,9 +10,9 @@ from crowdbench.predict.oracle import Oracle
 
 __all__ = ["PREDICTORS", "ConstantVelocity", "Linear", "Oracle", "Prediction", "Predictor"]
 
-PREDICTORS: Mapping[str, type[Predictor]] = {
+PREDICTORS: Mapping[str, Callable[..., Predictor]] = {
     "linear": Linear,
     "constant_velocity": ConstantVelocity,
     "oracle": Oracle,
 }
-"""The built-in predictors."""
+"""What makes the built-in predictors: classes, or functions that import torch only when they are called."""

@@ -34,6 +34,10 @@ class Predictor(abc.ABC):
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """The next `steps` steps of every pedestrian, `obs.dt` apart."""
 
+    def unseen(self, scene: str) -> Predictor:
+        """The predictor to be scored on a recorded scene: one that was not trained on it."""
+        return self
+
 
 def straight_on(
     start: Float[np.ndarray, "world pedestrian 2"],
