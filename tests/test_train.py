@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from crowdbench import InputError, load_scenario
+from crowdbench import InputError, load_network, load_scenario
 from crowdbench.lookahead import ValuePlanner
 from crowdbench.lookahead.actions import speeds_and_headings
 from crowdbench.predict import ConstantVelocity
 from crowdbench.sim.simulator import observe
-from crowdbench.train import checkpoint, session, value
+from crowdbench.train import session, value, value_request
 from crowdbench.train.value import Exploring, Setup, Training
 from crowdbench.value.networks import NETWORKS, digest
-from crowdbench.value.weights import load_network, read_card
+from crowdbench.train.value_request import ValueRequest
+from crowdbench.weights import read_card
 
 
 @pytest.fixture(autouse=True)
@@ -20,11 +21,11 @@ def small(monkeypatch):
     """A training of seconds."""
     for name, size in {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "VALIDATION_CASES": 5, "PASSES": 2}.items():
         monkeypatch.setattr(value, name, size)
-    cases = {split: dataclasses.replace(cases, stop=6) for split, cases in session.FIGURES.items()}
-    monkeypatch.setattr(session, "FIGURES", cases)
+    cases = {split: dataclasses.replace(cases, stop=6) for split, cases in value_request.FIGURES.items()}
+    monkeypatch.setattr(value_request, "FIGURES", cases)
 
 
-REQUEST = session.Request("cadrl", "circle_crossing_mixed", {"pedestrians.number": [1, 3]}, "oracle", 7, 40, None)
+REQUEST = ValueRequest("cadrl", "circle_crossing_mixed", {"pedestrians.number": [1, 3]}, "oracle", 7, 40, None)
 
 
 def ignore(*arguments):

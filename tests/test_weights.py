@@ -5,8 +5,9 @@ import torch
 from safetensors.torch import save_file
 
 from crowdbench import InputError
+from crowdbench.catalog import load_network
 from crowdbench.value.networks import NETWORKS, digest
-from crowdbench.value.weights import load_network, save_network
+from crowdbench.weights import save_network
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")
