@@ -72,3 +72,11 @@ def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> N
         # torch tells of all missing and unexpected tensors, one per line.
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"the weights {path} cannot be loaded on {device}: {reason}") from None
+
+
+def digest(network: nn.Module) -> str:
+    """Twelve hexadecimal digits that change with the weights."""
+    sha = hashlib.sha256()
+    for tensor in network.state_dict().values():
+        sha.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return sha.hexdigest()[:12]

@@ -14,7 +14,8 @@ from crowdbench.planner import Planner
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.reward import discount, reward
 from crowdbench.types import Observation, Outcome
-from crowdbench.value.networks import ValueNetwork, digest
+from crowdbench.value.networks import ValueNetwork
+from crowdbench.weights import digest
 
 CHUNK = 4096
 """Joint states that a network is given at once: few enough for its layers to stay in a core's cache."""

@@ -1,7 +1,7 @@
 """Social GAN (Gupta et al. 2018): an LSTM that generates futures of a crowd, and one that tells them from real ones.
 
 Sizes are the paper's. Differs from it because it learns faster so: the decoder's output is added to the last
-displacement instead of replacing it, so that an untrained generator goes straight on.
+displacement instead of replacing it, so that what is learnt is how people part from going straight on.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from crowdbench.predict import Prediction
@@ -213,7 +213,7 @@ class Training:
 def variety_loss(
     foreseen: Float[Tensor, "mode row time 2"],
     ahead: Float[Tensor, "row time 2"],
-    scene: Float[Tensor, "row"],
+    scene: Int[Tensor, "row"],
     scenes: int,
 ) -> Float[Tensor, ""]:
     """The mean distance over pedestrians, in the future that is best for all of a scene (Gupta et al. 2018, eq. 4).
