@@ -9,6 +9,8 @@ from test_joint_state import slow_joint_states
 
 from crowdbench.lookahead import ValuePlanner, planner
 from crowdbench.lookahead.actions import speeds_and_headings
+from crowdbench.lookahead.aggregate import AGGREGATES
+from crowdbench.lookahead.kce import Limits
 from crowdbench.lookahead.outlook import Scene
 from crowdbench.predict import ConstantVelocity, Oracle, Prediction, Predictor
 from crowdbench.sim.simulator import observe, step
@@ -122,6 +124,7 @@ def scene(obs, prediction, ahead=0, position=None):
     )
     return Scene(
         position=obs.vehicle.position if position is None else position,
+        velocity=obs.vehicle.velocity,
         goal=obs.vehicle.goal,
         radius=obs.vehicle.radius,
         preferred_speed=obs.vehicle.preferred_speed,
@@ -215,13 +218,10 @@ def test_values_are_reward_and_discounted_value_of_the_predicted_step(name):
     assert_best(made.plan(obs), commands, values)
 
 
-@pytest.mark.parametrize("aggregate", [np.mean, np.min])
-def test_values_are_aggregated_over_modes(aggregate):
-    def over_modes(values):
-        return aggregate(values, axis=1)
-
+@pytest.mark.parametrize(("aggregate", "options"), [(np.mean, {}), (np.min, {"aggregate": AGGREGATES["worst"]})])
+def test_values_are_aggregated_over_modes(aggregate, options):
     obs, net = crowded(seed=3), network()
-    made = ValuePlanner(Forks(3), net, **{} if aggregate is np.mean else {"aggregate": over_modes})
+    made = ValuePlanner(Forks(3), net, **options)
     seen = scene(obs, made.predictor.predict(obs, 1))
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
     values, outcomes = slow_values(seen, commands, net, aggregate)
@@ -327,54 +327,50 @@ def test_what_the_planner_saw_is_logged():
 
 
 def within(change):
-    """Commands that differ from the velocity by no more than so many m/s."""
-
-    def limits(velocity, commands):
-        return np.linalg.norm(commands - velocity[:, None], axis=-1) <= change
-
-    return limits
+    """Limits to commands that differ from the velocity by no more than so many m/s."""
+    return Limits(max_acceleration=math.inf, max_turn=math.pi, max_velocity_change=change)
 
 
-def test_only_allowed_commands_are_taken():
+def near(change, velocity, commands):
+    """Which commands these are, and the one of braking as hard as that: `[world, action]` and all commands."""
+    speed = np.linalg.norm(velocity, axis=1)
+    braked = velocity * (np.maximum(speed - change, 0.0) / np.maximum(speed, 1e-9))[:, None]
+    every = np.concatenate([commands, braked[:, None]], axis=1)
+    return np.linalg.norm(every - velocity[:, None], axis=-1) <= change + 1e-9, every
+
+
+@pytest.mark.parametrize("change", [0.5, 0.01])
+def test_only_allowed_commands_are_taken_and_braking_always_is(change):
     obs, net = crowded(), network()
-    made = ValuePlanner(ConstantVelocity(), net, limits=within(0.5))
-    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    made = ValuePlanner(ConstantVelocity(), net, limits=within(change))
+    allowed, commands = near(change, obs.vehicle.velocity, speeds_and_headings(obs.vehicle.preferred_speed))
     values = slow_values(scene(obs, made.predictor.predict(obs, 1)), commands, net)[0]
-    allowed = within(0.5)(obs.vehicle.velocity, commands)
-    assert allowed.any(axis=1).all()
+    assert allowed[:, -1].all()
+    assert allowed[:, :-1].any() == (change == 0.5)
     assert not allowed[np.arange(6), values.argmax(axis=1)].all()
     assert_best(made.plan(obs), commands, np.where(allowed, values, -np.inf))
 
 
-def test_a_vehicle_that_can_follow_no_command_keeps_its_velocity():
-    obs = crowded()
-    stuck = np.arange(6) % 2 == 0
-
-    def limits(velocity, commands):
-        return np.repeat(~stuck[:, None], commands.shape[1], axis=1)
-
-    planners = [ValuePlanner(ConstantVelocity(), network(), limits=limits) for limits in (limits, None)]
-    limited, free = (made.plan(obs) for made in planners)
-    assert np.array_equal(limited, np.where(stuck[:, None], obs.vehicle.velocity, free))
-
-
-def around(command, preferred_speed):
+def around(scene, command):
     """The same command turned a little to either side, and slower by a share of the preferred speed."""
     c, s = np.cos(0.1), np.sin(0.1)
     turned = [command @ np.array([[c, side], [-side, c]]) for side in (-s, s)]
-    return np.stack([*turned, command * (1.0 - 0.05 * preferred_speed[:, None])], axis=1)
+    return np.stack([*turned, command * (1.0 - 0.05 * scene.preferred_speed[:, None])], axis=1)
 
 
-@pytest.mark.parametrize("limits", [None, within(0.7)])
-def test_a_finer_command_is_taken_where_it_is_better_and_allowed(limits):
+@pytest.mark.parametrize("change", [None, 0.7])
+def test_a_finer_command_is_taken_where_it_is_better_and_allowed(change):
     obs, net = crowded(12), network()
-    coarse_commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    limits = None if change is None else within(change)
     coarse = ValuePlanner(ConstantVelocity(), net, limits=limits).plan(obs)
     made = ValuePlanner(ConstantVelocity(), net, limits=limits, explore=around)
-    commands = np.concatenate([coarse_commands, around(coarse, obs.vehicle.preferred_speed)], axis=1)
-    values = slow_values(scene(obs, made.predictor.predict(obs, 1)), commands, net)[0]
-    if limits is not None:
-        values = np.where(limits(obs.vehicle.velocity, commands), values, -np.inf)
+    seen = scene(obs, made.predictor.predict(obs, 1))
+    commands = np.concatenate([speeds_and_headings(obs.vehicle.preferred_speed), around(seen, coarse)], axis=1)
+    if change is not None:
+        allowed, commands = near(change, obs.vehicle.velocity, commands)
+    values = slow_values(seen, commands, net)[0]
+    if change is not None:
+        values = np.where(allowed, values, -np.inf)
     chosen = made.plan(obs)
     assert_best(chosen, commands, values)
     finer, arrived = (chosen != coarse).any(axis=1), values[:, :81].max(axis=1) == 1.0
@@ -391,18 +387,20 @@ def test_planning_one_step_ahead_is_planning():
     assert np.array_equal(made.plan_ahead(obs, 1)[:, 0], made.plan(obs))
 
 
-@pytest.mark.parametrize("limits", [None, within(0.7)])
-def test_each_later_step_starts_where_the_one_before_ended(limits):
+@pytest.mark.parametrize("change", [None, 0.7])
+def test_each_later_step_starts_where_the_one_before_ended(change):
     obs, net = crowded(4), network()
-    made = ValuePlanner(Forks(2), net, limits=limits)
+    made = ValuePlanner(Forks(2), net, limits=None if change is None else within(change))
     prediction = made.predictor.predict(obs, 3)
     plan = made.plan_ahead(obs, 3)
-    commands = speeds_and_headings(obs.vehicle.preferred_speed)
     position, velocity = obs.vehicle.position, obs.vehicle.velocity
     for ahead in range(3):
+        commands = speeds_and_headings(obs.vehicle.preferred_speed)
+        if change is not None:
+            allowed, commands = near(change, velocity, commands)
         values = slow_values(scene(obs, prediction, ahead, position), commands, net)[0]
-        if limits is not None:
-            values = np.where(limits(velocity, commands), values, -np.inf)
+        if change is not None:
+            values = np.where(allowed, values, -np.inf)
         assert_best(plan[:, ahead], commands, values)
         velocity = plan[:, ahead]
         position = position + DT * velocity

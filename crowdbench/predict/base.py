@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -29,6 +31,9 @@ class Predictor(abc.ABC):
 
     privileged: ClassVar[bool] = False
     """Whether it calls `Observation.true_next`: a planner that uses it must be privileged too."""
+
+    facts: Mapping[str, str] = MappingProxyType({})
+    """What results say of it beyond its name and options, such as the digest of its weights."""
 
     @abc.abstractmethod
     def predict(self, obs: Observation, steps: int) -> Prediction:

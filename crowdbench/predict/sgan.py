@@ -15,6 +15,7 @@ from crowdbench.errors import InputError
 from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.predict.social_gan import NOISE, Generator
 from crowdbench.types import Observation, Pedestrians
+from crowdbench.weights import digest
 
 NAME = "sgan"
 """What files of its weights call it."""
@@ -44,6 +45,7 @@ class SocialGAN(Predictor):
         self.modes = modes
         self.rescaled = rescaled
         self.trained_without = trained_without
+        self.facts = {"predictor_weights": digest(generator)}
 
     @torch.inference_mode()
     def predict(self, obs: Observation, steps: int) -> Prediction:

@@ -30,7 +30,7 @@ def outcomes(planner):
 
 def values(planner, obs):
     """What each command is worth to a planner, [world, action]."""
-    scene = scene_of(obs, planner.predictor.predict(obs, 1), 0, obs.vehicle.position)
+    scene = scene_of(obs, planner.predictor.predict(obs, 1), 0, obs.vehicle)
     return planner.values(scene, planner.actions(obs.vehicle.preferred_speed))
 
 
