@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.options import INTERRUPTED, ScenarioOption, SetOption, use_threads
+from crowdbench.cli.options import INTERRUPTED, ScenarioOption, SetOption, ThreadsOption, use_threads
 from crowdbench.errors import InputError
 
 EPISODES = 4000
@@ -26,7 +26,7 @@ def train(
     episodes: Annotated[int | None, typer.Option(min=1, help="Episodes to learn from, 4000 unless told.")] = None,
     minutes: Annotated[float | None, typer.Option(min=0.1, help="Minutes of training, instead of episodes.")] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")] = None,
+    threads: ThreadsOption = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with the interrupted training in this directory.")] = None,
     out: Annotated[Path | None, typer.Option(help="runs/train-<network>-seed<seed> unless told.")] = None,
 ) -> None:

@@ -45,7 +45,7 @@ def own_options(section: Section) -> dict[str, Any]:
 def runs_with(
     weights: Iterable[str],
     planner: str,
-    options: Mapping[str, Any],
+    options: dict[str, Any],
     scenario: str,
     cases: Cases,
     *,
