@@ -13,26 +13,43 @@ PLAIN_INTERVAL = 5.0
 
 @contextlib.contextmanager
 def progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """Gives a function that is told how many more are done: a bar on a terminal, plain lines elsewhere."""
+    """Gives a function that is told how many more are done: a bar on a terminal, plain lines elsewhere.
+
+    The time left is expected as if each took as long as those before.
+    """
     if sys.stderr.isatty():
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        times = TimeElapsedColumn(), TimeRemainingColumn()
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *times)
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(what, total=total)
             yield lambda done: bar.advance(task, done)
         return
-    done_so_far, last = 0, time.monotonic()
+    start = last = time.monotonic()
+    done_so_far = 0
 
     def tell(done: int) -> None:
         nonlocal done_so_far, last
         done_so_far += done
         if time.monotonic() - last >= PLAIN_INTERVAL:
             last = time.monotonic()
-            say(f"{done_so_far} of {total} {what}")
+            left = (last - start) * (total - done_so_far) / max(done_so_far, 1)
+            say(f"{done_so_far} of {total} {what}, about {_duration(left)} left")
 
     yield tell
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def say(text: str) -> None:

@@ -20,10 +20,10 @@ from crowdbench.errors import InputError
 from crowdbench.metrics import METRICS
 from crowdbench.results import EPISODES, Episodes, read_result
 from crowdbench.run import run
-from crowdbench.study.crowds import LEAST_SHARED, Pair
+from crowdbench.study.crowds import Pair
 from crowdbench.study.file import read_study
 from crowdbench.study.runs import missing
-from crowdbench.study.tables import plain
+from crowdbench.study.tables import LEAST_SHARED, plain
 from crowdbench.study.two_levels import two_level
 from crowdbench.summary import RESAMPLES, bootstrap, interval
 from crowdbench.types import Outcome

@@ -25,6 +25,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "check": listing.check,
     "compare": running.compare,
     "study": studies.study,
+    "reproduce": studies.reproduce,
     "view": running.view,
     "score": running.score,
     "evaluate-predictor": predictors.evaluate_predictor,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import INTERRUPTED, SetOption, use_threads
+from crowdbench.cli.options import INTERRUPTED, SetOption, ThreadsOption, use_threads
 from crowdbench.errors import InputError
 
 EPISODES = 4000
@@ -46,7 +46,7 @@ def train(
     ] = None,
     minutes: Annotated[float | None, typer.Option(min=0.1, help="Minutes of training, instead.")] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")] = None,
+    threads: ThreadsOption = None,
     resume: Annotated[Path | None, typer.Option(help="Go on with the interrupted training in this directory.")] = None,
     out: Annotated[Path | None, typer.Option(help="runs/train-<network>-seed<seed> unless told.")] = None,
 ) -> None:

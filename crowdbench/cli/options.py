@@ -27,6 +27,7 @@ MetricOption = Annotated[
 LimitOption = Annotated[
     float, typer.Option(help="Seconds that a planner may think each time it is asked, about a whole batch.")
 ]
+ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
 
 

@@ -20,6 +20,7 @@ from crowdbench.cli.options import (
     PlannerOption,
     ScenarioOption,
     SetOption,
+    ThreadsOption,
     print_table,
     use_threads,
 )
@@ -44,7 +45,7 @@ def run(
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run.")] = False,
     batch: Annotated[int, typer.Option(min=1, help="Cases that run in lock-step.")] = BATCH,
-    threads: Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")] = None,
+    threads: ThreadsOption = None,
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:

@@ -13,19 +13,24 @@ from crowdbench.cases import Cases
 from crowdbench.compare import mcnemar
 from crowdbench.results import Episodes
 from crowdbench.study.runs import Run
-from crowdbench.study.tables import DISCOMFORT, GAP, JERK, PRIVILEGED, SUCCESS, TIME, Filled, Table, grid, marked
+from crowdbench.study.tables import (
+    DISCOMFORT,
+    GAP,
+    JERK,
+    LEAST_SHARED,
+    PRIVILEGED,
+    SUCCESS,
+    TIME,
+    Filled,
+    Table,
+    grid,
+    marked,
+)
 from crowdbench.summary import CONFIDENCE, Estimate, bootstrap, wilson
 from crowdbench.toml_section import Section
 
 OVER_SOLVED = (TIME, DISCOMFORT, JERK, GAP)
 """What is measured over solved cases: each planner's own, or those that both of a pair solve."""
-
-LEAST_SHARED = 6
-"""Cases that both must solve before their differences can tell two planners apart.
-
-With fewer even a difference of one sign throughout is likely by chance, 2 * 0.5**5 > 0.05, and a bootstrap, which
-resamples nothing else, would not notice.
-"""
 
 NOTES = (
     "Success has Wilson's 95 % interval. Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the "

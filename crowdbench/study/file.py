@@ -8,12 +8,13 @@ from pathlib import Path
 
 from crowdbench.errors import InputError
 from crowdbench.study.crowds import Crowds
+from crowdbench.study.measured import Measured
 from crowdbench.study.runs import Run
 from crowdbench.study.seeds import Seeds
 from crowdbench.study.tables import Table
 from crowdbench.toml_section import Section, read_toml
 
-KINDS: dict[str, Callable[[Section], Table]] = {"seeds": Seeds.of, "crowds": Crowds.of}
+KINDS: dict[str, Callable[[Section], Table]] = {"seeds": Seeds.of, "crowds": Crowds.of, "measured": Measured.of}
 """What reads each kind of table; a file may have several of a kind."""
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
-import importlib.metadata
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,6 +17,10 @@ from crowdbench.driver import Driver
 from crowdbench.metrics import METRICS
 from crowdbench.results import EPISODES, RESULT, Episodes, planner_label, read_result, replanning
 from crowdbench.scenario import Scenario
+
+_PACKAGE = Path(__file__).parent.parent
+_APART = tuple(_PACKAGE / name for name in ("agents", "bench", "cli", "envs", "study", "train"))
+"""Parts of the package on which no run depends, and the planners, whose files count one by one."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Run:
     def directory(self) -> str:
         """The name of its directory: for people to read, and then a digest of all that its numbers depend on.
 
-        What does not count is the code of crowdbench between two versions, and what a plug-in's file imports.
+        What does not count is what a plug-in's file imports.
         """
         text = json.dumps(
             {
@@ -78,7 +82,7 @@ class Run:
                 "scenario": self.scenario.digest,
                 "cases": str(self.cases),
                 "replan_every": self.replan_every,
-                "crowdbench": importlib.metadata.version("crowdbench"),
+                "crowdbench": _code(),
             },
             sort_keys=True,
         )
@@ -120,3 +124,10 @@ def missing(wanted: Iterable[Run], out: Path) -> list[Run]:
     """Those that `out` lacks, each once."""
     each = {run.directory: run for run in wanted}
     return [run for run in each.values() if not run.is_in(out)]
+
+
+@functools.cache
+def _code() -> str:
+    """A digest of the code of crowdbench on which runs may depend."""
+    files = [path for path in sorted(_PACKAGE.rglob("*.py")) if not any(map(path.is_relative_to, _APART))]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()

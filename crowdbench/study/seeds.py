@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from crowdbench.cases import Cases
 from crowdbench.results import Episodes, planner_label
+from crowdbench.study.networks import Variant, of_all, own_options, runs_with
 from crowdbench.study.runs import Run
-from crowdbench.study.tables import PRIVILEGED, SUCCESS, TIME, Filled, Measure, Table, grid, marked
+from crowdbench.study.tables import PRIVILEGED, SUCCESS, TIME, Filled, Table, grid, marked
 from crowdbench.study.two_levels import two_level
 from crowdbench.summary import Estimate, bootstrap, wilson
 from crowdbench.toml_section import Section
@@ -127,7 +128,7 @@ class Row:
         first = self.test[0]
         test = [run.episodes(out) for run in self.test]
         variant = [run.episodes(out) for run in self.variant]
-        success = _of_all(test, SUCCESS)
+        success = of_all(test, SUCCESS)
         return FilledRow(
             planner=self.planner,
             privileged=first.privileged,
@@ -136,8 +137,8 @@ class Row:
             weights=self.weights,
             success_rates=success.mean(axis=1).tolist(),
             success_rate=two_level(success),
-            navigation_time=two_level(_of_all(test, TIME)),
-            variant_success_rate=two_level(_of_all(variant, SUCCESS)) if variant else None,
+            navigation_time=two_level(of_all(test, TIME)),
+            variant_success_rate=two_level(of_all(variant, SUCCESS)) if variant else None,
             shipped_validation=Shipped.of(self.validation.episodes(out)),
             shipped_test=Shipped.of(test[0]),
             reported=self.reported,
@@ -151,7 +152,7 @@ class Seeds(Table):
     title: str
     cases: Cases
     validation: Cases
-    variant: str
+    variant: Variant | None
     rows: list[Row]
 
     @classmethod
@@ -161,16 +162,12 @@ class Seeds(Table):
         with section.blamed():
             cases = Cases.parse(section.text("cases", "test:500"))
             validation = Cases.parse(section.text("validation", "val:1000"))
-        variant, overrides = "", None
-        if "variant" in section.table:
-            table = section.section("variant")
-            variant, overrides = table.needed("title"), table.values("overrides")
-            table.close()
+        variant = Variant.of(section)
         tables = section.tables("rows")
         if not tables:
             raise section.wrong("rows", "one table or more")
         section.close()
-        return cls(title, cases, validation, variant, [_row(row, cases, validation, overrides) for row in tables])
+        return cls(title, cases, validation, variant, [_row(row, cases, validation, variant) for row in tables])
 
     @property
     def runs(self) -> list[Run]:
@@ -180,28 +177,19 @@ class Seeds(Table):
     def fill(self, out: Path) -> FilledSeeds:
         """See `Table`."""
         rows = [row.fill(out) for row in self.rows]
-        return FilledSeeds(self.title, str(self.cases), str(self.validation), self.variant, rows)
+        variant = self.variant.title if self.variant else ""
+        return FilledSeeds(self.title, str(self.cases), str(self.validation), variant, rows)
 
 
-def _row(section: Section, cases: Cases, validation: Cases, overrides: dict[str, object] | None) -> Row:
+def _row(section: Section, cases: Cases, validation: Cases, variant: Variant | None) -> Row:
     planner, weights, scenario = section.needed("planner"), section.texts("weights"), section.needed("scenario")
-    options = section.values("options")
-    if "weights" in options:
-        raise section.wrong("options", "without weights: they have a key of their own")
+    options = own_options(section)
     replan_every = section.integer("replan_every", 1, 1, 1000)
     label, reported = section.text("label"), section.text("reported")
     section.close()
-
-    def run(weights: str, cases: Cases, overrides: dict[str, object]) -> Run:
-        with_weights = {**options, "weights": weights}
-        return Run.of(planner, with_weights, scenario, cases, overrides=overrides, replan_every=replan_every)
-
     with section.blamed():
-        test = [run(each, cases, {}) for each in weights]
-        variant = [] if overrides is None else [run(each, cases, overrides) for each in weights]
+        runs = functools.partial(runs_with, weights, planner, options, scenario, replan_every=replan_every)
+        test = runs(cases)
+        other = runs(cases, overrides=variant.overrides) if variant else []
         name = label or planner_label(test[0].planner, options, replan_every)
-        return Row(name, weights, reported, test, variant, run(weights[0], validation, {}))
-
-
-def _of_all(seeds: list[Episodes], measure: Measure) -> Float[np.ndarray, "seed case"]:
-    return np.stack([episodes.columns[measure.metric].astype(float) for episodes in seeds])
+        return Row(name, weights, reported, test, other, runs(validation)[0])

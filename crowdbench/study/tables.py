@@ -52,6 +52,10 @@ class Measure:
         """`99.7 %`, or a dash where there is no number."""
         return f"{self._digits(value)} {self.unit}" if math.isfinite(value) else "-"
 
+    def given(self, value: float | None) -> str:
+        """`99.2 %`: a number of somebody else's, to as many digits as they gave; nothing where they gave none."""
+        return "" if value is None else f"{self.scale * value:.6g} {self.unit}"
+
     def estimate(self, estimate: Estimate) -> str:
         """`99.7 % (99.3 to 99.9)`: the mean and its 95 % interval."""
         if not math.isfinite(estimate.mean):
@@ -66,7 +70,15 @@ SUCCESS = Measure("success_rate", "success", "%", sign=1, digits=1, scale=100.0)
 TIME = Measure("navigation_time", "time", "s", sign=-1, digits=2)
 DISCOMFORT = Measure("discomfort", "discomfort", "%", sign=-1, digits=2, scale=100.0)
 JERK = Measure("jerk", "jerk", "m/s³", sign=-1, digits=2)
+VELOCITY_CHANGE = Measure("max_velocity_change", "largest change of velocity", "m/s", sign=-1, digits=2)
 GAP = Measure("minimum_gap", "gap", "m", sign=1, digits=3)
+
+LEAST_SHARED = 6
+"""Cases that both must solve before their differences can tell two planners apart.
+
+With fewer even a difference of one sign throughout is likely by chance, 2 * 0.5**5 > 0.05, and a bootstrap, which
+resamples nothing else, would not notice.
+"""
 
 PRIVILEGED = r"\* sees where the pedestrians will step next, which no vehicle could: shown, never ranked."
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
@@ -19,17 +20,43 @@ def two_level(values: Float[np.ndarray, "seed case"]) -> Estimate:
     Seeds are drawn with replacement, and cases with replacement, the same ones for all seeds: all have driven the
     same cases, so that a hard one is hard for all of them. `n` counts the values that are not NaN.
     """
-    defined = values[~np.isnan(values)]
+    return _estimate(values, _mean_of_means, values)
+
+
+def two_level_reduction(ours: Float[np.ndarray, "seed case"], theirs: Float[np.ndarray, "seed case"]) -> Estimate:
+    """By which share the mean of `ours` is smaller than that of `theirs`, resampled together as `two_level` does.
+
+    Only values that both have count, so that the two means are over the same cases. `max` is the largest reduction
+    in any one of them.
+    """
+    undefined = np.isnan(ours + theirs)
+    both = np.where(undefined, np.nan, np.stack([ours, theirs]))
+
+    def reduction(pair: Float[np.ndarray, "2 seed case"]) -> float:
+        mean = _mean_of_means(pair[1])
+        return 1.0 - _mean_of_means(pair[0]) / mean if mean else math.nan
+
+    each = 1.0 - np.divide(both[0], both[1], where=both[1] != 0.0, out=np.full_like(ours, np.nan))
+    return _estimate(both, reduction, each)
+
+
+def _estimate(
+    values: Float[np.ndarray, "*planner seed case"],
+    statistic: Callable[[Float[np.ndarray, "*planner seed case"]], float],
+    each: Float[np.ndarray, "seed case"],
+) -> Estimate:
+    """A statistic of the values, its interval over resampled seeds and cases; `each` is what it is in one case."""
+    defined = each[~np.isnan(each)]
     if len(defined) == 0:
         return Estimate(math.nan, math.nan, math.nan, 0, math.nan)
     rng = np.random.default_rng(_STREAM)
-    seeds, cases = values.shape
+    *_, seeds, cases = values.shape
     resampled = np.empty(RESAMPLES)
     for i in range(RESAMPLES):
-        drawn = values[rng.integers(seeds, size=seeds)]
-        resampled[i] = _mean_of_means(drawn[:, rng.integers(cases, size=cases)])
+        drawn = values[..., rng.integers(seeds, size=seeds), :]
+        resampled[i] = statistic(drawn[..., rng.integers(cases, size=cases)])
     low, high = interval(resampled[~np.isnan(resampled)])
-    return Estimate(_mean_of_means(values), low, high, len(defined), float(defined.max()))
+    return Estimate(statistic(values), low, high, len(defined), float(defined.max()))
 
 
 def _mean_of_means(values: Float[np.ndarray, "seed case"]) -> float:
