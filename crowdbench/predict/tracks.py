@@ -59,7 +59,8 @@ class Tracks:
 class Windows:
     """Stretches of consecutive annotations, `dt` seconds apart, as a batch.
 
-    What is not `present` is padding, at the origin. `frame` is the first of each window; `pedestrian` tells who is who, and is 0 in the padding.
+    What is not `present` is padding, at the origin. `frame` is the first of each window; `pedestrian` tells who is
+    who, and is 0 in the padding.
     """
 
     frame: Int[np.ndarray, "window"]
