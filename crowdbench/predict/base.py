@@ -46,11 +46,11 @@ class Predictor(abc.ABC):
 
 def straight_on(
     start: Float[np.ndarray, "world pedestrian 2"],
-    velocity: Float[np.ndarray, "world pedestrian 2"],
+    velocity: Float[np.ndarray, "world mode pedestrian 2"],
     dt: float,
     steps: int,
 ) -> Prediction:
-    """The one future in which everybody goes on from `start` (metres) with constant `velocity` (m/s)."""
+    """The futures in which everybody goes on from `start` (metres) with the constant `velocity` (m/s) of the mode."""
     elapsed = dt * np.arange(1, steps + 1)[:, None, None]
-    position = (start[:, None] + elapsed * velocity[:, None])[:, None]
-    return Prediction(position, np.repeat(velocity[:, None, None], steps, axis=2))
+    position = start[:, None, None] + elapsed * velocity[:, :, None]
+    return Prediction(position, np.repeat(velocity[:, :, None], steps, axis=2))
