@@ -133,9 +133,9 @@ class ValuePlanner(Planner):
         self, scene: Scene, commands: Float[np.ndarray, "world action 2"]
     ) -> tuple[Float[np.ndarray, "world 2"], Float[np.ndarray, "world"]]:
         if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.shape[1] > 1:
-            likely = self._allowed_values(mean_future(scene), commands)
-            # In their order, which decides between equals.
-            kept = np.sort(np.argpartition(-likely, self.shortlist, axis=1)[:, : self.shortlist], axis=1)
+            loss = -self._allowed_values(mean_future(scene), commands)
+            # In their order again, which decides between equals.
+            kept = np.sort(loss.argsort(axis=1, kind="stable")[:, : self.shortlist], axis=1)
             commands = np.take_along_axis(commands, kept[..., None], axis=1)
         values = self._allowed_values(scene, commands)
         world, best = np.arange(len(values)), values.argmax(axis=1)
@@ -173,9 +173,10 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
         goal=vehicle.goal,
         radius=vehicle.radius,
         preferred_speed=vehicle.preferred_speed,
-        crowd=np.broadcast_to(before, after.shape),
-        next_crowd=after,
-        next_velocity=prediction.velocity[:, :, step],
+        # In one layout, whatever the prediction's: each compiles the look ahead anew.
+        crowd=np.broadcast_to(before, after.shape).copy(),
+        next_crowd=np.ascontiguousarray(after),
+        next_velocity=np.ascontiguousarray(prediction.velocity[:, :, step]),
         crowd_radius=obs.pedestrians.radius,
         present=obs.pedestrians.present,
         dt=obs.dt,
