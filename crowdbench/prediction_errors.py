@@ -31,6 +31,10 @@ MEAN = "mean over scenes"
 """What the row of the means over all scenes is called."""
 
 
+TOGETHER = 1
+"""Where `displacement` has the mode that is best for everybody together."""
+
+
 @dataclass(frozen=True)
 class Curves:
     """ADE and FDE in metres at horizons of 1, 2, ... steps, over cases or over pedestrians."""

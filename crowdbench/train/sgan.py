@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from crowdbench.predict import Prediction
 from crowdbench.predict.sgan import spread
 from crowdbench.predict.social_gan import NOISE, Discriminator, Generator
-from crowdbench.prediction_errors import displacement
+from crowdbench.prediction_errors import TOGETHER, displacement
 from crowdbench.train.checkpoint import State, optimizer_state, restore_optimizer, tensors_of, under
 from crowdbench.types import HISTORY
 
@@ -182,7 +182,7 @@ class Training:
             path = position.cpu().numpy()
             foreseen = Prediction(path[:, None, HISTORY - 1, None] + moves.cumsum(axis=2), moves)
             off = displacement(foreseen, path[:, HISTORY:], present.cpu().numpy())[present.cpu().numpy()]
-            total, count = total + off[:, :, -1].sum(axis=0), count + len(off)
+            total, count = total + off[:, TOGETHER, :, -1].sum(axis=0), count + len(off)
         ade, fde = (total / count).tolist()
         self.curve.append(Validated(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
         if self.kept is self.curve[-1]:
