@@ -93,7 +93,13 @@ def on_scenario(
     return _estimated([clusters], clusters.modes)
 
 
-def on_tracks(name: str, predictor: Predictor, recordings: Sequence[Tracks], ahead: int = HORIZON) -> dict[str, Errors]:
+def on_tracks(
+    name: str,
+    predictor: Predictor,
+    recordings: Sequence[Tracks],
+    ahead: int = HORIZON,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Errors]:
     """The errors by scene, and under `MEAN` their means over the scenes.
 
     They come from all windows of 8 frames seen and `ahead` to come, in every scene by the predictor that has not seen
@@ -103,10 +109,12 @@ def on_tracks(name: str, predictor: Predictor, recordings: Sequence[Tracks], ahe
     """
     if predictor.privileged:
         raise InputError(f"predictor {name} looks into the simulator: evaluate it on a scenario, not on recordings")
-    places = {
-        scene: _Clusters.joined([_recorded(name, predictor.unseen(scene), tracks, ahead) for tracks in parts])
-        for scene, parts in scenes(recordings).items()
-    }
+    places = {}
+    for scene, parts in scenes(recordings).items():
+        unseen = predictor.unseen(scene)
+        places[scene] = _Clusters.joined([_recorded(name, unseen, tracks, ahead) for tracks in parts])
+        if progress is not None:
+            progress(1)
     if not places:
         raise InputError("these recordings are those of ETH/UCY that are for training alone: give one to test on")
     modes = max(clusters.modes for clusters in places.values())

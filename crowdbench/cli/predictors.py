@@ -97,13 +97,15 @@ def _on_scenario(scenario: str, cases: str, overrides: list[str], ahead: int) ->
 
 
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
+    from crowdbench.console import progress
     from crowdbench.predict import tracks
     from crowdbench.prediction_errors import on_tracks
 
     recordings = tracks.read_folder(data)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
-        return on_tracks(name, predictor, recordings, ahead)
+        with progress(len(tracks.scenes(recordings)), "scenes") as tell:
+            return on_tracks(name, predictor, recordings, ahead, tell)
 
     return {"data": str(data), "dt": tracks.DT, "ahead": ahead}, measure
 
