@@ -37,3 +37,13 @@ def shared() -> Path:
 def reference(shared):
     """Opens one of the reference files."""
     return lambda name: np.load(shared / "reference" / f"{name}.npz")
+
+
+@pytest.fixture
+def study_folder(tmp_path, monkeypatch):
+    """An empty folder to be in, with a planner that has networks."""
+    from studies import MINE
+
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(MINE)
+    Path("weights.json").write_text('{"one": 0.2, "two": 0.1}')

@@ -6,7 +6,7 @@ import pytest
 from helpers import drive
 from lookahead_scenes import Forks, Nearer, crowded, network, scene, slow_values, within
 
-from crowdbench import catalog, load_planner
+from crowdbench import load_planner
 from crowdbench.errors import InputError
 from crowdbench.lookahead import ValuePlanner
 from crowdbench.lookahead.actions import speeds_and_headings
@@ -256,16 +256,7 @@ def test_a_turn_of_more_than_half_a_circle_is_refused():
         Limits(max_turn=3.2)
 
 
-class Sampled(Forks):
-    """Stands in for Social GAN."""
-
-    def __init__(self, modes: int):
-        super().__init__(modes)
-        self.modes = modes
-
-
-def test_the_papers_method_is_all_of_kce_on_twenty_futures(monkeypatch):
-    monkeypatch.setitem(catalog.PREDICTORS, "sgan", Sampled)
+def test_the_papers_method_is_all_of_kce_on_twenty_futures():
     method, plain = load_planner("sarl_sgan_kce")[1], load_planner("sarl_sgan")[1]
     assert method.predictor.modes == plain.predictor.modes == 20
     assert (plain.limits, plain.shaping, plain.explore) == (None, None, None)

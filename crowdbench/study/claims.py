@@ -24,8 +24,11 @@ MEASURES = {each.metric: each for each in (SUCCESS, TIME, VELOCITY_CHANGE, JERK)
 POINTS = dataclasses.replace(SUCCESS, unit="points")
 REDUCTION = Measure("reduction", "reduction", "%", sign=1, digits=1, scale=100.0)
 
+ROUNDING = 1e-9
+"""An interval must lie clear of a margin by more than this, so that no rounded sum decides."""
+
 NOTES = (
-    "A claim is that a figure exceeds a margin, fixed before anything was measured; figures are positive where the "
+    "A claim is that a figure exceeds a margin that was fixed before the runs; figures are positive where the "
     "first planner is the better one. It holds where the figure's 95 % interval lies above the margin, is refuted "
     "where it lies below, and is undecided otherwise. Figures are paired by case, over the networks that both rows "
     "have, and their intervals a bootstrap over networks and cases. Success is over all cases, and its interval with "
@@ -137,9 +140,9 @@ class Claim:
 
 def verdict(figure: Estimate, bound: float) -> Verdict:
     """Whether the figure's interval lies above the bound, below it, or neither (as where there is no figure)."""
-    if figure.low > bound:
+    if figure.low > bound + ROUNDING:
         return Verdict.HOLDS
-    return Verdict.REFUTED if figure.high < bound else Verdict.UNDECIDED
+    return Verdict.REFUTED if figure.high < bound - ROUNDING else Verdict.UNDECIDED
 
 
 def claims_grid(claims: Sequence[Judged]) -> str:

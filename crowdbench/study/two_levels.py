@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
@@ -20,48 +20,67 @@ def two_level(values: Float[np.ndarray, "seed case"]) -> Estimate:
     Seeds are drawn with replacement, and cases with replacement, the same ones for all seeds: all have driven the
     same cases, so that a hard one is hard for all of them. `n` counts the values that are not NaN.
     """
-    return _estimate(values, _mean_of_means, values)
+    return _estimate(values, _means(values, _once(values)), _means(values, _draws(*values.shape)))
 
 
 def two_level_reduction(ours: Float[np.ndarray, "seed case"], theirs: Float[np.ndarray, "seed case"]) -> Estimate:
     """By which share the mean of `ours` is smaller than that of `theirs`, resampled together as `two_level` does.
 
-    Only values that both have count, so that the two means are over the same cases. `max` is the largest reduction
-    in any one of them.
+    Only values that both have count, so that the two means are over the same cases; no share is defined of a mean
+    of 0. `max` is the largest reduction in any one case.
     """
-    undefined = np.isnan(ours + theirs)
-    both = np.where(undefined, np.nan, np.stack([ours, theirs]))
+    both = np.where(np.isnan(ours + theirs), np.nan, np.stack([ours, theirs]))
 
-    def reduction(pair: Float[np.ndarray, "2 seed case"]) -> float:
-        mean = _mean_of_means(pair[1])
-        return 1.0 - _mean_of_means(pair[0]) / mean if mean else math.nan
+    def reductions(draws: Draws) -> Float[np.ndarray, "draw"]:
+        return _reduction(_means(both[0], draws), _means(both[1], draws))
 
-    each = 1.0 - np.divide(both[0], both[1], where=both[1] != 0.0, out=np.full_like(ours, np.nan))
-    return _estimate(both, reduction, each)
+    return _estimate(_reduction(*both), reductions(_once(ours)), reductions(_draws(*ours.shape)))
+
+
+Draws = tuple[Float[np.ndarray, "draw seed"], Float[np.ndarray, "draw case"]]
+"""How often each seed, and each case, is in each resample."""
+
+
+@functools.cache
+def _draws(seeds: int, cases: int) -> Draws:
+    rng = np.random.default_rng(_STREAM)
+    drawn = np.empty((RESAMPLES, seeds)), np.empty((RESAMPLES, cases))
+    for i in range(RESAMPLES):
+        for counts, size in zip(drawn, (seeds, cases), strict=True):
+            counts[i] = np.bincount(rng.integers(size, size=size), minlength=size)
+    return drawn
+
+
+def _once(values: Float[np.ndarray, "seed case"]) -> Draws:
+    """Each seed and case once: no resample."""
+    seeds, cases = values.shape
+    return np.ones((1, seeds)), np.ones((1, cases))
+
+
+def _means(values: Float[np.ndarray, "seed case"], draws: Draws) -> Float[np.ndarray, "draw"]:
+    """The mean over seeds of their means: seeds without a value do not count, and NaN is where no seed has one."""
+    seeds, cases = draws
+    defined = ~np.isnan(values)
+    n = cases @ defined.T
+    means = _ratio(cases @ np.where(defined, values, 0.0).T, n)
+    counts = seeds * (n > 0)
+    return _ratio((counts * np.where(n > 0, means, 0.0)).sum(axis=1), counts.sum(axis=1))
+
+
+def _reduction(ours: Float[np.ndarray, "*of"], theirs: Float[np.ndarray, "*of"]) -> Float[np.ndarray, "*of"]:
+    return 1.0 - _ratio(ours, theirs)
+
+
+def _ratio(over: Float[np.ndarray, "*of"], under: Float[np.ndarray, "*of"]) -> Float[np.ndarray, "*of"]:
+    return np.divide(over, under, where=under != 0.0, out=np.full_like(over, np.nan))
 
 
 def _estimate(
-    values: Float[np.ndarray, "*planner seed case"],
-    statistic: Callable[[Float[np.ndarray, "*planner seed case"]], float],
-    each: Float[np.ndarray, "seed case"],
+    each: Float[np.ndarray, "seed case"], found: Float[np.ndarray, "1"], resampled: Float[np.ndarray, "draw"]
 ) -> Estimate:
-    """A statistic of the values, its interval over resampled seeds and cases; `each` is what it is in one case."""
+    """A figure with the interval of what it is in each resample; `each` is what it is in each case."""
     defined = each[~np.isnan(each)]
     if len(defined) == 0:
         return Estimate(math.nan, math.nan, math.nan, 0, math.nan)
-    rng = np.random.default_rng(_STREAM)
-    *_, seeds, cases = values.shape
-    resampled = np.empty(RESAMPLES)
-    for i in range(RESAMPLES):
-        drawn = values[..., rng.integers(seeds, size=seeds), :]
-        resampled[i] = statistic(drawn[..., rng.integers(cases, size=cases)])
     low, high = interval(resampled[~np.isnan(resampled)])
-    return Estimate(statistic(values), low, high, len(defined), float(defined.max()))
-
-
-def _mean_of_means(values: Float[np.ndarray, "seed case"]) -> float:
-    """NaN where no seed has a value; seeds without one do not count."""
-    defined = ~np.isnan(values)
-    n = defined.sum(axis=1)
-    sums = np.where(defined, values, 0.0).sum(axis=1)
-    return float((sums[n > 0] / n[n > 0]).mean()) if n.any() else math.nan
+    return Estimate(float(found[0]), low, high, len(defined), float(defined.max()))

@@ -1,0 +1,87 @@
+"""Studies in an empty folder, and runs as if somebody had made them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from crowdbench.cli import app
+from crowdbench.results import EPISODES, Episodes
+from crowdbench.study.file import read_study
+from crowdbench.types import Outcome
+
+# As a planner with networks: what the weights hold is another file's matter.
+MINE = """
+import json
+from pathlib import Path
+from crowdbench.reactive import ORCAPlanner
+
+def planner(weights="one", margin=0.0):
+    learned = json.loads(Path("weights.json").read_text())[weights]
+    made = ORCAPlanner(learned + margin)
+    made.facts = {"weights": str(learned)}
+    return made
+"""
+
+SEEDS = """
+[[seeds]]
+title = "Learned planners"
+cases = "10"
+validation = "val:12"
+variant = { title = "CrowdNav's rule", overrides = { collision = "crowdnav" } }
+
+[[seeds.rows]]
+planner = "./mine.py"
+weights = ["one", "two"]
+scenario = "circle_crossing_5"
+reported = "99 %, 10.6 s"
+"""
+
+CROWDS = """
+[[crowds]]
+title = "Crowds"
+cases = "8"
+scenarios = ["circle_crossing_5", "square_crossing_5"]
+planners = ["orca", "orca_margin"]
+"""
+
+
+def read(text):
+    Path("tiny.toml").write_text(text)
+    return read_study(Path("tiny.toml"))
+
+
+def study(text, *arguments):
+    Path("tiny.toml").write_text(text)
+    app(["study", "tiny.toml", *arguments], standalone_mode=False)
+
+
+def made():
+    """Name, and when it was made, of every run of the study."""
+    return {path.name: path.stat().st_mtime_ns for path in Path("runs/study-tiny").iterdir()}
+
+
+def episodes(success, **columns):
+    """A table of episodes; a failure is a collision."""
+    success = np.array(success, bool)
+    columns = {name: np.array(values, float) for name, values in columns.items()}
+    return Episodes(
+        case=np.arange(len(success)),
+        outcome=np.where(success, Outcome.SUCCESS, Outcome.COLLISION),
+        steps=np.full(len(success), 40),
+        columns={"success_rate": success, "collision_rate": ~success, "timeout_rate": success & ~success} | columns,
+    )
+
+
+def leave(run, out, table):
+    """As if a run had left this table of episodes."""
+    (out / run.directory).mkdir(parents=True)
+    table.write(out / run.directory / EPISODES)
+
+
+def fill(asked, out, **rows):
+    """Leaves a table of episodes for each run of each row named, in order, and fills the table."""
+    (table,) = asked.tables
+    for row in table.rows:
+        for run, table_of_episodes in zip(row.test, rows[row.label], strict=True):
+            leave(run, out, table_of_episodes)
+    return table.fill(out)

@@ -1,0 +1,246 @@
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies import episodes, fill, leave, read, study
+
+from crowdbench.errors import InputError
+from crowdbench.study.tables import LEAST_SHARED
+from crowdbench.study.two_levels import two_level
+from crowdbench.summary import bootstrap, wilson
+
+pytestmark = pytest.mark.usefixtures("study_folder")
+
+TABLE = """
+[[measured]]
+title = "Beside"
+scenario = "circle_crossing_5"
+cases = "20"
+quick = "4"
+replan_every = 2
+
+[[measured.rows]]
+label = "mine"
+planner = "./mine.py"
+weights = ["one", "two"]
+reported = { success_rate = 0.972, navigation_time = 12.58 }
+
+[[measured.rows]]
+label = "other"
+planner = "./mine.py"
+weights = ["two", "one"]
+options = { margin = 0.1 }
+
+[[measured.rows]]
+label = "orca"
+planner = "orca"
+"""
+
+CLAIM = """
+[[measured.claims]]
+text = "Mine is better"
+source = "Experiment 1"
+row = "mine"
+than = "other"
+measure = "success_rate"
+kind = "difference"
+bound = 0.0
+"""
+
+VARIANT = TABLE.replace("replan_every = 2", 'variant = { title = "a rule", overrides = { collision = "crowdnav" } }')
+
+
+def table(success, time=10.0, change=1.0, jerk=5.0):
+    success = np.array(success, bool)
+    columns = {"navigation_time": np.where(success, time, math.nan), "max_velocity_change": change, "jerk": jerk}
+    return episodes(success, **{name: np.broadcast_to(values, len(success)) for name, values in columns.items()})
+
+
+def cells(markdown):
+    """The cells of every line of every grid, but for the rules under headings."""
+    lines = [line for line in markdown.splitlines() if line.startswith("| ") and "---" not in line]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def judged(out, mine, other, **changes):
+    """The one claim, changed, about rows with these episodes."""
+    text = CLAIM
+    for key, value in changes.items():
+        text = re.sub(f"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
+    # Listed the other way round: networks are matched by name, not by place.
+    found = fill(read(TABLE + text), out, mine=mine, other=other[::-1], orca=[table([1] * len(mine[0]))])
+    (claim,) = found.claims
+    return claim
+
+
+def test_reported_stands_beside_measured(tmp_path):
+    one, two = table([1] * 18 + [0] * 2), table([1] * 19 + [0], time=np.linspace(9.0, 11.0, 20))
+    found = fill(read(TABLE), tmp_path, mine=[one, two], other=[one, two], orca=[two])
+    text = found.markdown()
+    assert text.startswith("## Beside\n\nOn circle_crossing_5, replan_every=2, cases test:0:20.\n")
+    header, mine, other, orca = cells(text)
+    assert header == [
+        "planner", "networks", "success, reported", "success", "time, reported", "time",
+        "largest change of velocity", "jerk",
+    ]  # fmt: skip
+    assert mine[:3] == ["mine", "2", "97.2 %"]
+    assert mine[3].startswith("92.5 % (")
+    assert mine[4] == "12.58 s"
+    assert mine[6:] == ["1.00 m/s (1.00 to 1.00)", "5.00 m/s³ (5.00 to 5.00)"]
+    assert (other[2], other[4]) == ("", "")
+    assert orca[:3] == ["orca", "", ""]
+    alone = found.rows[2].measured
+    assert alone["success_rate"] == wilson(two.columns["success_rate"])
+    # Of 19 solved cases; a case without a value is drawn too, so the two intervals differ a little.
+    time = bootstrap(two.columns["navigation_time"], np.ones(20))
+    assert alone["navigation_time"].mean == pytest.approx(time.mean)
+    assert alone["navigation_time"].low == pytest.approx(time.low, abs=0.03)
+
+
+def test_failures_count_for_success_alone(tmp_path):
+    hasty = table([1] * 10 + [0] * 10, change=[1.0] * 10 + [9.0] * 10, jerk=[2.0] * 10 + [9.0] * 10)
+    found = fill(read(TABLE), tmp_path, mine=[hasty] * 2, other=[hasty] * 2, orca=[hasty])
+    for row in found.rows:
+        assert [row.measured[name].mean for name in ("max_velocity_change", "jerk")] == [1.0, 2.0]
+        assert row.measured["success_rate"].mean == 0.5
+
+
+def test_what_nobody_reports_has_no_column(tmp_path):
+    asked = read(re.sub("reported.*", "", TABLE))
+    found = fill(asked, tmp_path, mine=[table([1] * 20)] * 2, other=[table([1] * 20)] * 2, orca=[table([1] * 20)])
+    headings = ["planner", "networks", "success", "time", "largest change of velocity", "jerk"]
+    assert cells(found.markdown())[0] == headings
+
+
+def test_the_variant_is_run_by_the_first_network_alone(tmp_path):
+    asked = read(VARIANT)
+    assert [run.scenario.rules.collision for run in asked.runs].count("crowdnav") == 3
+    assert len(asked.runs) == 2 + 2 + 1 + 3
+    for row in asked.tables[0].rows:
+        leave(row.variant, tmp_path, table([1] * 5 + [0] * 15))
+    mine, other = [table([1] * 20)] * 2, [table([1] * 20)] * 2
+    lines = cells(fill(asked, tmp_path, mine=mine, other=other, orca=[table([1] * 20)]).markdown())
+    assert lines[0][-1] == "success, a rule"
+    assert [line[-1] for line in lines[1:]] == ["25.0 % (11.2 to 46.9)"] * 3
+
+
+def test_a_quick_look_has_the_first_network_and_its_own_cases():
+    quick = read(VARIANT).tables[0].quickly()
+    assert [str(run.cases) for run in quick.runs] == ["test:0:4"] * 6
+    assert [run.about["options"].get("weights") for run in quick.runs] == ["one", "one", "two", "two", None, None]
+
+
+def test_a_claim_holds_is_refuted_or_undecided_as_its_interval_lies(tmp_path):
+    all_of_them, most, some = (table([1] * n + [0] * (60 - n)) for n in (60, 57, 40))
+    assert judged(tmp_path / "a", [all_of_them] * 2, [some] * 2).verdict == "holds"
+    assert judged(tmp_path / "b", [some] * 2, [all_of_them] * 2).verdict == "refuted"
+    near = judged(tmp_path / "c", [all_of_them] * 2, [most] * 2)
+    assert near.verdict == "undecided"
+    assert near.figure.mean == pytest.approx(0.05)
+    assert judged(tmp_path / "d", [all_of_them] * 2, [most] * 2, bound=-0.05).verdict == "holds"
+
+
+def test_rows_that_succeed_alike_are_no_better_and_no_worse_by_a_margin_that_so_many_cases_can_tell(tmp_path):
+    few, many = table([1] * 40), table([1] * 500)
+    for number, success, bound, expected in [
+        (0, many, 0.0, "undecided"),
+        (1, many, -0.01, "holds"),
+        (2, few, -0.01, "undecided"),
+        (3, many, 0.01, "refuted"),
+    ]:
+        claim = judged(tmp_path / str(number), [success] * 2, [success] * 2, bound=bound)
+        assert claim.verdict == expected
+        assert claim.figure.low < claim.figure.mean == 0.0 < claim.figure.high
+
+
+def test_the_interval_of_success_has_a_case_won_and_a_case_lost_besides(tmp_path):
+    rng = np.random.default_rng(3)
+    mine, other = rng.random((2, 30)) < 0.9, rng.random((2, 30)) < 0.7
+    claim = judged(tmp_path, [table(row) for row in mine], [table(row) for row in other])
+    gain = mine.astype(float) - other
+    expected = two_level(np.concatenate([gain, [[1.0, -1.0]] * 2], axis=1))
+    assert (claim.figure.low, claim.figure.high) == (expected.low, expected.high)
+    assert claim.figure.mean == pytest.approx(gain.mean())
+    assert (claim.weights, claim.cases) == (["one", "two"], 30)
+
+
+def test_less_is_better_of_times_and_only_cases_that_both_solve_count(tmp_path):
+    success = [1] * 20 + [0] * 10
+    slow = table(success[::-1], time=12.0)
+    fast = table(success, time=np.array([99.0] * 10 + [9.0] * 20))
+    claim = judged(tmp_path / "a", [fast] * 2, [slow] * 2, measure='"navigation_time"')
+    assert (claim.figure.mean, claim.cases, claim.verdict) == (3.0, 10, "holds")
+    claim = judged(tmp_path / "b", [fast] * 2, [slow] * 2, measure='"navigation_time"', kind='"reduction"', bound=0.3)
+    assert claim.figure.mean == pytest.approx(0.25)
+    assert claim.verdict == "refuted"
+
+
+def test_a_few_cases_that_both_solve_decide_nothing(tmp_path):
+    for shared, expected in [(LEAST_SHARED, "holds"), (LEAST_SHARED - 1, "undecided"), (0, "undecided")]:
+        success = [1] * shared + [0] * (20 - shared)
+        claim = judged(
+            tmp_path / str(shared), [table(success, change=0.5)] * 2, [table(success)] * 2,
+            measure='"max_velocity_change"', kind='"reduction"', bound=0.41,
+        )  # fmt: skip
+        assert (claim.cases, claim.verdict) == (shared, expected)
+
+
+def test_networks_that_disagree_leave_a_claim_undecided(tmp_path):
+    good, bad, even = table([1] * 100), table([1] * 50 + [0] * 50), table([1] * 80 + [0] * 20)
+    assert judged(tmp_path / "a", [good, bad], [even] * 2, bound=-0.1).verdict == "undecided"
+    assert judged(tmp_path / "b", [good, good], [even] * 2, bound=-0.1).verdict == "holds"
+
+
+def test_a_claim_is_shown_with_its_margin_and_verdict(tmp_path):
+    rows = {"mine": [table([1] * 20)] * 2, "other": [table([1] * 20, change=2.0)] * 2, "orca": [table([1] * 20)]}
+    reduction = CLAIM.replace("success_rate", "max_velocity_change").replace("difference", "reduction")
+    text = fill(read(TABLE + CLAIM + reduction.replace("0.0", "0.41")), tmp_path, **rows).markdown()
+    *_, header, success, change = cells(text)
+    assert header == ["claim", "figure", "claimed", "measured", "networks", "cases", "verdict"]
+    assert success[:3] == ["Mine is better (Experiment 1)", "mine against other: success", "> 0.0 points"]
+    assert success[3].startswith("0.0 points (-")
+    assert success[4:] == ["2", "20", "**undecided**"]
+    assert change[1:4] == [
+        "mine against other: reduction of largest change of velocity", "> 41.0 %", "50.0 % (50.0 to 50.0)",
+    ]  # fmt: skip
+    assert change[6] == "**holds**"
+    assert "Bonett and Price" in text
+
+
+def test_a_study_may_have_such_a_table(capsys):
+    study(TABLE.replace('"20"', '"3"').replace("replan_every = 2", "") + CLAIM)
+    assert "| mine | 2 | 97.2 % |" in capsys.readouterr().out
+    assert len(list(Path("runs/study-tiny").iterdir())) == 5
+
+
+BROKEN = {
+    TABLE + CLAIM.replace('"mine"', '"nine"'): ["measured[1].claims[1].row is 'nine'", '"mine", "other", "orca"'],
+    TABLE + CLAIM.replace('"success_rate"', '"speed"'): ["claims[1].measure is 'speed'", '"success_rate", "navigation'],
+    TABLE + CLAIM.replace('"difference"', '"ratio"'): ["claims[1].kind is 'ratio'", '"difference", "reduction"'],
+    TABLE + CLAIM.replace('"difference"', '"reduction"'): ["claims[1].kind is 'reduction'", "less success is no gain"],
+    TABLE + CLAIM.replace('"other"', '"mine"'): ["claims[1].than is 'mine'", "another row"],
+    TABLE + CLAIM.replace('"other"', '"orca"'): ["claims[1].than is 'orca'", "networks that mine has too"],
+    TABLE + CLAIM.replace("bound = 0.0", ""): ["claims[1].bound is missing", "a number above -1000"],
+    TABLE + CLAIM.replace('"Experiment 1"', '""'): ["claims[1].source is ''", "text in quotes"],
+    TABLE + CLAIM + "margin = 1": ["unknown key measured[1].claims[1].margin", "text, source, row, than"],
+    TABLE.replace('"other"', '"mine"'): ["measured[1].rows", "rows of different labels"],
+    TABLE.replace("navigation_time", "time"): ["unknown key measured[1].rows[1].reported.time", "navigation_time"],
+    TABLE.replace("0.972", "'97 %'"): ["reported.success_rate is '97 %'", "a number of at least 0"],
+    TABLE.replace('["one", "two"]', "[]"): ["rows[1].weights is []", "list of texts"],
+    TABLE.replace('quick = "4"', 'quick = "few"'): ["in measured[1], cases 'few'", "val:100"],
+    TABLE.replace('scenario = "circle_crossing_5"', ""): ["measured[1].scenario is missing", "text in quotes"],
+    TABLE.partition("[[measured.rows]]")[0]: ["measured[1].rows is missing", "one table or more"],
+}
+
+
+@pytest.mark.parametrize("text", BROKEN)
+def test_a_broken_table_gets_one_sentence(text):
+    with pytest.raises(InputError) as error:
+        read(text)
+    message = str(error.value)
+    assert "\n" not in message
+    assert message.count("tiny.toml") == 1
+    for part in BROKEN[text]:
+        assert part in message
