@@ -14,7 +14,7 @@ from crowdbench.errors import InputError
 from crowdbench.metrics import METRICS, Metric
 from crowdbench.planner import Planner
 from crowdbench.plugins import Kind
-from crowdbench.predict import PREDICTORS, Predictor
+from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Predictor
 from crowdbench.scenario import Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
@@ -57,10 +57,10 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
     file, function = plugins.parts(spec)
     if file is not None:
         name, factory = function or file.stem, plugins.function_of(file, function or "predictor")
-    elif spec in ALL_PREDICTORS:
-        name, factory = spec, ALL_PREDICTORS[spec]
+    elif spec in PREDICTORS:
+        name, factory = spec, PREDICTORS[spec]
     else:
-        known = ", ".join(ALL_PREDICTORS)
+        known = ", ".join(PREDICTORS)
         raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
     made = plugins.call(name, factory, options or {})
     if not isinstance(made, Predictor):
@@ -103,17 +103,24 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
     from crowdbench.weights import load_into, read_card
 
     file = _weights_file(weights)
-    about = read_card(file)["training"]
+    about = read_card(file).get("training", {})
     generator = load_into(Generator(about.get("pooling", False)), NAME, file, device)
 
     def trained_without(scene: str) -> Predictor:
         return _sgan(f"{weights}-{scene}", modes, rescaled, device)
 
-    return SocialGAN(generator, about, modes, rescaled, None if weights.endswith(SUFFIX) else trained_without)
+    has_others = any(path.stem.startswith(f"{weights}-") for path in _weights())
+    return SocialGAN(generator, about, modes, rescaled, trained_without if has_others else None)
 
 
-ALL_PREDICTORS: Mapping[str, Callable[..., Predictor]] = {**PREDICTORS, "sgan": _sgan}
-"""What makes the predictors that have a name."""
+PREDICTORS: Mapping[str, Callable[..., Predictor]] = {
+    "linear": Linear,
+    "constant_velocity": ConstantVelocity,
+    "constant_velocity_sampled": ConstantVelocitySampled,
+    "oracle": Oracle,
+    "sgan": _sgan,
+}
+"""What makes the built-in predictors: classes, or functions that import torch only when they are called."""
 
 
 def _weights_file(weights: str) -> Path:

@@ -7,10 +7,9 @@ import pytest
 
 from crowdbench import prediction_errors
 from crowdbench.cases import Cases
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import PREDICTORS, load_scenario
 from crowdbench.errors import InputError
 from crowdbench.predict import (
-    PREDICTORS,
     ConstantVelocity,
     ConstantVelocitySampled,
     Linear,

@@ -4,4 +4,4 @@ from functools import partial
 
 from crowdbench.sarl import sarl_planner
 
-planner = partial(sarl_planner, predictor="sgan", modes=20)
+planner = partial(sarl_planner, predictor="sgan", modes=20, shortlist=8)

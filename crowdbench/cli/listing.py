@@ -24,7 +24,7 @@ def list_(
     listings: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "planners": catalog.PLANNERS.names,
         "pedestrians": catalog.PEDESTRIANS.names,
-        "predictors": lambda: _described(catalog.ALL_PREDICTORS),
+        "predictors": lambda: _described(catalog.PREDICTORS),
         "weights": catalog.weights,
         "scenarios": catalog.scenarios,
         "metrics": lambda: _described(METRICS),

@@ -16,7 +16,7 @@ from crowdbench.lookahead.planner import scene_of
 from crowdbench.types import Outcome, Pedestrians, Vehicle
 
 FOLDER = Path(__file__).parent
-PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm")
+PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm", "sarl_sgan", "sarl_sgan_kce")
 CASES = Cases("test", 0, 20)
 EVERY = 6
 """Steps from one recorded state of an episode to the next."""
