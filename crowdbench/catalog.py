@@ -113,12 +113,18 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
     return SocialGAN(generator, about, modes, rescaled, trained_without if has_others else None)
 
 
+def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
+    """Social GAN trained on the crowds of the simulator instead of real pedestrians."""
+    return _sgan("sgan_simulated", modes, device=device)
+
+
 PREDICTORS: Mapping[str, Callable[..., Predictor]] = {
     "linear": Linear,
     "constant_velocity": ConstantVelocity,
     "constant_velocity_sampled": ConstantVelocitySampled,
     "oracle": Oracle,
     "sgan": _sgan,
+    "sgan_simulated": _sgan_simulated,
 }
 """What makes the built-in predictors: classes, or functions that import torch only when they are called."""
 

@@ -210,7 +210,7 @@ def test_a_predictor_is_found_by_name_or_in_a_file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(MINE)
     kinds = [type(load_predictor(name)[1]).__name__ for name in PREDICTORS]
-    assert kinds == ["Linear", "ConstantVelocity", "ConstantVelocitySampled", "Oracle", "SocialGAN"]
+    assert kinds == ["Linear", "ConstantVelocity", "ConstantVelocitySampled", "Oracle", "SocialGAN", "SocialGAN"]
     name, predictor = load_predictor(str(path))
     assert (name, type(predictor).__name__) == ("mine", "Mine")
     name, predictor = load_predictor(f"{path}:other")
