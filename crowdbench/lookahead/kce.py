@@ -67,9 +67,9 @@ class PrintedShaping:
     What else equation 8 has is `crowdbench.reward.reward`. There it prints -0.1 - d_min/2, which would punish a
     larger gap more; CrowdNav, where it comes from, has (d_min - 0.2) / 2 = -0.1 + d_min/2, times dt, and so have we.
 
-    A collision costs 0.25, so that the threshold and a change of 1 m/s are not small beside it: with a `threshold`
-    above 0.025 it pays to stay in discomfort, above 0.25 to collide, as long as the velocity is kept, and near
-    pedestrians turning away may cost more than a collision.
+    To be used with care: a collision costs 0.25, beside which neither threshold nor changes are small. Above 0.025 it
+    pays to stay in discomfort and above 0.25 to collide, as long as the velocity is kept; below 0, arriving is worth
+    less than waiting beside the goal. In between, too, swerving near a pedestrian costs more than hitting them.
     """
 
     threshold: float
