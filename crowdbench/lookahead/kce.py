@@ -67,9 +67,9 @@ class PrintedShaping:
     What else equation 8 has is `crowdbench.reward.reward`. There it prints -0.1 - d_min/2, which would punish a
     larger gap more; CrowdNav, where it comes from, has (d_min - 0.2) / 2 = -0.1 + d_min/2, times dt, and so have we.
 
-    A collision costs 0.25, so that the threshold and a change of 1 m/s are not small beside it: with a `threshold`
-    above 0.025 it pays to stay in discomfort, above 0.25 to collide, as long as the velocity is kept, and near
-    pedestrians turning away may cost more than a collision.
+    To be used with care: a collision costs 0.25, beside which neither threshold nor changes are small. Above 0.025 it
+    pays to stay in discomfort and above 0.25 to collide, as long as the velocity is kept; below 0, arriving is worth
+    less than waiting beside the goal. In between, too, swerving near a pedestrian costs more than hitting them.
     """
 
     threshold: float
@@ -87,21 +87,24 @@ class PrintedShaping:
 
 @dataclass(frozen=True)
 class ChangeCost:
-    """Differs from equation 8, because that is blind to hard changes where nobody is near: each has its `cost`.
+    """Every step costs `cost` |a_t - a_{t-1}|^`power`, the change in m/s: in the place of `PrintedShaping`.
 
-    It is per m/s of change, so that a way costs the same whatever dt is.
+    Differs from equation 8, because that is blind to hard changes where nobody is near. With a power of 2, one hard
+    change costs more than several soft ones that come to the same, which is what the largest change is made of.
     """
 
     cost: float
+    power: float
 
     def __post_init__(self) -> None:
-        _check("cost", self.cost, is_number(self.cost) and self.cost >= 0.0, "a number, 0 or more")
+        for name, value in vars(self).items():
+            _check(name, value, is_number(value) and value >= 0.0, "a number, 0 or more")
 
     def __call__(
         self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
     ) -> Float[np.ndarray, "row mode"]:
         """See `PrintedShaping`."""
-        return np.broadcast_to(-self.cost * change[:, None], outcome.shape)
+        return np.broadcast_to(-self.cost * change[:, None] ** self.power, outcome.shape)
 
 
 @dataclass(frozen=True)
