@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from crowdbench.errors import InputError
 from crowdbench.metrics import METRICS, Metric
 from crowdbench.planner import Planner
 from crowdbench.plugins import Kind
-from crowdbench.predict import PREDICTORS, Predictor
+from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Predictor
 from crowdbench.scenario import Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
@@ -29,6 +29,9 @@ PLANNERS = Kind("planner", _ROOT / "agents" / "planners", "planner", "crowdbench
 PEDESTRIANS = Kind("pedestrian policy", _ROOT / "agents" / "pedestrians", "policy", "crowdbench.pedestrians")
 SCENARIOS = _ROOT / "scenarios"
 WEIGHTS = _ROOT / "agents" / "weights"
+
+SUFFIX = ".safetensors"
+"""How files of weights end."""
 
 RESERVED = ("case", "outcome", "steps")
 """Columns of every table of episodes, which no metric may be called."""
@@ -46,7 +49,7 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     return name, made
 
 
-def load_predictor(spec: str) -> tuple[str, Predictor]:
+def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Predictor]:
     """A predictor's name and the predictor, from the name of a built-in one, `file.py` or `file.py:function`.
 
     Raises InputError like `load_planner`.
@@ -59,7 +62,7 @@ def load_predictor(spec: str) -> tuple[str, Predictor]:
     else:
         known = ", ".join(PREDICTORS)
         raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
-    made = plugins.call(name, factory, {})
+    made = plugins.call(name, factory, options or {})
     if not isinstance(made, Predictor):
         raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a Predictor")
     return name, made
@@ -87,27 +90,65 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
     Raises InputError where they do not exist, are not this network's, or are not what their card says.
     """
     # Here, since torch takes a second and most planners do without.
-    from crowdbench.value import weights as files
+    from crowdbench.value.networks import NETWORKS
+    from crowdbench.weights import load_into
 
-    if weights.endswith(files.SUFFIX):
-        return files.load_network(Path(weights), network, device)
+    return load_into(NETWORKS[network](), network, _weights_file(weights), device)
+
+
+def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
+    """Social GAN (Gupta et al. 2018): `modes` futures of the crowd, from a generator trained on real pedestrians."""
+    from crowdbench.predict.sgan import NAME, SocialGAN
+    from crowdbench.predict.social_gan import Generator
+    from crowdbench.weights import load_into, read_card
+
+    file = _weights_file(weights)
+    about = read_card(file).get("training", {})
+    generator = load_into(Generator(about.get("pooling", False)), NAME, file, device)
+
+    def trained_without(scene: str) -> Predictor:
+        return _sgan(f"{weights}-{scene}", modes, rescaled, device)
+
+    has_others = any(path.stem.startswith(f"{weights}-") for path in _weights())
+    return SocialGAN(generator, about, modes, rescaled, trained_without if has_others else None)
+
+
+def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
+    """Social GAN trained on the crowds of the simulator instead of real pedestrians."""
+    return _sgan("sgan_simulated", modes, device=device)
+
+
+PREDICTORS: Mapping[str, Callable[..., Predictor]] = {
+    "linear": Linear,
+    "constant_velocity": ConstantVelocity,
+    "constant_velocity_sampled": ConstantVelocitySampled,
+    "oracle": Oracle,
+    "sgan": _sgan,
+    "sgan_simulated": _sgan_simulated,
+}
+"""What makes the built-in predictors: classes, or functions that import torch only when they are called."""
+
+
+def _weights_file(weights: str) -> Path:
+    if weights.endswith(SUFFIX):
+        return Path(weights)
     if weights not in (names := [path.stem for path in _weights()]):
         raise InputError(
-            f"no weights are called {weights!r}; there are {', '.join(names)}, or give a file: ./mine{files.SUFFIX}"
+            f"no weights are called {weights!r}; there are {', '.join(names)}, or give a file: ./mine{SUFFIX}"
         )
-    return files.load_network(WEIGHTS / f"{weights}{files.SUFFIX}", network, device)
+    return WEIGHTS / f"{weights}{SUFFIX}"
 
 
 def weights() -> list[tuple[str, str]]:
     """Name and headline of the built-in weights."""
-    from crowdbench.value.cards import headline
-    from crowdbench.value.weights import read_card
+    from crowdbench.cards import headline
+    from crowdbench.weights import read_card
 
     return [(path.stem, headline(read_card(path))) for path in _weights()]
 
 
 def _weights() -> list[Path]:
-    return sorted(WEIGHTS.glob("*.safetensors"))
+    return sorted(WEIGHTS.glob(f"*{SUFFIX}"))
 
 
 def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:

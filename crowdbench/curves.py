@@ -12,15 +12,15 @@ from crowdbench.files import whole
 
 
 def write(path: Path, title: str, points: Sequence[Mapping[str, float]]) -> None:
-    """Write every quantity of the points as a curve over their `episodes`."""
-    names = [name for name in points[0] if name != "episodes"]
+    """Write every quantity of the points as a curve over the first of them."""
+    axis, *names = points[0]
     views = [rrb.TimeSeriesView(name=name.replace("_", " "), origin=f"/{name}") for name in names]
     with whole(path) as partial:
         recording = rr.RecordingStream("crowdbench training", recording_id=title)
         recording.save(partial, default_blueprint=rrb.Blueprint(rrb.Grid(*views), collapse_panels=True))
-        episodes = rr.TimeColumn("episodes", sequence=[int(point["episodes"]) for point in points])
+        along = rr.TimeColumn(axis, sequence=[int(point[axis]) for point in points])
         for name in names:
             scalars = rr.Scalars.columns(scalars=[point[name] for point in points])
-            recording.send_columns(name, [episodes], scalars)
+            recording.send_columns(name, [along], scalars)
         recording.flush()
         recording.disconnect()

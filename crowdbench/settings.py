@@ -6,6 +6,9 @@ DECISION_LIMIT = 60.0
 BATCH = 500
 """Cases that run in lock-step: enough to keep all cores busy, few enough for memory."""
 
+HORIZON = 8
+"""Steps for which a predictor is measured."""
+
 RECORD = ("failures", "all", "none")
 """Which episodes are recorded: see `MOST_FAILURES` and `FIRST_RECORDED`."""
 

@@ -88,14 +88,33 @@ def check_table(name: str, points: list[Point]) -> Table:
 
 
 def prediction_table(title: str, dt: float, places: Mapping[str, Errors]) -> Table:
-    """ADE and FDE in metres at every horizon, with their intervals, place by place."""
+    """ADE and FDE in metres of one predictor at every horizon, with their intervals, place by place."""
     intervals = [(name, "left") for name in ("ADE [m]", "95 % interval", "FDE [m]", "95 % interval")]
     table = _table(title, ("", "left"), ("steps", "right"), ("time [s]", "right"), *intervals)
     for place, errors in places.items():
-        for steps, pair in enumerate(zip(errors.ade, errors.fde, strict=True), 1):
-            values = [(_number(e.mean), f"{_number(e.low)} to {_number(e.high)}") for e in pair]
-            table.add_row(place if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *values[0], *values[1])
-        table.add_section()
+        for choice, curves in errors.choices().items():
+            label = place if errors.modes == 1 else f"{place}, {choice}"
+            for steps, pair in enumerate(zip(curves.ade, curves.fde, strict=True), 1):
+                values = [(_number(e.mean), f"{_number(e.low)} to {_number(e.high)}") for e in pair]
+                table.add_row(label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *values[0], *values[1])
+            table.add_section()
+    return table
+
+
+def predictors_table(
+    title: str, columns: Mapping[str, tuple[str, int]], predictors: Mapping[str, Mapping[str, Errors]]
+) -> Table:
+    """ADE / FDE in metres of several predictors side by side; each column is a place and a number of steps."""
+    table = _table(title, ("predictor", "left"), ("", "left"), *((heading, "right") for heading in columns))
+    for name, places in predictors.items():
+        curves = {place: errors.choices() for place, errors in places.items()}
+        for row, choice in enumerate(curves[next(iter(curves))]):
+            cells = [
+                f"{_number(curves[place][choice].ade[steps - 1].mean)} / "
+                f"{_number(curves[place][choice].fde[steps - 1].mean)}"
+                for place, steps in columns.values()
+            ]
+            table.add_row(name if row == 0 else "", choice, *cells)
     return table
 
 

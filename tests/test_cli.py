@@ -247,10 +247,14 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
     ("arguments", "message"),
     [
         (["mlp"], "no network is called 'mlp'; there are cadrl, lstm_rl, sarl"),
-        (["cadrl", "--episodes", "9", "--minutes", "1"], "--episodes and --minutes both say how long to train"),
+        (["cadrl", "--episodes", "9", "--minutes", "1"], "--minutes and --episodes both say how long to train"),
         (["cadrl", "--device", "abacus"], "nothing can be trained on the device 'abacus'"),
         (["cadrl", "--resume", "nowhere"], "there is no checkpoint nowhere/checkpoint.safetensors"),
         (["cadrl", "--set", "pedestrians.number=-1"], "pedestrians.number is -1, but must be"),
+        (["cadrl", "--held-out", "eth"], "--held-out is not for cadrl"),
+        (["sgan", "--episodes", "9"], "--episodes is not for sgan"),
+        (["sgan", "--held-out", "eth"], "--held-out and --dt are for recorded tracks: give them with --data"),
+        (["sgan", "--data", "nowhere"], "there is no folder nowhere with recorded tracks"),
     ],
 )
 def test_a_training_that_cannot_start_says_why_in_one_sentence(arguments, message, tmp_path):
@@ -272,7 +276,7 @@ def test_weights_that_do_not_exist_are_refused_in_one_sentence(tmp_path):
 
 def test_the_weights_that_come_along_are_listed():
     listed = crowdbench("list", "weights").stdout
-    for network in ("cadrl", "lstm_rl", "sarl"):
+    for network in ("cadrl", "lstm_rl", "sarl", "sgan"):
         assert f"\n{network} " in listed
 
 

@@ -1,187 +1,31 @@
-import itertools
 import math
 
 import numpy as np
 import pytest
 import torch
 from helpers import world
-from test_joint_state import slow_joint_states
+from lookahead_scenes import (
+    DT,
+    Far,
+    Forks,
+    Nearer,
+    Says,
+    assert_best,
+    crowded,
+    network,
+    scene,
+    slow_step,
+    slow_values,
+    within,
+)
 
 from crowdbench.lookahead import ValuePlanner, planner
 from crowdbench.lookahead.actions import speeds_and_headings
-from crowdbench.lookahead.outlook import Scene
-from crowdbench.predict import ConstantVelocity, Oracle, Prediction, Predictor
+from crowdbench.lookahead.aggregate import AGGREGATES
+from crowdbench.predict import ConstantVelocity, Oracle
 from crowdbench.sim.simulator import observe, step
-from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle
-from crowdbench.value.networks import NETWORKS, ValueNetwork, alone
-
-DT = 0.25
-
-
-class Nearer(ValueNetwork):
-    """Blind to the crowd: the way to the goal alone counts. Remembers how much it was given at once."""
-
-    name = "nearer"
-
-    def __init__(self):
-        super().__init__()
-        self.unused = torch.nn.Parameter(torch.zeros(1))
-        self.given = []
-
-    def crowd(self, joint, present):
-        self.given.append(len(joint) * joint.shape[1])
-        return alone(joint), torch.zeros(present.shape)
-
-
-class Far(Nearer):
-    """Values every state at 100."""
-
-    def crowd(self, joint, present):
-        return torch.full((len(joint),), 100.0), torch.zeros(present.shape)
-
-
-class Forks(Predictor):
-    """Each mode turns everybody by another angle; positions do not follow from the velocity, as with a fitted line."""
-
-    def __init__(self, modes):
-        self.turns = 0.7 * (np.arange(modes) - 1.0)
-
-    def predict(self, obs, steps):
-        x, y = np.moveaxis(obs.pedestrians.velocity, -1, 0)
-        c, s = np.cos(self.turns), np.sin(self.turns)
-        turned = np.einsum("xwpm->wmpx", [np.multiply.outer(x, c) - np.multiply.outer(y, s),
-                                          np.multiply.outer(x, s) + np.multiply.outer(y, c)])  # fmt: skip
-        ahead = np.arange(1, steps + 1)[:, None, None]
-        velocity = turned[:, :, None] * (1.0 + 0.2 * ahead)
-        return Prediction(obs.pedestrians.position[:, None, None] + 0.05 + 0.3 * ahead * velocity, velocity)
-
-
-class Says(Predictor):
-    """Says that the crowd will be at the given positions `[time, pedestrian, 2]`."""
-
-    def __init__(self, position):
-        self.position = np.array(position, float)
-
-    def predict(self, obs, steps):
-        position = np.repeat(self.position[None, None, :steps], len(obs), axis=0)
-        return Prediction(position, np.zeros(position.shape))
-
-
-def crowded(worlds=6, pedestrians=4, seed=0):
-    """Vehicles close to their goals among pedestrians; nobody is in world 0, everybody in world 1."""
-    rng = np.random.default_rng(seed)
-    angle = rng.uniform(-np.pi, np.pi, (worlds, pedestrians))
-    away = rng.uniform(0.6, 1.6, (worlds, pedestrians, 1)) * np.stack([np.cos(angle), np.sin(angle)], -1)
-    vehicle = rng.normal(0.0, 3.0, (worlds, 2))
-    present = rng.random((worlds, pedestrians)) < 0.7
-    present[0], present[1] = False, True
-    # The absent stand in the way.
-    position = vehicle[:, None] + np.where(present[..., None], away, 0.0)
-    velocity = rng.normal(0.0, 0.8, (worlds, pedestrians, 2))
-    past = DT * np.arange(1 - HISTORY, 1)[:, None, None]
-    return Observation(
-        vehicle=Vehicle(
-            position=vehicle,
-            velocity=rng.normal(0.0, 0.5, (worlds, 2)),
-            goal=vehicle + rng.normal(0.0, 0.4, (worlds, 2)),
-            radius=rng.uniform(0.2, 0.35, worlds),
-            preferred_speed=rng.uniform(0.6, 1.5, worlds),
-        ),
-        pedestrians=Pedestrians(
-            position=position,
-            velocity=velocity,
-            radius=rng.uniform(0.2, 0.4, (worlds, pedestrians)),
-            present=present,
-            history=position[:, None] + past * velocity[:, None],
-            observed=np.full(worlds, HISTORY),
-        ),
-        case=np.arange(worlds),
-        key=np.arange(worlds, dtype=np.uint64),
-        step=np.full(worlds, HISTORY),
-        dt=DT,
-        future=velocity,
-    )
-
-
-def network(name="sarl"):
-    """Untrained, but with values that differ much from state to state."""
-    torch.manual_seed(1)
-    made = NETWORKS[name]()
-    with torch.no_grad():
-        for values in made.parameters():
-            values *= 2.0
-    return made
-
-
-def scene(obs, prediction, ahead=0, position=None):
-    after = prediction.position[:, :, ahead]
-    before = (
-        prediction.position[:, :, ahead - 1]
-        if ahead
-        else np.repeat(obs.pedestrians.position[:, None], len(after[0]), 1)
-    )
-    return Scene(
-        position=obs.vehicle.position if position is None else position,
-        goal=obs.vehicle.goal,
-        radius=obs.vehicle.radius,
-        preferred_speed=obs.vehicle.preferred_speed,
-        crowd=before,
-        next_crowd=after,
-        next_velocity=prediction.velocity[:, :, ahead],
-        crowd_radius=obs.pedestrians.radius,
-        present=obs.pedestrians.present,
-        dt=obs.dt,
-    )
-
-
-def slow_step(scene, w, mode, command):
-    """Outcome, reward and next joint states of one command in one future, by the published rules."""
-    share = np.linspace(0.0, 1.0, 401)[:, None]
-    own = scene.position[w] + share * scene.dt * command
-    gap = math.inf
-    for p in np.flatnonzero(scene.present[w]):
-        start, end = scene.crowd[w, mode, p], scene.next_crowd[w, mode, p]
-        distance = np.sqrt((((1.0 - share) * start + share * end - own) ** 2).sum(axis=1))
-        gap = min(gap, distance.min() - scene.crowd_radius[w, p] - scene.radius[w])
-    if gap < 0.0:
-        outcome, reward = Outcome.COLLISION, -0.25
-    elif math.dist(own[-1], scene.goal[w]) < scene.radius[w]:
-        outcome, reward = Outcome.SUCCESS, 1.0
-    else:
-        outcome, reward = Outcome.RUNNING, (gap - 0.2) * 0.5 * scene.dt if gap < 0.2 else 0.0
-    joint = slow_joint_states(
-        np.concatenate([own[-1:], scene.next_crowd[w, mode]]),
-        np.concatenate([command[None], scene.next_velocity[w, mode]]),
-        np.append(scene.radius[w], scene.crowd_radius[w]),
-        np.append(True, scene.present[w]),
-        scene.goal[w],
-        scene.preferred_speed[w],
-    )
-    return outcome, reward, joint
-
-
-def slow_values(scene, commands, network, aggregate=np.mean):
-    """The values and the outcomes `[world, action, mode]`, one command in one future at a time."""
-    worlds, actions, modes = *commands.shape[:2], scene.crowd.shape[1]
-    outcomes, values = np.zeros((worlds, actions, modes), int), np.zeros((worlds, actions))
-    for w in range(worlds):
-        steps = [slow_step(scene, w, m, commands[w, a]) for a, m in itertools.product(range(actions), range(modes))]
-        joint = torch.tensor(np.array([joint for _, _, joint in steps]), dtype=torch.float32)
-        present = torch.from_numpy(np.repeat(scene.present[None, w], len(steps), axis=0))
-        later = 0.9 ** (scene.dt * scene.preferred_speed[w]) * network(joint, present).detach().numpy()
-        total = [r + (v if o == Outcome.RUNNING else 0.0) for (o, r, _), v in zip(steps, later, strict=True)]
-        outcomes[w] = np.array([o for o, _, _ in steps]).reshape(actions, modes)
-        values[w] = [aggregate(each) for each in np.array(total).reshape(actions, modes)]
-    return values, outcomes
-
-
-def assert_best(chosen, commands, values):
-    """Each world's chosen command is one of its commands and, but for ties, the best of them."""
-    for w in range(len(chosen)):
-        same = (commands[w] == chosen[w]).all(axis=1)
-        assert same.any()
-        assert values[w, same].max() >= values[w].max() - 1e-5
-
+from crowdbench.types import Observation, Outcome
+from crowdbench.value.networks import NETWORKS
 
 # The commands.
 
@@ -215,13 +59,10 @@ def test_values_are_reward_and_discounted_value_of_the_predicted_step(name):
     assert_best(made.plan(obs), commands, values)
 
 
-@pytest.mark.parametrize("aggregate", [np.mean, np.min])
-def test_values_are_aggregated_over_modes(aggregate):
-    def over_modes(values):
-        return aggregate(values, axis=1)
-
+@pytest.mark.parametrize(("aggregate", "options"), [(np.mean, {}), (np.min, {"aggregate": AGGREGATES["worst"]})])
+def test_values_are_aggregated_over_modes(aggregate, options):
     obs, net = crowded(seed=3), network()
-    made = ValuePlanner(Forks(3), net, **{} if aggregate is np.mean else {"aggregate": over_modes})
+    made = ValuePlanner(Forks(3), net, **options)
     seen = scene(obs, made.predictor.predict(obs, 1))
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
     values, outcomes = slow_values(seen, commands, net, aggregate)
@@ -326,55 +167,46 @@ def test_what_the_planner_saw_is_logged():
 # Limits and exploration.
 
 
-def within(change):
-    """Commands that differ from the velocity by no more than so many m/s."""
+def near(change, velocity, commands):
+    """Which commands these are, and the one of braking as hard as that: `[world, action]` and all commands."""
+    speed = np.linalg.norm(velocity, axis=1)
+    braked = velocity * (np.maximum(speed - change, 0.0) / np.maximum(speed, 1e-9))[:, None]
+    every = np.concatenate([commands, braked[:, None]], axis=1)
+    return np.linalg.norm(every - velocity[:, None], axis=-1) <= change + 1e-9, every
 
-    def limits(velocity, commands):
-        return np.linalg.norm(commands - velocity[:, None], axis=-1) <= change
 
-    return limits
-
-
-def test_only_allowed_commands_are_taken():
+@pytest.mark.parametrize("change", [0.5, 0.01])
+def test_only_allowed_commands_are_taken_and_braking_always_is(change):
     obs, net = crowded(), network()
-    made = ValuePlanner(ConstantVelocity(), net, limits=within(0.5))
-    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    made = ValuePlanner(ConstantVelocity(), net, limits=within(change))
+    allowed, commands = near(change, obs.vehicle.velocity, speeds_and_headings(obs.vehicle.preferred_speed))
     values = slow_values(scene(obs, made.predictor.predict(obs, 1)), commands, net)[0]
-    allowed = within(0.5)(obs.vehicle.velocity, commands)
-    assert allowed.any(axis=1).all()
+    assert allowed[:, -1].all()
+    assert allowed[:, :-1].any() == (change == 0.5)
     assert not allowed[np.arange(6), values.argmax(axis=1)].all()
     assert_best(made.plan(obs), commands, np.where(allowed, values, -np.inf))
 
 
-def test_a_vehicle_that_can_follow_no_command_keeps_its_velocity():
-    obs = crowded()
-    stuck = np.arange(6) % 2 == 0
-
-    def limits(velocity, commands):
-        return np.repeat(~stuck[:, None], commands.shape[1], axis=1)
-
-    planners = [ValuePlanner(ConstantVelocity(), network(), limits=limits) for limits in (limits, None)]
-    limited, free = (made.plan(obs) for made in planners)
-    assert np.array_equal(limited, np.where(stuck[:, None], obs.vehicle.velocity, free))
-
-
-def around(command, preferred_speed):
+def around(scene, command):
     """The same command turned a little to either side, and slower by a share of the preferred speed."""
     c, s = np.cos(0.1), np.sin(0.1)
     turned = [command @ np.array([[c, side], [-side, c]]) for side in (-s, s)]
-    return np.stack([*turned, command * (1.0 - 0.05 * preferred_speed[:, None])], axis=1)
+    return np.stack([*turned, command * (1.0 - 0.05 * scene.preferred_speed[:, None])], axis=1)
 
 
-@pytest.mark.parametrize("limits", [None, within(0.7)])
-def test_a_finer_command_is_taken_where_it_is_better_and_allowed(limits):
+@pytest.mark.parametrize("change", [None, 0.7])
+def test_a_finer_command_is_taken_where_it_is_better_and_allowed(change):
     obs, net = crowded(12), network()
-    coarse_commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    limits = None if change is None else within(change)
     coarse = ValuePlanner(ConstantVelocity(), net, limits=limits).plan(obs)
     made = ValuePlanner(ConstantVelocity(), net, limits=limits, explore=around)
-    commands = np.concatenate([coarse_commands, around(coarse, obs.vehicle.preferred_speed)], axis=1)
-    values = slow_values(scene(obs, made.predictor.predict(obs, 1)), commands, net)[0]
-    if limits is not None:
-        values = np.where(limits(obs.vehicle.velocity, commands), values, -np.inf)
+    seen = scene(obs, made.predictor.predict(obs, 1))
+    commands = np.concatenate([speeds_and_headings(obs.vehicle.preferred_speed), around(seen, coarse)], axis=1)
+    if change is not None:
+        allowed, commands = near(change, obs.vehicle.velocity, commands)
+    values = slow_values(seen, commands, net)[0]
+    if change is not None:
+        values = np.where(allowed, values, -np.inf)
     chosen = made.plan(obs)
     assert_best(chosen, commands, values)
     finer, arrived = (chosen != coarse).any(axis=1), values[:, :81].max(axis=1) == 1.0
@@ -391,18 +223,20 @@ def test_planning_one_step_ahead_is_planning():
     assert np.array_equal(made.plan_ahead(obs, 1)[:, 0], made.plan(obs))
 
 
-@pytest.mark.parametrize("limits", [None, within(0.7)])
-def test_each_later_step_starts_where_the_one_before_ended(limits):
+@pytest.mark.parametrize("change", [None, 0.7])
+def test_each_later_step_starts_where_the_one_before_ended(change):
     obs, net = crowded(4), network()
-    made = ValuePlanner(Forks(2), net, limits=limits)
+    made = ValuePlanner(Forks(2), net, limits=None if change is None else within(change))
     prediction = made.predictor.predict(obs, 3)
     plan = made.plan_ahead(obs, 3)
-    commands = speeds_and_headings(obs.vehicle.preferred_speed)
     position, velocity = obs.vehicle.position, obs.vehicle.velocity
     for ahead in range(3):
+        commands = speeds_and_headings(obs.vehicle.preferred_speed)
+        if change is not None:
+            allowed, commands = near(change, velocity, commands)
         values = slow_values(scene(obs, prediction, ahead, position), commands, net)[0]
-        if limits is not None:
-            values = np.where(limits(velocity, commands), values, -np.inf)
+        if change is not None:
+            values = np.where(allowed, values, -np.inf)
         assert_best(plan[:, ahead], commands, values)
         velocity = plan[:, ahead]
         position = position + DT * velocity

@@ -2,14 +2,15 @@ import numpy as np
 import pytest
 
 from crowdbench.cases import Cases
-from crowdbench.catalog import load_predictor, load_scenario
+from crowdbench.catalog import PREDICTORS, load_predictor, load_scenario
 from crowdbench.errors import InputError
-from crowdbench.predict import PREDICTORS, ConstantVelocity, Linear, Oracle
+from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 from crowdbench.sim.simulator import advance, crowd_velocities, observe
 from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle
 
 DT = 0.25
 BOTH = pytest.mark.parametrize("predictor", [Linear(), ConstantVelocity()])
+EVERY = pytest.mark.parametrize("predictor", [Linear(), ConstantVelocity(), ConstantVelocitySampled(modes=7)])
 
 
 def observation(tracks, observed=None, before=None):
@@ -76,15 +77,15 @@ def test_straight_tracks_are_continued(predictor):
     np.testing.assert_allclose(found.velocity[0, 0, :, 0], [[0.7, 1.1]] * 3)
 
 
-@BOTH
+@EVERY
 def test_who_was_seen_once_stands_still(predictor):
     tracks = bent()
     found = predictor.predict(observation(tracks, np.ones(8, int)), 3)
-    np.testing.assert_allclose(found.position, np.repeat(tracks[:, None, -1:], 3, axis=2))
+    np.testing.assert_allclose(found.position, np.broadcast_to(tracks[:, None, -1:], found.position.shape))
     assert not found.velocity.any()
 
 
-@BOTH
+@EVERY
 def test_points_that_were_not_seen_do_not_matter(predictor):
     observed = np.arange(1, HISTORY + 1)
     one = predictor.predict(observation(bent(), observed), 3)
@@ -93,7 +94,7 @@ def test_points_that_were_not_seen_do_not_matter(predictor):
     np.testing.assert_array_equal(one.velocity, other.velocity)
 
 
-@BOTH
+@EVERY
 def test_padding_and_other_worlds_do_not_matter(predictor):
     tracks, observed = bent(), np.arange(1, HISTORY + 1)
     alone = predictor.predict(observation(tracks[4:5], observed[4:5]), 3)
@@ -102,6 +103,65 @@ def test_padding_and_other_worlds_do_not_matter(predictor):
     np.testing.assert_array_equal(padded.velocity[4:5, :, :, :3], alone.velocity)
     assert np.isfinite(padded.position).all()
     assert np.isfinite(padded.velocity).all()
+
+
+@EVERY
+@pytest.mark.parametrize("pedestrians", [0, 1])
+def test_a_crowd_may_be_one_or_nobody(predictor, pedestrians):
+    found = predictor.predict(observation(bent(pedestrians=3)[:, :, :pedestrians]), 3)
+    modes = getattr(predictor, "modes", 1)
+    assert found.position.shape == found.velocity.shape == (8, modes, 3, pedestrians, 2)
+    assert np.isfinite(found.position).all()
+
+
+@BOTH
+def test_the_order_of_pedestrians_does_not_matter(predictor):
+    order = [2, 0, 1]
+    found, other = predictor.predict(observation(bent()), 3), predictor.predict(observation(bent()[:, :, order]), 3)
+    np.testing.assert_array_equal(found.position[:, :, :, order], other.position)
+
+
+def headings(prediction):
+    return np.arctan2(prediction.velocity[..., 1], prediction.velocity[..., 0])
+
+
+def test_sampled_headings_turn_the_last_velocity_by_normal_angles():
+    obs = observation(bent(pedestrians=40))
+    found = ConstantVelocitySampled(modes=50, angle=10.0).predict(obs, 3)
+    straight = ConstantVelocity().predict(obs, 3)
+    speed = np.linalg.norm(straight.velocity, axis=-1)
+    np.testing.assert_allclose(np.linalg.norm(found.velocity, axis=-1), np.broadcast_to(speed, (8, 50, 3, 40)))
+    turned = (headings(found) - headings(straight) + np.pi) % (2 * np.pi) - np.pi
+    np.testing.assert_allclose(turned[:, :, 0], turned[:, :, 2])
+    assert np.degrees(turned.std()) == pytest.approx(10.0, rel=0.03)
+    assert np.degrees(turned.mean()) == pytest.approx(0.0, abs=1.0)
+    own = np.corrcoef(turned[0, :, 0, :2].T)
+    assert abs(own[0, 1]) < 0.4  # each pedestrian has an angle of its own
+    np.testing.assert_allclose(np.diff(found.position, axis=2), DT * found.velocity[:, :, 1:])
+
+
+def test_headings_that_are_not_turned_are_those_of_constant_velocity():
+    obs = observation(bent())
+    found = ConstantVelocitySampled(modes=1, angle=0).predict(obs, 3)
+    np.testing.assert_allclose(found.position, ConstantVelocity().predict(obs, 3).position)
+
+
+def test_fewer_sampled_modes_are_the_first_of_more():
+    obs = observation(bent())
+    few, many = (ConstantVelocitySampled(modes).predict(obs, 3).position for modes in (3, 20))
+    np.testing.assert_array_equal(few, many[:, :3])
+
+
+def test_options_reach_the_predictor_and_wrong_ones_are_told():
+    assert load_predictor("constant_velocity_sampled", {"modes": 3})[1].modes == 3
+    for name, options, expected in [
+        ("linear", {"modes": 3}, "linear has no option 'modes'; its options are: none"),
+        ("constant_velocity_sampled", {"mode": 3}, "has no option 'mode'; its options are: modes, angle"),
+        ("constant_velocity_sampled", {"modes": 0}, "modes is 0, but must be a whole number, 1 or more"),
+        ("constant_velocity_sampled", {"angle": -1.0}, "angle is -1.0, but must be a number of degrees, 0 or more"),
+    ]:
+        with pytest.raises(InputError, match=expected):
+            load_predictor(name, options)
 
 
 def after(world, steps, scenario):
@@ -124,7 +184,7 @@ def test_the_oracle_knows_the_next_step_and_goes_straight_on_from_there(name):
 
 
 def test_only_the_oracle_is_privileged_and_it_needs_the_future():
-    assert [name for name, predictor in PREDICTORS.items() if predictor.privileged] == ["oracle"]
+    assert [name for name in PREDICTORS if load_predictor(name)[1].privileged] == ["oracle"]
     with pytest.raises(PermissionError):
         Oracle().predict(observation(bent()), 3)
 
@@ -149,13 +209,14 @@ def wrong():
 def test_a_predictor_is_found_by_name_or_in_a_file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(MINE)
-    assert [type(load_predictor(name)[1]) for name in PREDICTORS] == list(PREDICTORS.values())
+    kinds = [type(load_predictor(name)[1]).__name__ for name in PREDICTORS]
+    assert kinds == ["Linear", "ConstantVelocity", "ConstantVelocitySampled", "Oracle", "SocialGAN", "SocialGAN"]
     name, predictor = load_predictor(str(path))
     assert (name, type(predictor).__name__) == ("mine", "Mine")
     name, predictor = load_predictor(f"{path}:other")
     assert (name, type(predictor)) == ("other", Linear)
     for spec, expected in [
-        ("linaer", "no predictor is called 'linaer'; there are linear, constant_velocity, oracle"),
+        ("linaer", "no predictor is called 'linaer'; there are linear, constant_velocity, "),
         (f"{path}:wrong", "made a int, but must make a Predictor"),
         (f"{path}:none", "defines no function none"),
         ("./nowhere.py", "there is no file"),

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from crowdbench import InputError, load_scenario
+from crowdbench import InputError, load_network, load_scenario
 from crowdbench.lookahead import ValuePlanner
 from crowdbench.lookahead.actions import speeds_and_headings
 from crowdbench.predict import ConstantVelocity
 from crowdbench.sim.simulator import observe
-from crowdbench.train import checkpoint, session, value
-from crowdbench.train.value import Exploring, Setup, Training
-from crowdbench.value.networks import NETWORKS, digest
-from crowdbench.value.weights import load_network, read_card
+from crowdbench.train import session, value, value_request
+from crowdbench.train.value import Exploring, Training
+from crowdbench.train.value_request import ValueRequest
+from crowdbench.value.networks import NETWORKS
+from crowdbench.weights import digest, read_card
 
 
 @pytest.fixture(autouse=True)
@@ -20,11 +21,11 @@ def small(monkeypatch):
     """A training of seconds."""
     for name, size in {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "VALIDATION_CASES": 5, "PASSES": 2}.items():
         monkeypatch.setattr(value, name, size)
-    cases = {split: dataclasses.replace(cases, stop=6) for split, cases in session.FIGURES.items()}
-    monkeypatch.setattr(session, "FIGURES", cases)
+    cases = {split: dataclasses.replace(cases, stop=6) for split, cases in value_request.FIGURES.items()}
+    monkeypatch.setattr(value_request, "FIGURES", cases)
 
 
-REQUEST = session.Request("cadrl", "circle_crossing_mixed", {"pedestrians.number": [1, 3]}, "oracle", 7, 40, None)
+REQUEST = ValueRequest("cadrl", "circle_crossing_mixed", {"pedestrians.number": [1, 3]}, "oracle", 7, 40, None)
 
 
 def ignore(*arguments):
@@ -77,7 +78,7 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     running = session.Session.new(REQUEST, tmp_path / "run", "cpu")
     running.train(ignore)
     path = running.finish(ignore)
-    assert digest(load_network(path, "cadrl")) == digest(running.training.best)
+    assert digest(load_network("cadrl", str(path))) == digest(running.training.best)
     card = read_card(path)
     assert card["command"] == (
         "crowdbench train cadrl --scenario circle_crossing_mixed --set 'pedestrians.number=[1, 3]' "
@@ -121,7 +122,7 @@ def test_minutes_end_a_training(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"network": "mlp"}, "no network is called 'mlp'; there are cadrl, lstm_rl, sarl"),
+        ({"network": "mlp"}, "no network is called 'mlp'; there are cadrl, lstm_rl, sarl, sgan"),
         ({"predictor": "crystal_ball"}, "no predictor is called 'crystal_ball'"),
         ({"scenario": "nowhere"}, "no scenario is called 'nowhere'"),
     ],
@@ -145,11 +146,13 @@ def test_a_directory_without_a_checkpoint_cannot_be_resumed(tmp_path):
         session.Session.resumed(tmp_path, "cpu")
 
 
-def test_a_checkpoint_of_another_network_is_refused(tmp_path):
-    setup = Setup("cadrl", load_scenario("circle_crossing_5"), ConstantVelocity(), 0, 10, None, "cpu")
-    checkpoint.save(Training(setup), tmp_path / "state", {})
-    with pytest.raises(InputError, match="is a checkpoint of another network than sarl"):
-        checkpoint.restore(Training(dataclasses.replace(setup, network="sarl")), tmp_path / "state")
+def test_a_checkpoint_of_another_network_is_refused(tmp_path, monkeypatch):
+    killed = session.Session.new(REQUEST, tmp_path / "run", "cpu")
+    with pytest.raises(Killed):
+        killed.train(stopped_after(1))
+    monkeypatch.setitem(NETWORKS, "cadrl", NETWORKS["sarl"])
+    with pytest.raises(InputError, match="is a checkpoint of another network than cadrl"):
+        session.Session.resumed(tmp_path / "run", "cpu")
 
 
 def observed(worlds):

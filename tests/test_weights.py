@@ -5,8 +5,9 @@ import torch
 from safetensors.torch import save_file
 
 from crowdbench import InputError
-from crowdbench.value.networks import NETWORKS, digest
-from crowdbench.value.weights import load_network, save_network
+from crowdbench.catalog import load_network
+from crowdbench.value.networks import NETWORKS
+from crowdbench.weights import digest, save_network
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")
@@ -33,15 +34,15 @@ CARD = {
 @pytest.fixture
 def saved(tmp_path):
     path = tmp_path / "mine.safetensors"
-    save_network(NETWORKS["sarl"](), path, CARD)
+    save_network(NETWORKS["sarl"](), "sarl", path, CARD)
     return path
 
 
 @pytest.mark.parametrize("name", NETWORKS)
 def test_weights_come_back_as_they_were(name, tmp_path):
     network = NETWORKS[name]()
-    save_network(network, tmp_path / "mine.safetensors", CARD)
-    assert digest(load_network(tmp_path / "mine.safetensors", name)) == digest(network)
+    save_network(network, name, tmp_path / "mine.safetensors", CARD)
+    assert digest(load_network(name, str(tmp_path / "mine.safetensors"))) == digest(network)
     assert digest(NETWORKS[name]()) != digest(network)
 
 
@@ -53,7 +54,7 @@ def test_the_card_is_rendered_for_people(saved):
 
 def refused(path, network="sarl", device="cpu"):
     with pytest.raises(InputError) as error:
-        load_network(path, network, device)
+        load_network(network, str(path), device)
     return str(error.value)
 
 

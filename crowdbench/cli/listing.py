@@ -19,13 +19,12 @@ def list_(
     """List planners, pedestrians, predictors, weights, scenarios or metrics."""
     from crowdbench import catalog
     from crowdbench.metrics import METRICS
-    from crowdbench.predict import PREDICTORS
     from crowdbench.tables import listing_table
 
     listings: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "planners": catalog.PLANNERS.names,
         "pedestrians": catalog.PEDESTRIANS.names,
-        "predictors": lambda: _described(PREDICTORS),
+        "predictors": lambda: _described(catalog.PREDICTORS),
         "weights": catalog.weights,
         "scenarios": catalog.scenarios,
         "metrics": lambda: _described(METRICS),

@@ -14,7 +14,9 @@ INTERRUPTED = 130
 """The exit status after Ctrl-C."""
 
 PlannerOption = Annotated[str, typer.Option(help="A name, ./mine.py or ./mine.py:factory.")]
-OptionOption = Annotated[list[str] | None, typer.Option("--option", help="key=value for the planner; repeatable.")]
+OptionOption = Annotated[
+    list[str] | None, typer.Option("--option", help="key=value for the planner or predictor; repeatable.")
+]
 ScenarioOption = Annotated[str, typer.Option(help="A name or ./mine.toml.")]
 CasesOption = Annotated[str, typer.Option(help="500 (the first 500 test cases), 2000:2500, val:100, 37:38.")]
 SetOption = Annotated[

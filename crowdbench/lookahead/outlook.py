@@ -20,6 +20,7 @@ class Scene:
     """The vehicle and the crowd before a step, and the crowd after it in each mode of a prediction."""
 
     position: Float[np.ndarray, "world 2"]
+    velocity: Float[np.ndarray, "world 2"]
     goal: Float[np.ndarray, "world 2"]
     radius: Float[np.ndarray, "world"]
     preferred_speed: Float[np.ndarray, "world"]

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.errors import InputError
+from crowdbench.geometry import norm
 from crowdbench.lookahead.actions import speeds_and_headings
+from crowdbench.lookahead.aggregate import MEAN, Aggregate, mean_future
+from crowdbench.lookahead.kce import Limits
 from crowdbench.lookahead.outlook import Scene, look
 from crowdbench.planner import Planner
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.reward import discount, reward
-from crowdbench.types import Observation, Outcome
-from crowdbench.value.networks import ValueNetwork, digest
+from crowdbench.toml_section import is_integer
+from crowdbench.types import Observation, Outcome, Vehicle
+from crowdbench.value.networks import ValueNetwork
+from crowdbench.weights import digest
 
 CHUNK = 4096
 """Joint states that a network is given at once: few enough for its layers to stay in a core's cache."""
@@ -24,24 +31,25 @@ Reward = Callable[
     [Int[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], float],
     Float[np.ndarray, "*batch"],
 ]
-Aggregate = Callable[[Float[np.ndarray, "row mode"]], Float[np.ndarray, "row"]]
-Limits = Callable[[Float[np.ndarray, "world 2"], Float[np.ndarray, "world action 2"]], Bool[np.ndarray, "world action"]]
-Explore = Callable[[Float[np.ndarray, "world 2"], Float[np.ndarray, "world"]], Float[np.ndarray, "world action 2"]]
-
-
-def mean_over_modes(values: Float[np.ndarray, "row mode"]) -> Float[np.ndarray, "row"]:
-    """Every predicted future counts alike."""
-    return values.mean(axis=1)
+Shaping = Callable[
+    [Int[np.ndarray, "row mode"], Float[np.ndarray, "row mode"], Float[np.ndarray, "row"]],
+    Float[np.ndarray, "row mode"],
+]
+Explore = Callable[[Scene, Float[np.ndarray, "world 2"]], Float[np.ndarray, "world action 2"]]
 
 
 class ValuePlanner(Planner):
     """Takes the command with the largest reward of the next step plus discounted value of the state after it.
 
     The next step's crowd is the `predictor`'s, and `value` is the network. `actions` gives the commands for a
-    preferred speed, `reward` is a function like `crowdbench.reward.reward`, and `aggregate` makes one value of a
-    command's values under all predicted futures. `limits(velocity, commands)` says which commands the vehicle can
-    follow: where it can follow none, it keeps its velocity. `explore(command, preferred_speed)` gives further
-    commands around the best one, which is taken if none of them is better.
+    preferred speed, `reward` is a function like `crowdbench.reward.reward`, to which `shaping(outcome, gap, change)`
+    adds what a change of velocity is worth, and `aggregate` makes one value of a command's values under all predicted
+    futures. `limits` says which commands the vehicle can follow; braking as hard as they allow is one more command
+    then, so that there always is one. `explore(scene, command)` gives further commands around the best one, which is
+    taken if none of them is better.
+
+    With a `shortlist`, only so many commands are valued under all futures: those that are best under the mean of
+    them. It changes nothing where there is one future. Raises InputError where it is no number to count with.
     """
 
     def __init__(
@@ -50,19 +58,25 @@ class ValuePlanner(Planner):
         value: ValueNetwork,
         actions: Actions = speeds_and_headings,
         reward: Reward = reward,
-        aggregate: Aggregate = mean_over_modes,
+        shaping: Shaping | None = None,
+        aggregate: Aggregate = MEAN,
         limits: Limits | None = None,
         explore: Explore | None = None,
+        shortlist: int | None = None,
     ) -> None:
+        if shortlist is not None and not (is_integer(shortlist) and shortlist >= 1):
+            raise InputError(f"shortlist is {shortlist!r}, but must be a whole number, 1 or more")
         self.privileged = predictor.privileged
         self.predictor = predictor
         self.value = value.eval()
         self.actions = actions
         self.reward = reward
+        self.shaping = shaping
         self.aggregate = aggregate
         self.limits = limits
         self.explore = explore
-        self.facts = {"network": value.name, "weights": digest(value)}
+        self.shortlist = shortlist
+        self.facts = {"network": value.name, "weights": digest(value), **predictor.facts}
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -72,17 +86,18 @@ class ValuePlanner(Planner):
         """See `Planner`. There is one prediction, in which each mode goes on by itself from step to step."""
         prediction = self.predictor.predict(obs, steps)
         commands = np.empty((len(obs), steps, 2))
-        position, velocity = obs.vehicle.position, obs.vehicle.velocity
+        vehicle = obs.vehicle
         for step in range(steps):
-            scene = scene_of(obs, prediction, step, position)
-            velocity = commands[:, step] = self._best(scene, velocity)
+            scene = scene_of(obs, prediction, step, vehicle)
+            command = commands[:, step] = self._best(scene)
             if step == 0:
-                self._log(obs, prediction, scene, velocity)
-            position = position + velocity * obs.dt
+                self._log(obs, prediction, scene, command)
+            vehicle = dataclasses.replace(vehicle, position=vehicle.position + command * obs.dt, velocity=command)
         return commands
 
     def values(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> Float[np.ndarray, "world action"]:
         """What each command is worth, in chunks of commands, so that memory does not grow with worlds or modes."""
+        scene = self.aggregate.shown(scene)
         worlds, actions = commands.shape[:2]
         flat, world = commands.reshape(-1, 2), np.repeat(np.arange(worlds), actions)
         values = np.empty(worlds * actions)
@@ -98,28 +113,39 @@ class ValuePlanner(Planner):
     ) -> Float[np.ndarray, "row"]:
         outlook = look(scene, commands, world)
         now = self.reward(outlook.outcome, outlook.gap, scene.dt)
+        if self.shaping is not None:
+            now = now + self.shaping(outlook.outcome, outlook.gap, norm(commands - scene.velocity[world]))
         factor = discount(scene.preferred_speed, scene.dt)[world, None]
         later = _evaluate(self.value, outlook.joint, _rows_present(scene, world, outlook.joint.shape))[0]
-        return self.aggregate(now + np.where(outlook.outcome == Outcome.RUNNING, factor * later, 0.0))
+        return self.aggregate.over_modes(now + np.where(outlook.outcome == Outcome.RUNNING, factor * later, 0.0))
 
-    def _best(self, scene: Scene, velocity: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
-        command, value = self._best_of(scene, velocity, self.actions(scene.preferred_speed))
+    def _best(self, scene: Scene) -> Float[np.ndarray, "world 2"]:
+        commands = self.actions(scene.preferred_speed)
+        if self.limits is not None:
+            commands = np.concatenate([commands, self.limits.brake(scene)[:, None]], axis=1)
+        command, value = self._best_of(scene, commands)
         if self.explore is not None:
-            near = self.explore(command, scene.preferred_speed)
-            refined, refined_value = self._best_of(scene, velocity, near)
+            refined, refined_value = self._best_of(scene, self.explore(scene, command))
             command = np.where((refined_value > value)[:, None], refined, command)
-            value = np.maximum(value, refined_value)
-        # Only where no command is allowed is the best of them worth nothing at all.
-        return np.where(np.isneginf(value)[:, None], velocity, command)
+        return command
 
     def _best_of(
-        self, scene: Scene, velocity: Float[np.ndarray, "world 2"], commands: Float[np.ndarray, "world action 2"]
+        self, scene: Scene, commands: Float[np.ndarray, "world action 2"]
     ) -> tuple[Float[np.ndarray, "world 2"], Float[np.ndarray, "world"]]:
-        values = self.values(scene, commands)
-        if self.limits is not None:
-            values = np.where(self.limits(velocity, commands), values, -np.inf)
+        if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.shape[1] > 1:
+            loss = -self._allowed_values(mean_future(scene), commands)
+            # In their order again, which decides between equals.
+            kept = np.sort(loss.argsort(axis=1, kind="stable")[:, : self.shortlist], axis=1)
+            commands = np.take_along_axis(commands, kept[..., None], axis=1)
+        values = self._allowed_values(scene, commands)
         world, best = np.arange(len(values)), values.argmax(axis=1)
         return commands[world, best], values[world, best]
+
+    def _allowed_values(
+        self, scene: Scene, commands: Float[np.ndarray, "world action 2"]
+    ) -> Float[np.ndarray, "world action"]:
+        values = self.values(scene, commands)
+        return values if self.limits is None else np.where(self.limits.allow(scene, commands), values, -np.inf)
 
     def _log(
         self, obs: Observation, prediction: Prediction, scene: Scene, command: Float[np.ndarray, "world 2"]
@@ -127,27 +153,30 @@ class ValuePlanner(Planner):
         """Show the predicted crowd, the value of the command, and whom the network attends to."""
         if obs.record is None:
             return
-        world = np.arange(len(obs))
-        joint = look(scene, command, world).joint
-        value, attention = _evaluate(self.value, joint, _rows_present(scene, world, joint.shape))
-        pedestrians = obs.pedestrians.present.shape[1]
+        world, shown = np.arange(len(obs)), self.aggregate.shown(scene)
+        joint = look(shown, command, world).joint
+        value, attention = _evaluate(self.value, joint, _rows_present(shown, world, joint.shape))
+        # To a pedestrian goes what all of its futures get.
+        attention = attention[..., : shown.present.shape[1]].reshape(len(obs), *scene.crowd.shape[1:3])
         obs.log("predicted", prediction.position)
         obs.log("value", value.mean(axis=1))
-        obs.log("attention", attention.mean(axis=1)[:, :pedestrians])
+        obs.log("attention", attention.sum(axis=1) / value.shape[1])
 
 
-def scene_of(obs: Observation, prediction: Prediction, step: int, position: Float[np.ndarray, "world 2"]) -> Scene:
-    """The scene before one step of a prediction, with the vehicle at `position`."""
+def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehicle) -> Scene:
+    """The scene before one step of a prediction, with the `vehicle` as it is then."""
     after = prediction.position[:, :, step]
     before = prediction.position[:, :, step - 1] if step else obs.pedestrians.position[:, None]
     return Scene(
-        position=position,
-        goal=obs.vehicle.goal,
-        radius=obs.vehicle.radius,
-        preferred_speed=obs.vehicle.preferred_speed,
-        crowd=np.broadcast_to(before, after.shape),
-        next_crowd=after,
-        next_velocity=prediction.velocity[:, :, step],
+        position=vehicle.position,
+        velocity=vehicle.velocity,
+        goal=vehicle.goal,
+        radius=vehicle.radius,
+        preferred_speed=vehicle.preferred_speed,
+        # In one layout, whatever the prediction's: each compiles the look ahead anew.
+        crowd=np.broadcast_to(before, after.shape).copy(),
+        next_crowd=np.ascontiguousarray(after),
+        next_velocity=np.ascontiguousarray(prediction.velocity[:, :, step]),
         crowd_radius=obs.pedestrians.radius,
         present=obs.pedestrians.present,
         dt=obs.dt,

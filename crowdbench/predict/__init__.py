@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from crowdbench.predict.base import Prediction, Predictor
-from crowdbench.predict.linear import ConstantVelocity, Linear
+from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear
 from crowdbench.predict.oracle import Oracle
 
-__all__ = ["PREDICTORS", "ConstantVelocity", "Linear", "Oracle", "Prediction", "Predictor"]
-
-PREDICTORS: Mapping[str, type[Predictor]] = {
-    "linear": Linear,
-    "constant_velocity": ConstantVelocity,
-    "oracle": Oracle,
-}
-"""The built-in predictors."""
+__all__ = [
+    "ConstantVelocity",
+    "ConstantVelocitySampled",
+    "Linear",
+    "Oracle",
+    "Prediction",
+    "Predictor",
+]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -30,18 +32,25 @@ class Predictor(abc.ABC):
     privileged: ClassVar[bool] = False
     """Whether it calls `Observation.true_next`: a planner that uses it must be privileged too."""
 
+    facts: Mapping[str, str] = MappingProxyType({})
+    """What results say of it beyond its name and options, such as the digest of its weights."""
+
     @abc.abstractmethod
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """The next `steps` steps of every pedestrian, `obs.dt` apart."""
 
+    def unseen(self, scene: str) -> Predictor:
+        """The predictor to be scored on a recorded scene: one that was not trained on it."""
+        return self
+
 
 def straight_on(
     start: Float[np.ndarray, "world pedestrian 2"],
-    velocity: Float[np.ndarray, "world pedestrian 2"],
+    velocity: Float[np.ndarray, "world mode pedestrian 2"],
     dt: float,
     steps: int,
 ) -> Prediction:
-    """The one future in which everybody goes on from `start` (metres) with constant `velocity` (m/s)."""
+    """The futures in which everybody goes on from `start` (metres) with the constant `velocity` (m/s) of the mode."""
     elapsed = dt * np.arange(1, steps + 1)[:, None, None]
-    position = (start[:, None] + elapsed * velocity[:, None])[:, None]
-    return Prediction(position, np.repeat(velocity[:, None, None], steps, axis=2))
+    position = start[:, None, None] + elapsed * velocity[:, :, None]
+    return Prediction(position, np.repeat(velocity[:, :, None], steps, axis=2))

@@ -15,4 +15,4 @@ class Oracle(Predictor):
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """One mode. Raises PermissionError where the observation does not show the future."""
-        return straight_on(obs.pedestrians.position, obs.true_next(), obs.dt, steps)
+        return straight_on(obs.pedestrians.position, obs.true_next()[:, None], obs.dt, steps)

@@ -21,7 +21,7 @@ FRAME_STEP = 10
 """Frames from one annotation to the next."""
 
 DT = 0.4
-"""Seconds from one annotation to the next."""
+"""Seconds from one annotation to the next, in files."""
 
 COLUMNS = ("frame", "pedestrian", "x", "y")
 
@@ -43,32 +43,38 @@ FEWEST = 2
 
 @dataclass(frozen=True)
 class Tracks:
-    """Where the pedestrians of one recording were in each frame, in metres; rows by pedestrian, then frame."""
+    """Where the pedestrians of one recording were in each frame, in metres; rows by pedestrian, then frame.
+
+    `FRAME_STEP` frames are `dt` seconds.
+    """
 
     name: str
     frame: Int[np.ndarray, "row"]
     pedestrian: Int[np.ndarray, "row"]
     position: Float[np.ndarray, "row 2"]
+    dt: float = DT
 
 
 @dataclass(frozen=True)
 class Windows:
-    """Stretches of consecutive annotations, as a batch; what is not `present` is padding, at the origin.
+    """Stretches of consecutive annotations, `dt` seconds apart, as a batch.
 
-    `frame` is the first of each window; `pedestrian` tells who is who, and is 0 in the padding.
+    What is not `present` is padding, at the origin. `frame` is the first of each window; `pedestrian` tells who is
+    who, and is 0 in the padding.
     """
 
     frame: Int[np.ndarray, "window"]
     pedestrian: Int[np.ndarray, "window pedestrian"]
     present: Bool[np.ndarray, "window pedestrian"]
     position: Float[np.ndarray, "window time pedestrian 2"]
+    dt: float
 
     def __len__(self) -> int:
         return len(self.frame)
 
     def take(self, rows: slice | np.ndarray) -> Windows:
         """The windows of the given rows."""
-        return Windows(self.frame[rows], self.pedestrian[rows], self.present[rows], self.position[rows])
+        return Windows(self.frame[rows], self.pedestrian[rows], self.present[rows], self.position[rows], self.dt)
 
     def observation(self, seen: int) -> Observation:
         """What a predictor is shown: the first `seen` positions, all of them really observed.
@@ -83,7 +89,7 @@ class Windows:
             vehicle=Vehicle(nowhere, nowhere, nowhere, nowhere[:, 0], nowhere[:, 0]),
             pedestrians=Pedestrians(
                 position=history[:, -1],
-                velocity=(history[:, -1] - history[:, -2]) / DT,
+                velocity=(history[:, -1] - history[:, -2]) / self.dt,
                 radius=np.zeros(self.present.shape),
                 present=self.present.copy(),
                 history=history,
@@ -92,7 +98,7 @@ class Windows:
             case=self.frame,
             key=rng.case_keys(0, "test", self.frame),
             step=np.full(len(self), seen - 1),
-            dt=DT,
+            dt=self.dt,
         )
 
 
@@ -211,4 +217,4 @@ def _padded(tracks: Tracks, first: Int[np.ndarray, "stretch"], length: int) -> W
     pedestrian[window, place] = tracks.pedestrian[first]
     present[window, place] = True
     position[window, :, place] = tracks.position[first[:, None] + np.arange(length)]
-    return Windows(frame, pedestrian, present, position)
+    return Windows(frame, pedestrian, present, position, tracks.dt)

@@ -4,79 +4,76 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from crowdbench.errors import InputError
 from crowdbench.files import whole
-from crowdbench.train.replay import Steps
-from crowdbench.train.value import Training, Validated
-
-NETWORKS = ("network", "average", "best")
 
 
-def save(training: Training, path: Path, about: Mapping[str, Any]) -> None:
+@dataclass(frozen=True)
+class State:
+    """What a training is made of: tensors, numbers, and its curve, whose points are dataclasses or what JSON makes."""
+
+    tensors: Mapping[str, Tensor]
+    facts: Mapping[str, Any]
+    curve: Sequence[Any]
+
+
+def save(state: State, path: Path, about: Mapping[str, Any]) -> None:
     """Write the state of a training; `about` says what is trained and is kept beside it."""
-    tensors = {
-        f"{part}.{name}": tensor.contiguous()
-        for part in NETWORKS
-        for name, tensor in getattr(training, part).state_dict().items()
-    }
-    for number, state in training.optimizer.state_dict()["state"].items():
-        tensors |= {f"optimizer.{number}.{name}": tensor for name, tensor in state.items()}
-    if training.replay.steps is not None:
-        kept = training.replay.steps.take(slice(0, len(training.replay)))
-        tensors |= {f"replay.{name}": torch.from_numpy(array) for name, array in vars(kept).items()}
-    facts = {
-        "about": dict(about),
-        "rounds": training.rounds,
-        "seconds": training.seconds,
-        "added": training.replay.added,
-        "curve": [dataclasses.asdict(point) for point in training.curve],
-    }
+    curve = [dataclasses.asdict(point) for point in state.curve]
+    facts = {"about": dict(about), "facts": dict(state.facts), "curve": curve}
     with whole(path) as partial:
-        save_file(tensors, partial, metadata={"training": json.dumps(facts)})
+        save_file(dict(state.tensors), partial, metadata={"training": json.dumps(facts)})
 
 
 def read_about(path: Path) -> dict[str, Any]:
     """What a checkpoint says is trained. Raises InputError where there is none."""
-    return _facts(path)["about"]
+    return _written(path)["about"]
 
 
-def restore(training: Training, path: Path) -> None:
-    """Give a new training the state in a file. Raises InputError where it is none of this network's."""
-    facts = _facts(path)
+def read(path: Path) -> State:
+    """The state in a file. Raises InputError where there is none."""
+    written = _written(path)
     with safe_open(path, "pt") as file:
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no dict)
-    try:
-        for part in NETWORKS:
-            getattr(training, part).load_state_dict(_under(part, tensors))
-    except RuntimeError:
-        raise InputError(f"{path} is a checkpoint of another network than {training.setup.network}") from None
+    return State(tensors, written["facts"], written["curve"])
+
+
+def tensors_of(part: str, network: nn.Module) -> dict[str, Tensor]:
+    """A network's tensors, named as those of a part of a training."""
+    return {f"{part}.{name}": tensor.contiguous() for name, tensor in network.state_dict().items()}
+
+
+def optimizer_state(part: str, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """An optimizer's tensors, named as those of a part of a training."""
+    states = optimizer.state_dict()["state"].items()
+    return {f"{part}.{number}.{name}": tensor for number, state in states for name, tensor in state.items()}
+
+
+def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
+    """Give an optimizer what `optimizer_state` gave, without the name of the part."""
     state: dict[int, dict[str, Tensor]] = {}
-    for name, tensor in _under("optimizer", tensors).items():
+    for name, tensor in tensors.items():
         number, _, key = name.partition(".")
         state.setdefault(int(number), {})[key] = tensor
-    groups = training.optimizer.state_dict()["param_groups"]
-    training.optimizer.load_state_dict({"state": state, "param_groups": groups})
-    if replay := _under("replay", tensors):
-        training.replay.add(Steps(**{name: tensor.numpy() for name, tensor in replay.items()}))
-    training.replay.added = facts["added"]
-    training.rounds, training.seconds = facts["rounds"], facts["seconds"]
-    training.curve = [Validated(**point) for point in facts["curve"]]
+    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
 
 
-def _under(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def under(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The tensors of a part of a training."""
     return {name.removeprefix(f"{part}."): tensor for name, tensor in tensors.items() if name.startswith(f"{part}.")}
 
 
-def _facts(path: Path) -> dict[str, Any]:
+def _written(path: Path) -> dict[str, Any]:
     try:
         with safe_open(path, "pt") as file:
             return json.loads((file.metadata() or {})["training"])

@@ -29,6 +29,7 @@ from crowdbench.predict import ConstantVelocity, Predictor
 from crowdbench.reactive import ORCAPlanner
 from crowdbench.rollouts import rollout
 from crowdbench.scenario import Scenario
+from crowdbench.train.checkpoint import State, optimizer_state, restore_optimizer, tensors_of, under
 from crowdbench.train.replay import Replay, Steps, steps_of
 from crowdbench.types import Observation, Trace
 from crowdbench.value.networks import NETWORKS
@@ -75,6 +76,9 @@ SECONDS_PER_POINT = 1.0
 CASES_PER_SEED = 1_000_000
 """Every seed has training cases of its own."""
 
+PARTS = ("network", "average", "best")
+"""The networks of a training."""
+
 
 @dataclass(frozen=True)
 class Setup:
@@ -105,6 +109,12 @@ class Validated:
     def score(self) -> float:
         """What the kept network is chosen by: the share of successes, less what slowness costs."""
         return self.success - 0.01 / SECONDS_PER_POINT * self.navigation_time_or_limit
+
+    def __str__(self) -> str:
+        return (
+            f"{self.episodes:6d} episodes, {self.seconds:4.0f} s: on validation cases {100 * self.success:.1f} % "
+            f"success in {self.navigation_time_or_limit:.2f} s (a failure counts as the time limit)"
+        )
 
 
 class Training:
@@ -228,6 +238,26 @@ class Training:
     def kept(self) -> Validated:
         """The point of the curve at which the best network was found, the later of equals, which has learnt more."""
         return max(reversed(self.curve), key=lambda point: point.score)
+
+    def state(self) -> State:
+        """All of it, to be written."""
+        tensors = {key: value for part in PARTS for key, value in tensors_of(part, getattr(self, part)).items()}
+        tensors |= optimizer_state("optimizer", self.optimizer)
+        if self.replay.steps is not None:
+            kept = self.replay.steps.take(slice(0, len(self.replay)))
+            tensors |= {f"replay.{name}": torch.from_numpy(array) for name, array in vars(kept).items()}
+        return State(tensors, {"rounds": self.rounds, "seconds": self.seconds, "added": self.replay.added}, self.curve)
+
+    def restore(self, state: State) -> None:
+        """Go on from what `state` gave. Raises RuntimeError where it is another network's."""
+        for part in PARTS:
+            getattr(self, part).load_state_dict(under(part, state.tensors))
+        restore_optimizer(self.optimizer, under("optimizer", state.tensors))
+        if replay := under("replay", state.tensors):
+            self.replay.add(Steps(**{name: tensor.numpy() for name, tensor in replay.items()}))
+        self.replay.added = state.facts["added"]
+        self.rounds, self.seconds = state.facts["rounds"], state.facts["seconds"]
+        self.curve = [Validated(**point) for point in state.curve]
 
 
 class Exploring(Planner):

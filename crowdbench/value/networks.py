@@ -7,7 +7,6 @@ changes nothing, and where nobody is present the value is known without a networ
 from __future__ import annotations
 
 import abc
-import hashlib
 import itertools
 
 import torch
@@ -135,14 +134,6 @@ class SARL(ValueNetwork):
         crowd = last((_spread(rectify(hidden(embedding)), present) * attention[..., None]).sum(1))
         value = self.value(torch.cat([joint[:, 0, :VEHICLE], crowd], -1))[:, 0]
         return value, attention
-
-
-def digest(network: ValueNetwork) -> str:
-    """Twelve hexadecimal digits that change with the weights."""
-    sha = hashlib.sha256()
-    for tensor in network.state_dict().values():
-        sha.update(tensor.detach().cpu().contiguous().numpy().tobytes())
-    return sha.hexdigest()[:12]
 
 
 NETWORKS: dict[str, type[ValueNetwork]] = {network.name: network for network in (CADRL, LSTMRL, SARL)}

@@ -16,7 +16,7 @@ from crowdbench.lookahead.planner import scene_of
 from crowdbench.types import Outcome, Pedestrians, Vehicle
 
 FOLDER = Path(__file__).parent
-PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm")
+PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm", "sarl_sgan", "sarl_sgan_kce")
 CASES = Cases("test", 0, 20)
 EVERY = 6
 """Steps from one recorded state of an episode to the next."""
@@ -30,7 +30,7 @@ def outcomes(planner):
 
 def values(planner, obs):
     """What each command is worth to a planner, [world, action]."""
-    scene = scene_of(obs, planner.predictor.predict(obs, 1), 0, obs.vehicle.position)
+    scene = scene_of(obs, planner.predictor.predict(obs, 1), 0, obs.vehicle)
     return planner.values(scene, planner.actions(obs.vehicle.preferred_speed))
 
 

@@ -10,24 +10,24 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
+from torch import nn
 
+from crowdbench import cards
 from crowdbench.errors import InputError
 from crowdbench.files import whole
-from crowdbench.value import cards
-from crowdbench.value.networks import NETWORKS, ValueNetwork
 
-SUFFIX = ".safetensors"
+Network = TypeVar("Network", bound=nn.Module)
 
 
-def save_network(network: ValueNetwork, path: Path, card: Mapping[str, Any]) -> None:
+def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> None:
     """Write the weights to `path`, which ends in .safetensors, and the card beside them, for programs and people."""
-    content = save({name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()})
-    about = {"network": network.name, "sha256": hashlib.sha256(content).hexdigest(), **card}
+    content = save({key: tensor.detach().cpu().contiguous() for key, tensor in network.state_dict().items()})
+    about = {"network": name, "sha256": hashlib.sha256(content).hexdigest(), **card}
     with whole(path) as partial:
         partial.write_bytes(content)
     with whole(path.with_suffix(".json")) as partial:
@@ -50,8 +50,8 @@ def read_card(path: Path) -> dict[str, Any]:
     return table
 
 
-def load_network(path: Path, name: str, device: str = "cpu") -> ValueNetwork:
-    """The network `name` with the weights at `path`.
+def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> Network:
+    """Give a network, which is called `name`, the weights at `path`.
 
     Raises InputError where they are missing, altered, of another network, or no weights at all, and where
     there is no such device.
@@ -65,7 +65,6 @@ def load_network(path: Path, name: str, device: str = "cpu") -> ValueNetwork:
         raise InputError(f"the weights {path} are of the network {card['network']}, but must be of {name}")
     if hashlib.sha256(content).hexdigest() != card["sha256"]:
         raise InputError(f"the weights {path} are not those that their card describes: their sha256 differs")
-    network = NETWORKS[name]()
     try:
         network.load_state_dict(load(content))
         return network.to(torch.device(device))
@@ -73,3 +72,11 @@ def load_network(path: Path, name: str, device: str = "cpu") -> ValueNetwork:
         # torch tells of all missing and unexpected tensors, one per line.
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"the weights {path} cannot be loaded on {device}: {reason}") from None
+
+
+def digest(network: nn.Module) -> str:
+    """Twelve hexadecimal digits that change with the weights."""
+    sha = hashlib.sha256()
+    for tensor in network.state_dict().values():
+        sha.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return sha.hexdigest()[:12]

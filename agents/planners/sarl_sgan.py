@@ -1,0 +1,7 @@
+"""SARL-SGAN (Li et al.): pedestrians have the 20 futures that Social GAN gives them."""
+
+from functools import partial
+
+from crowdbench.sarl import sarl_planner
+
+planner = partial(sarl_planner, predictor="sgan", modes=20, shortlist=8)

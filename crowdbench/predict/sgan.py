@@ -1,0 +1,94 @@
+"""The predictor that samples futures from a Social GAN."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from crowdbench import rng
+from crowdbench.errors import InputError
+from crowdbench.predict.base import Prediction, Predictor
+from crowdbench.predict.social_gan import NOISE, Generator
+from crowdbench.types import Observation, Pedestrians
+from crowdbench.weights import digest
+
+NAME = "sgan"
+"""What files of its weights call it."""
+
+
+class SocialGAN(Predictor):
+    """Futures of the whole crowd from a generator trained on `about["dt"]` seconds a step: Social GAN.
+
+    `modes` of them; fewer are the first of more. Where the observation's steps are of another length, `rescaled`
+    shows the generator displacements as long as its own steps would make them, and shortens its answers alike;
+    otherwise it takes one step for the other, as the paper does. Steps before the first that was seen are taken to
+    have gone like that one; a pedestrian seen only once stands still until then.
+    """
+
+    def __init__(
+        self,
+        generator: Generator,
+        about: Mapping[str, Any],
+        modes: int = 20,
+        rescaled: bool = False,
+        trained_without: Callable[[str], Predictor] | None = None,
+    ) -> None:
+        if not (isinstance(modes, int) and modes >= 1):
+            raise InputError(f"modes is {modes!r}, but must be a whole number of futures, 1 or more")
+        self.generator = generator.eval()
+        self.about = about
+        self.modes = modes
+        self.rescaled = rescaled
+        self.trained_without = trained_without
+        self.facts = {"predictor_weights": digest(generator)}
+
+    @torch.inference_mode()
+    def predict(self, obs: Observation, steps: int) -> Prediction:
+        """See `Predictor`."""
+        stretch = self.about["dt"] / obs.dt if self.rescaled else 1.0
+        history, present = lived(obs.pedestrians), torch.from_numpy(obs.pedestrians.present)
+        # Its noise is a function of case, step and mode alone.
+        noise = rng.normal(obs.key, NAME, obs.step, self.modes, NOISE)
+        device = next(self.generator.parameters()).device
+        # Told from where everybody is now, since float32 far from the origin is coarse.
+        near = torch.from_numpy(((history - history[:, -1:, :1]) * stretch).astype(np.float32))
+        moves = self.generator(
+            near.to(device), present.to(device), torch.from_numpy(noise.astype(np.float32)).to(device), steps
+        )
+        ahead = spread(moves, present.to(device)).double().cpu().numpy() / stretch
+        return Prediction(history[:, None, None, -1] + ahead.cumsum(axis=2), ahead / obs.dt)
+
+    def unseen(self, scene: str) -> Predictor:
+        """See `Predictor`. Raises InputError where it was trained on the scene and there is no other."""
+        if scene not in self.about["scenes"]:
+            return self
+        if self.trained_without is None:
+            raise InputError(f"these weights were trained on {scene}, and so cannot be scored there")
+        return self.trained_without(scene)
+
+
+def spread(
+    moves: Float[Tensor, "mode row time 2"], present: Bool[Tensor, "scene pedestrian"]
+) -> Float[Tensor, "scene mode time pedestrian 2"]:
+    """A generator's displacements where they belong; whoever is absent stands still."""
+    modes, _, steps, _ = moves.shape
+    everybody = moves.new_zeros((*present.shape, modes, steps, 2))
+    everybody[present] = moves.transpose(0, 1)
+    return everybody.permute(0, 2, 3, 1, 4)
+
+
+def lived(crowd: Pedestrians) -> Float[np.ndarray, "world time pedestrian 2"]:
+    """The history in metres, its steps before the first that was seen made like that one."""
+    history = crowd.history
+    last = history.shape[1] - 1
+    start = np.maximum(last + 1 - crowd.observed, 0)
+    world = np.arange(len(history))
+    first = history[world, start]
+    move = history[world, np.minimum(start + 1, last)] - first
+    before = np.maximum(start[:, None] - np.arange(last + 1), 0)[:, :, None, None]
+    return history - before * move[:, None]

@@ -1,0 +1,269 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from helpers import drive
+from lookahead_scenes import Forks, Nearer, crowded, network, scene, slow_values, within
+
+from crowdbench import load_planner
+from crowdbench.errors import InputError
+from crowdbench.lookahead import ValuePlanner
+from crowdbench.lookahead.actions import speeds_and_headings
+from crowdbench.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
+from crowdbench.metrics import METRICS
+from crowdbench.predict import ConstantVelocity
+from crowdbench.types import Outcome
+
+LIMITS = [Limits(), Limits(max_acceleration=2.0), Limits(max_turn=0.5), Limits(max_velocity_change=0.3)]
+
+
+def at(obs, velocity):
+    """The same, with the vehicles at these velocities."""
+    vehicle = dataclasses.replace(obs.vehicle, velocity=np.array(velocity, float))
+    return dataclasses.replace(obs, vehicle=vehicle)
+
+
+def moving(velocity):
+    """Scenes in which the vehicle has these velocities."""
+    obs = at(crowded(2 + len(velocity)).take(slice(2, None)), velocity)
+    return scene(obs, ConstantVelocity().predict(obs, 1))
+
+
+def some_velocities(worlds=40, seed=2):
+    """Random velocities up to 1 m/s, among them standing still and the fastest."""
+    rng = np.random.default_rng(seed)
+    angle, speed = rng.uniform(-np.pi, np.pi, worlds), rng.uniform(0.0, 1.0, worlds)
+    speed[:2] = 0.0, 1.0
+    return speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+# The filter.
+
+
+def slow_allows(limits, velocity, command, dt):
+    """Whether one vehicle can follow one command, by angles."""
+    before, after = np.hypot(*velocity), np.hypot(*command)
+    turn = math.atan2(*command[::-1]) - math.atan2(*velocity[::-1])
+    turn = abs((turn + math.pi) % (2.0 * math.pi) - math.pi)
+    return (
+        abs(after - before) <= limits.max_acceleration * dt
+        and (min(before, after) == 0.0 or turn <= limits.max_turn)
+        and np.hypot(*(command - velocity)) <= limits.max_velocity_change
+    )
+
+
+@pytest.mark.parametrize("limits", LIMITS)
+def test_the_filter_allows_what_brute_force_allows(limits):
+    velocity = some_velocities()
+    seen = moving(velocity)
+    rng = np.random.default_rng(5)
+    commands = np.concatenate([rng.uniform(-1.0, 1.0, (40, 50, 2)), speeds_and_headings(np.ones(40))], axis=1)
+    allowed = limits.allow(seen, commands)
+    expected = [[slow_allows(limits, v, c, seen.dt) for c in each] for v, each in zip(velocity, commands, strict=True)]
+    assert np.array_equal(allowed, expected)
+    assert not allowed.all()
+
+
+def test_the_published_filter_bounds_turns_of_120_degrees_and_a_change_of_speed_of_1_6():
+    def allowed(velocity, degrees, speed):
+        turned = speed * np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+        return bool(Limits().allow(moving([velocity]), turned[None, None])[0, 0])
+
+    assert allowed([1.0, 0.0], 119.9, 1.0)
+    assert allowed([1.0, 0.0], -119.9, 1.0)
+    assert not allowed([1.0, 0.0], 120.1, 1.0)
+    assert not allowed([1.0, 0.0], -120.1, 0.01)
+    assert allowed([0.0, 0.0], 0.0, 1.6)
+    assert not allowed([0.0, 0.0], 0.0, 1.61)
+
+
+@pytest.mark.parametrize("limits", LIMITS)
+def test_from_and_to_standstill_only_the_speed_is_bounded(limits):
+    fast, slow = 0.25 * min(limits.max_acceleration, 1.0), 0.29
+    still = moving(np.zeros((1, 2)))
+    around = fast * np.stack([np.cos(np.arange(7)), np.sin(np.arange(7))], axis=-1)
+    assert limits.allow(still, around[None]).all()
+    assert limits.allow(moving([[-slow, 0.0]]), np.zeros((1, 1, 2))).all()
+
+
+@pytest.mark.parametrize("limits", LIMITS)
+def test_braking_is_allowed_and_as_hard_as_can_be(limits):
+    velocity = some_velocities()
+    seen = moving(velocity)
+    braked = limits.brake(seen)
+    assert limits.allow(seen, braked[:, None]).all()
+    speed, before = np.linalg.norm(braked, axis=1), np.linalg.norm(velocity, axis=1)
+    np.testing.assert_allclose(speed[:, None] * velocity, before[:, None] * braked, atol=1e-12)
+    harder = braked * (1.0 - 1e-3 / np.maximum(speed, 1e-3))[:, None]
+    assert not limits.allow(seen, harder[:, None])[speed > 1e-3].any()
+
+
+# The shaped reward.
+
+
+@pytest.mark.parametrize(
+    ("outcome", "gap", "added"),
+    [
+        (Outcome.COLLISION, -0.1, -0.35),
+        (Outcome.RUNNING, 0.19, -0.35),
+        (Outcome.SUCCESS, 3.0, -0.35),
+        (Outcome.RUNNING, 0.2, 0.0),
+        (Outcome.RUNNING, np.inf, 0.0),
+    ],
+)
+def test_the_printed_shaping_acts_in_three_branches_of_four(outcome, gap, added):
+    found = PrintedShaping(0.05)(np.array([[outcome]]), np.array([[gap]]), np.array([0.4]))
+    assert found == pytest.approx(added, abs=1e-15)
+
+
+def test_every_change_has_its_cost_wherever_it_is_made():
+    outcome = np.array([[Outcome.RUNNING, Outcome.COLLISION], [Outcome.SUCCESS, Outcome.RUNNING]])
+    found = ChangeCost(0.1)(outcome, np.array([[1.0, -0.1], [0.1, 0.1]]), np.array([0.5, 2.0]))
+    np.testing.assert_allclose(found, [[-0.05, -0.05], [-0.2, -0.2]])
+
+
+@pytest.mark.parametrize("shaping", [PrintedShaping(0.1), ChangeCost(0.2)])
+def test_shaping_is_added_to_the_value_of_a_command(shaping):
+    obs, net = crowded(), network()
+    predictor = ConstantVelocity()
+    seen = scene(obs, predictor.predict(obs, 1))
+    commands = speeds_and_headings(obs.vehicle.preferred_speed)
+    plain, shaped = (ValuePlanner(predictor, net, shaping=each).values(seen, commands) for each in (None, shaping))
+    outcomes = slow_values(seen, commands, net)[1][..., 0]
+    change = np.linalg.norm(commands - obs.vehicle.velocity[:, None], axis=-1)
+    added = shaped - plain
+    if isinstance(shaping, ChangeCost):
+        np.testing.assert_allclose(added, -0.2 * change, atol=1e-6)
+    else:
+        acts = np.isclose(added, 0.1 - change, atol=1e-6)
+        assert acts[outcomes != Outcome.RUNNING].all()
+        assert (acts | (added == 0.0)).all()
+        assert (added == 0.0).any()
+
+
+# The refined set.
+
+
+def cases_of_exploration():
+    """Scenes and best commands: moving and standing, at full speed, on the goal."""
+    velocity = np.repeat(some_velocities(4), 3, axis=0)
+    seen = moving(velocity)
+    seen.goal[5] = seen.position[5]
+    velocity[5] = 0.0
+    fastest = np.stack([seen.preferred_speed, np.zeros(12)], axis=1)
+    command = np.where((np.arange(12) % 3 == 0)[:, None], 0.0, velocity)
+    return seen, np.where((np.arange(12) % 3 == 1)[:, None], fastest, command)
+
+
+@pytest.mark.parametrize(("epsilon", "n"), [(0.1, 1), (0.05, 2), (0.4, 3)])
+def test_the_refined_set_is_a_grid_around_the_command_within_the_speeds(epsilon, n):
+    seen, command = cases_of_exploration()
+    refined = Exploration(epsilon, n)(seen, command)
+    assert refined.shape == (12, (2 * n + 1) ** 2, 2)
+    assert np.isfinite(refined).all()
+    speed = np.linalg.norm(refined, axis=-1)
+    assert (speed <= seen.preferred_speed[:, None] * (1.0 + 1e-12)).all()
+    np.testing.assert_allclose(np.abs(refined - command[:, None]).max(axis=-1).min(axis=1), 0.0, atol=1e-12)
+    for w in np.flatnonzero(np.linalg.norm(command, axis=1) > 0.0):
+        before, heading = np.hypot(*command[w]), math.atan2(*command[w, ::-1])
+        for i in range(-n, n + 1):
+            fast = min(max(before + i * epsilon, 0.0), seen.preferred_speed[w])
+            for j in range(-n, n + 1):
+                turned = fast * np.array([math.cos(heading + j * epsilon), math.sin(heading + j * epsilon)])
+                assert np.abs(refined[w] - turned).max(axis=1).min() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("velocity", "to_goal", "heading"),
+    [([0.0, 0.5], [9.0, 9.0], math.pi / 2), ([0.0, 0.0], [-3.0, 0.0], math.pi), ([0.0, 0.0], [0.0, 0.0], 0.0)],
+)
+def test_around_standing_still_it_explores_where_the_vehicle_heads_or_else_its_goal(velocity, to_goal, heading):
+    seen = moving([velocity])
+    seen.goal[0] = seen.position[0] + to_goal
+    refined = Exploration(0.1, 1)(seen, np.zeros((1, 2)))[0]
+    np.testing.assert_allclose(refined.mean(axis=0) / np.linalg.norm(refined.mean(axis=0)),
+                               [math.cos(heading), math.sin(heading)], atol=1e-12)  # fmt: skip
+    assert (refined[:6] == 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(refined[6:], axis=1), 0.1)
+
+
+@pytest.mark.parametrize("limits", [*LIMITS, Limits(max_acceleration=0.2, max_turn=0.05, max_velocity_change=0.03)])
+@pytest.mark.parametrize("explore", [None, Exploration(0.1, 2), Exploration(0.5, 1)])
+def test_what_is_commanded_is_within_the_limits_for_any_velocity(limits, explore):
+    for seed in range(4):
+        obs = crowded(12, seed=seed)
+        obs = at(obs, some_velocities(12, seed) * obs.vehicle.preferred_speed[:, None])
+        made = ValuePlanner(Forks(2), Nearer(), limits=limits, explore=explore)
+        command = made.plan(obs)
+        assert limits.allow(scene(obs, made.predictor.predict(obs, 1)), command[:, None]).all()
+
+
+def test_a_vehicle_that_can_follow_no_command_brakes_as_hard_as_it_can():
+    obs = crowded()
+    made = ValuePlanner(ConstantVelocity(), network(), limits=within(0.01))
+    velocity = obs.vehicle.velocity
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    np.testing.assert_allclose(made.plan(obs), velocity * (1.0 - 0.01 / speed), atol=1e-12)
+
+
+# Planners' options.
+
+
+def test_all_of_kce_keeps_its_limit_in_whole_episodes_and_arrives():
+    planner = load_planner("sarl_cvm", {"kce": "all", "max_velocity_change": 0.8})[1]
+    trace = drive(planner, "val:5")
+    assert METRICS["success_rate"](trace).mean() >= 0.8
+    assert METRICS["max_velocity_change"](trace).max() <= 0.8 + 1e-6
+
+
+@pytest.mark.parametrize("name", ["sarl", "sarl_lin", "sarl_cvm"])
+def test_each_part_of_kce_can_be_had_by_itself(name):
+    def parts(kce, **options):
+        made = load_planner(name, {"kce": kce, **options})[1]
+        return made.limits, made.shaping, made.explore
+
+    assert parts("none") == (None, None, None)
+    assert parts("filter", max_velocity_change=1.0) == (Limits(max_velocity_change=1.0), None, None)
+    assert parts("reward", cost=0.01) == (None, ChangeCost(0.01), None)
+    assert parts("reward", threshold=0.2) == (None, PrintedShaping(0.2), None)
+    assert parts("explore", epsilon=0.2, n=1) == (None, None, Exploration(0.2, 1))
+    assert None not in parts("all")
+    assert parts("filter+explore")[1] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"kce": "some"}, "kce is 'some', but must be none, all, or some of explore, filter, reward, joined by"),
+        ({"kce": "explore", "epsilon": 0}, "epsilon is 0, but must be a number above 0"),
+        ({"kce": "explore", "n": 0}, "n is 0, but must be a whole number, 1 or more"),
+        ({"kce": "reward", "cost": -1}, "cost is -1, but must be a number, 0 or more"),
+        ({"kce": "reward", "threshold": math.nan}, "threshold is nan, but must be a number"),
+        ({"kce": "filter", "max_velocity_change": -1.0}, "max_velocity_change is -1.0, but must be a number above 0"),
+        ({"aggregate": "median"}, "aggregate is 'median', but must be one of crowd, mean, worst"),
+        ({"shortlist": 0}, "shortlist is 0, but must be a whole number, 1 or more"),
+        ({"modes": 5}, "constant_velocity has no option 'modes'"),
+    ],
+)
+def test_an_impossible_option_gets_one_sentence(options, message):
+    with pytest.raises(InputError, match=message):
+        load_planner("sarl_cvm", options)
+
+
+def test_a_turn_of_more_than_half_a_circle_is_refused():
+    with pytest.raises(InputError, match=r"max_turn is 3\.2, but must be pi at most"):
+        Limits(max_turn=3.2)
+
+
+def test_the_papers_method_is_all_of_kce_on_twenty_futures():
+    method, plain = load_planner("sarl_sgan_kce")[1], load_planner("sarl_sgan")[1]
+    assert method.predictor.modes == plain.predictor.modes == 20
+    assert (plain.limits, plain.shaping, plain.explore) == (None, None, None)
+    same = load_planner("sarl_sgan", {"kce": "all", "modes": 20})[1]
+    assert (method.limits, method.shaping, method.explore) == (same.limits, same.shaping, same.explore)
+    assert load_planner("sarl_sgan_kce", {"modes": 5})[1].predictor.modes == 5
+    assert load_planner("sarl_sgan_kce", {"threshold": 0.05})[1].shaping == PrintedShaping(0.05)
+    obs = crowded(3)
+    assert np.isfinite(method.plan(obs)).all()
+    assert np.isfinite(plain.plan(obs)).all()

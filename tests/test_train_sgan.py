@@ -1,0 +1,139 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from crowdbench import InputError, load_scenario
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_predictor
+from crowdbench.predict.tracks import FRAME_STEP
+from crowdbench.train import session, sgan, sgan_request
+from crowdbench.train.sgan import variety_loss
+from crowdbench.train.sgan_request import SganRequest
+from crowdbench.train.sgan_samples import from_scenario
+from crowdbench.types import HISTORY
+from crowdbench.weights import digest, read_card
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """A training of seconds."""
+    monkeypatch.setattr(sgan, "VALIDATIONS", 4)
+    monkeypatch.setattr(sgan_request, "TRAINING_CASES", Cases("train", 0, 10))
+    monkeypatch.setattr(sgan_request, "VALIDATION_CASES", Cases("val", 0, 5))
+
+
+REQUEST = SganRequest("sgan", None, None, 0.4, "circle_crossing_5", {}, False, 3, 4, None)
+
+
+@pytest.fixture
+def recordings(tmp_path):
+    """Two recordings of three pedestrians who wander, in a folder."""
+    folder = tmp_path / "tracks"
+    folder.mkdir()
+    for name in ("biwi_eth", "biwi_hotel"):
+        path = np.random.default_rng(len(name)).normal(0.4, 0.1, size=(120, 3, 2)).cumsum(axis=0)
+        lines = [f"{t * FRAME_STEP}\t{p}\t{x}\t{y}" for t, row in enumerate(path) for p, (x, y) in enumerate(row)]
+        (folder / f"{name}.txt").write_text("\n".join(lines))
+    return folder
+
+
+class Killed(Exception):
+    """Stops a training, as a signal would."""
+
+
+def ignore(*arguments):
+    """Told, and says nothing."""
+
+
+def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
+    whole = session.Session.new(REQUEST, tmp_path / "whole", "cpu")
+    whole.train(ignore)
+    killed = session.Session.new(REQUEST, tmp_path / "killed", "cpu")
+    seen = []
+
+    def tell(point, done):
+        seen.append(point)
+        if len(seen) == 2:
+            raise Killed
+
+    with pytest.raises(Killed):
+        killed.train(tell)
+    resumed = session.Session.resumed(tmp_path / "killed", "cpu")
+    assert 0 < resumed.training.epochs < whole.training.epochs
+    resumed.train(ignore)
+    for part in sgan.PARTS:
+        assert digest(getattr(resumed.training, part)) == digest(getattr(whole.training, part))
+
+
+@pytest.mark.parametrize("pooling", [False, True])
+def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkeypatch):
+    monkeypatch.setattr(sgan, "VALIDATIONS", 20)
+    request = dataclasses.replace(REQUEST, pooling=pooling, epochs=20)
+    training = request.training("cpu")
+    training.run(ignore)
+    assert training.curve[-1].loss < 0.8 * training.curve[0].loss
+    assert training.kept.ade == min(point.ade for point in training.curve)
+
+
+def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(recordings, tmp_path):
+    request = dataclasses.replace(REQUEST, data=str(recordings), held_out="hotel", dt=0.25)
+    running = session.Session.new(request, tmp_path / "run", "cpu")
+    running.train(ignore)
+    path = running.finish(ignore)
+    card = read_card(path)
+    assert card["command"] == "crowdbench train sgan --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
+    assert card["training"]["scenes"] == ["eth"]
+    assert card["figures"]["validation"]["ade"] == running.training.kept.ade
+    assert "| scene held out | hotel |" in path.with_suffix(".md").read_text()
+    made = load_predictor("sgan", {"weights": str(path), "modes": 2})[1]
+    assert made.unseen("hotel") is made
+    with pytest.raises(InputError, match="were trained on eth"):
+        made.unseen("eth")
+
+
+def test_the_held_out_scene_is_in_no_sample(recordings):
+    both = dataclasses.replace(REQUEST, data=str(recordings)).training("cpu").setup
+    one = dataclasses.replace(REQUEST, data=str(recordings), held_out="eth").training("cpu").setup
+    assert len(both.training) == 2 * len(one.training) > 0
+    assert len(both.validation) == 2 * len(one.validation) > 0
+
+
+def test_recordings_that_are_too_short_are_refused(tmp_path):
+    (tmp_path / "short.txt").write_text("\n".join(f"{10 * t} {p} 0 0" for t in range(10) for p in range(2)))
+    with pytest.raises(InputError, match="no window of 16 steps on end"):
+        dataclasses.replace(REQUEST, data=str(tmp_path)).training("cpu")
+
+
+def test_simulated_windows_are_stretches_of_walks_with_the_start_drawn_out():
+    scenario = load_scenario("circle_crossing_mixed")
+    samples = from_scenario(scenario, Cases("train", 0, 6))
+    start = scenario.draw("train", np.arange(6))
+    # The first windows of each case: six steps before the start, which repeat the first one.
+    first = samples.position[:6, :, 0]
+    moves = np.diff(first, axis=1)
+    np.testing.assert_allclose(
+        moves[:, : HISTORY - 2], np.repeat(moves[:, HISTORY - 2 : HISTORY - 1], HISTORY - 2, 1), atol=1e-5
+    )
+    assert (samples.present[:6].sum(axis=1) == start.present[:, 1:].sum(axis=1)).all()
+    count = samples.present.sum(axis=1)
+    assert np.array_equal(samples.present, np.arange(samples.present.shape[1]) < count[:, None])
+
+
+def test_the_variety_loss_is_of_the_future_best_for_the_whole_scene():
+    chance = torch.Generator().manual_seed(0)
+    foreseen, ahead = torch.randn((4, 5, 8, 2), generator=chance), torch.randn((5, 8, 2), generator=chance)
+    scene = torch.tensor([0, 0, 0, 1, 1])
+    total = 0.0
+    for rows in ([0, 1, 2], [3, 4]):
+        off = [
+            sum(
+                torch.dist(foreseen[m, r, : t + 1].sum(0), ahead[r, : t + 1].sum(0)).item() / 8
+                for r in rows
+                for t in range(8)
+            )
+            for m in range(4)
+        ]
+        total += min(off)
+    assert variety_loss(foreseen, ahead, scene, 2).item() == pytest.approx(total / 5, rel=1e-5)
