@@ -8,7 +8,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from crowdbench.bench import Row
+from crowdbench.bench import Row, Ways
 from crowdbench.check import Point
 from crowdbench.compare import Comparison
 from crowdbench.metrics import METRICS, Metric
@@ -128,6 +128,18 @@ def bench_table(rows: list[Row]) -> Table:
         if row.theirs is not None:
             theirs, whose, ratio = f"{row.theirs:.3g} {row.unit}", row.whose, f"{row.ratio:.1f}x"
         table.add_row(row.work, ours, theirs, whose, ratio)
+    return table
+
+
+def ways_table(title: str, measured: Ways) -> Table:
+    """How long the ways to decide take, how many times quicker than the first they are, and what they change."""
+    changes = ("outcomes that differ", "right"), ("commands that differ", "right")
+    table = _table(title, ("way", "left"), ("time", "right"), ("ratio", "right"), *changes)
+    for way in measured.ways:
+        ratio = f"{measured.ways[0].seconds / way.seconds:.1f}x"
+        outcomes = f"{way.outcomes} of {measured.episodes:,}"
+        commands = f"{way.commands} of {measured.decisions:,}"
+        table.add_row(way.name, f"{way.seconds:.3g} s", ratio, outcomes, commands)
     return table
 
 

@@ -11,10 +11,15 @@ import torch
 from rich.console import Console
 from safetensors.torch import save_file
 
-from crowdbench.bench import CROWDNAV, NAVGROUND, Row, commands, learned, simulator, timing
+from crowdbench.bench import CROWDNAV, NAVGROUND, Row, Way, Ways, commands, futures, learned, simulator, timing
 from crowdbench.bench.measure import measurements
+from crowdbench.cases import Cases
+from crowdbench.catalog import load_scenario
+from crowdbench.driver import Driver
 from crowdbench.errors import InputError
-from crowdbench.tables import bench_table
+from crowdbench.planner import Planner
+from crowdbench.rollouts import rollout
+from crowdbench.tables import bench_table, ways_table
 from crowdbench.train import value as method
 from crowdbench.value.networks import SARL
 
@@ -25,6 +30,34 @@ SARL_PER_PEDESTRIAN = 13 * 150 + 150 * 100 + 100 * 100 + 100 * 100 + 100 * 100 +
 
 SARL_PER_STATE = 100 * 100 + 100 * 50 + 56 * 150 + 150 * 100 + 100 * 100 + 100
 """Multiply-adds of the attention on the crowd's mean, the features' last layer, and the value."""
+
+
+STAND_IN = """
+import torch
+from crowdbench.predict.sgan import SocialGAN
+from crowdbench.predict.social_gan import Generator
+
+def predictor(modes):
+    torch.manual_seed(0)
+    return SocialGAN(Generator(), {"dt": 0.25, "scenes": []}, modes)
+"""
+
+
+@pytest.fixture
+def few_futures(tmp_path):
+    """Options of SARL-SGAN-KCE: few futures, of random weights."""
+    (tmp_path / "stand_in.py").write_text(STAND_IN)
+    return {"predictor": str(tmp_path / "stand_in.py"), "modes": 3}
+
+
+class Course(Planner):
+    """Drives with one velocity, whatever comes."""
+
+    def __init__(self, vx, vy=0.0):
+        self.velocity = vx, vy
+
+    def plan(self, obs):
+        return np.full((len(obs), 2), self.velocity)
 
 
 def take_seconds(monkeypatch, *seconds):
@@ -115,10 +148,70 @@ def test_a_run_of_sarl_is_timed_with_its_memory(monkeypatch, tmp_path):
     save_file(SARL().state_dict(), weights)
     card = {"network": "sarl", "sha256": hashlib.sha256(weights.read_bytes()).hexdigest()}
     weights.with_suffix(".json").write_text(json.dumps(card))
-    time, memory = commands.sarl_rows(cases=1, weights=str(weights))
+    time, memory = commands.sarl_rows(1, f"weights={weights}")
     assert (time.unit, memory.unit) == ("s", "MB")
     assert time.ours > 0.0
     assert 10.0 < memory.ours < 1e5
+
+
+def test_the_memory_of_a_command_is_not_that_of_whoever_measures_it():
+    ballast = np.ones(60_000_000)
+    assert commands.command("--help")[1] < ballast.nbytes
+
+
+def test_a_run_of_sarl_sgan_kce_is_timed_with_its_memory(monkeypatch, few_futures):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    options = [f"{key}={value}" for key, value in few_futures.items()]
+    time, memory = commands.sarl_sgan_kce_rows(1, *options)
+    assert (time.unit, memory.unit) == ("s", "MB")
+    assert time.ours > 0.0
+    assert 10.0 < memory.ours < 1e5
+
+
+def test_decisions_under_futures_are_timed(few_futures):
+    rows = [
+        *futures.batched_row(worlds=2, rounds=1, **few_futures),
+        *futures.single_row(decisions=2, **few_futures),
+    ]
+    assert all(row.ours > 0 and row.unit == "ms" for row in rows)
+
+
+def test_the_ways_to_decide_are_what_their_names_say(few_futures):
+    ways = futures.planners(**few_futures)
+    obs = learned.observation(5, 3)
+    slow, each, half, *short = ways.values()
+    assert [planner.shortlist for planner in (slow, each, half, *short)] == [None] * 3 + [16, 8, 4]
+    at_once, one_by_one = (planner.predictor.predict(obs, 2).position for planner in (slow, each))
+    np.testing.assert_allclose(one_by_one, at_once, atol=1e-6)
+    joint, present = torch.rand(4, 5, 13), torch.ones(4, 5, dtype=torch.bool)
+    with torch.inference_mode():
+        exact, coarse = (planner.value(joint, present) for planner in (slow, half))
+    assert coarse.dtype == torch.float32
+    assert not torch.equal(exact, coarse)
+    torch.testing.assert_close(exact, coarse, atol=0.05, rtol=0.0)
+
+
+def test_the_ways_to_decide_are_compared_on_the_decisions_of_the_first():
+    wanted = {"stands": Course(0.0), "stands too": Course(0.0), "flees": Course(0.0, -1.0)}
+    ended = []
+    measured = futures.compare(wanted, Cases("val", 0, 3), ended.append)
+    stands, too, flees = measured.ways
+    assert [way.name for way in measured.ways] == list(wanted)
+    assert (stands.commands, too.commands, flees.commands) == (0, 0, measured.decisions)
+    assert (stands.outcomes, too.outcomes) == (0, 0)
+    assert all(way.seconds > 0.0 for way in measured.ways)
+    assert sum(ended) == 9
+
+
+def test_outcomes_that_differ_are_counted():
+    wanted = {"north": Course(0.0, 1.0), "south": Course(0.0, -1.0)}
+    cases = Cases("val", 0, 4)
+    apart = futures.compare(wanted, cases).ways[1].outcomes
+    one, other = (
+        rollout(Driver(planner, "course"), load_scenario("circle_crossing_5"), cases).outcome
+        for planner in wanted.values()
+    )
+    assert apart == (one != other).sum() > 0
 
 
 def test_a_command_that_fails_is_no_measurement(tmp_path):
@@ -129,7 +222,10 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 def test_every_measurement_is_taken():
     names = {getattr(work, "func", work).__name__ for work in measurements(100)}
     defined = {
-        name for module in (simulator, learned, commands) for name in vars(module) if name.endswith(("_row", "_rows"))
+        name
+        for module in (simulator, learned, futures, commands)
+        for name in vars(module)
+        if name.endswith(("_row", "_rows"))
     }
     assert names == {name for name in defined if not name.startswith("_")}
 
@@ -164,3 +260,12 @@ def test_the_table_says_how_many_times_quicker_than_who():
     assert alone.split() == ["alone", "1", "s"]
     assert deciding.split() == ["deciding", "1", "ms", "37", "ms", *CROWDNAV.split(), "37.0x"]
     assert rows[1].ratio is None
+
+
+def test_the_table_of_ways_says_what_each_saves_and_changes():
+    ways = Ways((Way("slow", 6.0, 0, 0), Way("quick", 1.5, 7, 1)), 2000, 50)
+    out = io.StringIO()
+    Console(file=out, width=200).print(ways_table("Ways", ways))
+    _, _, slow, quick = out.getvalue().splitlines()
+    assert slow.split() == ["slow", "6", "s", "1.0x", "0", "of", "50", "0", "of", "2,000"]
+    assert quick.split() == ["quick", "1.5", "s", "4.0x", "1", "of", "50", "7", "of", "2,000"]

@@ -6,12 +6,11 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 
-from crowdbench.bench import Row
+from crowdbench.bench import Row, child
 from crowdbench.errors import InputError
 
 TIMES = 3
@@ -35,13 +34,24 @@ def orca_rows() -> Iterator[Row]:
         yield Row("memory for 10,000 cases", command(*run, "--cases", "10000")[1] / 1e6, "MB")
 
 
-def sarl_rows(cases: int = 500, weights: str = "sarl") -> Iterator[Row]:
-    """Runs of SARL-CVM that record as runs do by default, with shipped weights or those of a file."""
+def sarl_rows(cases: int = 500, *options: str) -> Iterator[Row]:
+    """Runs of SARL-CVM that record as runs do by default, with shipped weights unless `options` say otherwise."""
+    return _planner_rows("sarl_cvm", "SARL-CVM", cases, options, TIMES)
+
+
+def sarl_sgan_kce_rows(cases: int = 500, *options: str) -> Iterator[Row]:
+    """A run of SARL-SGAN-KCE alike; one alone, since it takes as long as all else."""
+    return _planner_rows("sarl_sgan_kce", "SARL-SGAN-KCE", cases, options, 1)
+
+
+def _planner_rows(planner: str, label: str, cases: int, options: tuple[str, ...], times: int) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
-        run = [*_run("sarl_cvm", folder), "--option", f"weights={weights}", "--cases", str(cases)]
-        seconds, memory = zip(*(command(*run) for _ in range(TIMES)), strict=True)
-    yield Row(f"{cases} cases, SARL-CVM, start to result", median(seconds), "s")
-    yield Row(f"memory for {cases} cases, SARL-CVM", max(memory) / 1e6, "MB")
+        run = [*_run(planner, folder), "--cases", str(cases)]
+        for option in options:
+            run += ["--option", option]
+        seconds, memory = zip(*(command(*run) for _ in range(times)), strict=True)
+    yield Row(f"{cases} cases, {label}, start to result", median(seconds), "s")
+    yield Row(f"memory for {cases} cases, {label}", max(memory) / 1e6, "MB")
 
 
 def _run(planner: str, folder: str) -> list[str]:
@@ -53,19 +63,14 @@ def command(*arguments: str, **environment: str) -> tuple[float, float]:
 
     Raises InputError where it fails.
     """
-    with tempfile.TemporaryFile() as errors:
-        begin = time.perf_counter()
-        process = subprocess.Popen(
-            [sys.executable, "-m", "crowdbench", *arguments],
-            stdout=subprocess.DEVNULL,
-            stderr=errors,
-            env={**os.environ, **environment},
-        )
-        _, status, usage = os.wait4(process.pid, 0)
-        seconds = time.perf_counter() - begin
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode:
-            errors.seek(0)
-            said = errors.read().decode(errors="replace").strip().rpartition("\n")[2]
-            raise InputError(f"what is measured failed: crowdbench {' '.join(arguments)}: {said}")
-    return seconds, usage.ru_maxrss * 1024.0
+    told = subprocess.run(
+        [sys.executable, "-I", "-S", child.__file__, sys.executable, "-m", "crowdbench", *arguments],
+        capture_output=True,
+        env={**os.environ, **environment},
+        check=True,
+    )
+    seconds, memory, status = told.stdout.split()
+    if int(status):
+        said = told.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        raise InputError(f"what is measured failed: crowdbench {' '.join(arguments)}: {said}")
+    return float(seconds), int(memory) * 1024.0

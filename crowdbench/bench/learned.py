@@ -17,6 +17,7 @@ from crowdbench.bench.timing import in_turns, seconds
 from crowdbench.cases import Cases
 from crowdbench.catalog import load_scenario
 from crowdbench.lookahead import ValuePlanner
+from crowdbench.planner import Planner
 from crowdbench.predict import ConstantVelocity, Oracle
 from crowdbench.sim.simulator import observe
 from crowdbench.train import value as method
@@ -41,10 +42,7 @@ def single_rows(decisions: int = 300) -> Iterator[Row]:
     """Decisions for one world at a time, each another one."""
     planner = ValuePlanner(ConstantVelocity(), SARL())
     for pedestrians in CROWDNAV_SECONDS:
-        obs = _observation(pedestrians, decisions)
-        works = [functools.partial(planner.plan, obs.take(slice(row, row + 1))) for row in range(decisions)]
-        took = median(map(seconds, works))
-        yield _decision_row("one world", took, pedestrians)
+        yield _decision_row("one world", one_by_one(planner, observation(pedestrians, decisions)), pedestrians)
 
 
 def share_rows(worlds: int = 500, size: int = 1024, rounds: int = 10) -> Iterator[Row]:
@@ -74,7 +72,13 @@ def training_row(episodes: int) -> Iterator[Row]:
 def decision(pedestrians: int, worlds: int) -> Callable[[], object]:
     """A decision of SARL-CVM in each of so many worlds, all at once."""
     planner = ValuePlanner(ConstantVelocity(), SARL())
-    return functools.partial(planner.plan, _observation(pedestrians, worlds))
+    return functools.partial(planner.plan, observation(pedestrians, worlds))
+
+
+def one_by_one(planner: Planner, obs: Observation) -> float:
+    """The median of the seconds in which a planner decides for each world by itself."""
+    works = [functools.partial(planner.plan, obs.take(slice(row, row + 1))) for row in range(len(obs))]
+    return median(map(seconds, works))
 
 
 def operations(work: Callable[[], object]) -> int:
@@ -84,7 +88,8 @@ def operations(work: Callable[[], object]) -> int:
     return counter.get_total_flops()
 
 
-def _observation(pedestrians: int, worlds: int) -> Observation:
+def observation(pedestrians: int, worlds: int) -> Observation:
+    """What is seen at the start of so many worlds."""
     scenario = load_scenario("circle_crossing_5", {"pedestrians.number": pedestrians})
     return observe(scenario.worlds(Cases("test", 0, worlds)))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator
 
-from crowdbench.bench import Row, commands, learned, simulator
+from crowdbench.bench import Row, commands, futures, learned, simulator
 
 Measurement = Callable[[], Iterator[Row]]
 
@@ -21,7 +21,10 @@ def measurements(episodes: int) -> list[Measurement]:
         learned.single_rows,
         learned.share_rows,
         functools.partial(learned.training_row, episodes),
+        futures.batched_row,
+        futures.single_row,
         commands.start_up_row,
         commands.orca_rows,
         commands.sarl_rows,
+        commands.sarl_sgan_kce_rows,
     ]

@@ -69,8 +69,36 @@ def check(
         raise typer.Exit(1)
 
 
-def bench() -> None:
+def bench(
+    lookahead: Annotated[
+        bool, typer.Option("--lookahead", help="Instead what makes SARL-SGAN-KCE quick, and what that changes.")
+    ] = False,
+) -> None:
     """Measure the speed here, beside navground's where that is installed."""
+    if lookahead:
+        _bench_lookahead()
+    else:
+        _bench_all()
+
+
+def _bench_lookahead() -> None:
+    from crowdbench.bench import futures
+    from crowdbench.cases import Cases
+    from crowdbench.console import announce_compilation, progress
+    from crowdbench.tables import ways_table
+
+    announce_compilation()
+    cases = Cases.parse("val:50")
+    planners = futures.planners()
+    with progress(len(planners) * len(cases), "episodes") as tell:
+        measured = futures.compare(planners, cases, tell)
+    print_table(ways_table(f"Ways to decide as SARL-SGAN-KCE, cases {cases}", measured))
+    print(
+        "\nTimes are of the same decisions, which all ways took in turn. Each way differs from the first in one thing."
+    )
+
+
+def _bench_all() -> None:
     from crowdbench.bench import NAVGROUND, Row
     from crowdbench.bench.measure import measurements
     from crowdbench.console import progress
@@ -83,7 +111,7 @@ def bench() -> None:
             measured += measurement()
             tell(1)
     print_table(bench_table(measured))
-    print("\nDecisions are those of random weights, which cost what trained ones cost.")
+    print("\nSARL's decisions are those of random weights, which cost what trained ones cost.")
     print("CrowdNav's figures were recorded beforehand, elsewhere: they are not measured in this run.")
     if not any(row.theirs for row in measured if row.whose == NAVGROUND):
         print("navground is not installed, so its figures are left out: pip install 'crowdbench[bench]'")
