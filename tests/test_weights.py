@@ -5,7 +5,7 @@ import torch
 from safetensors.torch import save_file
 
 from crowdbench import InputError
-from crowdbench.catalog import load_network
+from crowdbench.catalog import load_network, load_predictor
 from crowdbench.value.networks import NETWORKS
 from crowdbench.weights import digest, save_network
 
@@ -115,3 +115,24 @@ def test_a_device_that_is_not_there_is_refused(saved):
     if torch.cuda.is_available():
         pytest.skip("there is a CUDA device")
     assert "cannot be loaded on cuda" in refused(saved, device="cuda")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"weights": "sarl"}, "are of the network sarl, but must be of sgan"),
+        ({"weights": "mine"}, "no weights are called 'mine'; there are"),
+        ({"modes": 0}, "modes is 0, but must be a whole number of futures"),
+    ],
+)
+def test_a_social_gan_that_cannot_be_is_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        load_predictor("sgan", options)
+
+
+def test_social_gans_that_come_along_say_what_they_were_trained_on():
+    real, simulated = (load_predictor(name)[1] for name in ("sgan", "sgan_simulated"))
+    assert real.about["dt"] == simulated.about["dt"] == 0.25
+    assert real.about["scenes"] == ["eth", "hotel", "univ", "zara1", "zara2"]
+    assert simulated.about["scenes"] == []
+    assert real.facts != simulated.facts
