@@ -3,17 +3,12 @@ import re
 from pathlib import Path
 
 import pytest
-from studies import read
 from typer.exceptions import TyperException
 
-from crowdbench import catalog
 from crowdbench.cli import app
 from crowdbench.study import reproduction
-from crowdbench.study.measured import Measured
 
 pytestmark = pytest.mark.usefixtures("study_folder")
-
-SHIPPED = reproduction.FILE
 
 STOPS = """
 from pathlib import Path
@@ -132,17 +127,10 @@ def test_there_are_four_tables_to_choose_from(tiny):
 
 @pytest.fixture
 def shipped():
-    """The shipped tables, constant velocity standing in for planners that are not there."""
-    text = SHIPPED.read_text()
-    known = {path.stem for path in catalog.PLANNERS.folder.glob("*.py")}
-    if "sarl_sgan" not in known:
-        text = re.sub('planner = "sarl_sgan.*"', 'planner = "sarl_cvm"', text)
-        text = re.sub(r"options = { (modes|kce) = .*\n", "", text)
-    return read(text).tables
+    return reproduction.tables(None, quick=False)
 
 
 def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
-    assert all(isinstance(table, Measured) for table in shipped)
     assert [table.title[:8] for table in shipped[:4]] == [f"Table {n}:" for n in (1, 2, 3, 4)]
     assert {str(table.cases) for table in shipped} == {"test:0:500"}
     assert [table.rows[0].test[0].replan_every for table in shipped[:4]] == [1, 1, 8, 1]

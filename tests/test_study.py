@@ -46,7 +46,7 @@ def digests(text):
     return {run.directory.rpartition("-")[2] for run in read(text).runs}
 
 
-def test_whatever_changes_a_number_makes_another_run():
+def test_whatever_changes_a_number_makes_another_run(monkeypatch):
     Path("crowd.toml").write_text("[pedestrians]\nnumber = 5\n")
     text = SEEDS.replace("circle_crossing_5", "./crowd.toml")
     before = digests(text)
@@ -64,6 +64,9 @@ def test_whatever_changes_a_number_makes_another_run():
     Path("crowd.toml").write_text("[pedestrians]\nnumber = 5\n")
     assert digests(text) == before
     Path("mine.py").write_text(MINE + "# changed\n")
+    assert not digests(text) & before
+    Path("mine.py").write_text(MINE)
+    monkeypatch.setattr("crowdbench.study.runs._code", lambda: "another simulator")
     assert not digests(text) & before
 
 
