@@ -22,8 +22,7 @@ def sarl_planner(
     aggregate: str = "mean",
     shortlist: int | None = None,
     kce: str = "none",
-    cost: float = 0.02,
-    power: float = 2.0,
+    cost: float = 0.006,
     threshold: float | None = None,
     epsilon: float = 0.1,
     n: int = 2,
@@ -34,14 +33,14 @@ def sarl_planner(
     `modes` is the number of futures, for a predictor that has several, which are valued as `aggregate` says: crowd,
     mean or worst; see `ValuePlanner` for `shortlist`. `kce` is none, all, or some of filter, reward and explore,
     joined by "+". The options after it are its parts' (`crowdbench.lookahead.kce`): with a `threshold`, the reward is
-    the printed one, and otherwise changes of velocity have their `cost`. Raises InputError where an option is
+    the printed one, and otherwise each change of velocity has its `cost`. Raises InputError where an option is
     impossible.
     """
     parts = _parts(kce)
     return ValuePlanner(
         predictor=load_predictor(predictor, {} if modes is None else {"modes": modes})[1],
         value=load_network("sarl", weights, device),
-        shaping=shaping(cost, power, threshold) if "reward" in parts else None,
+        shaping=shaping(cost, threshold) if "reward" in parts else None,
         aggregate=find_aggregate(aggregate),
         limits=Limits(max_velocity_change=max_velocity_change) if "filter" in parts else None,
         explore=Exploration(epsilon, n) if "explore" in parts else None,
@@ -49,9 +48,9 @@ def sarl_planner(
     )
 
 
-def shaping(cost: float, power: float, threshold: float | None) -> ChangeCost | PrintedShaping:
+def shaping(cost: float, threshold: float | None) -> ChangeCost | PrintedShaping:
     """The reward's shaping: equation 8 to the letter if it is given its `threshold`."""
-    return ChangeCost(cost, power) if threshold is None else PrintedShaping(threshold)
+    return ChangeCost(cost) if threshold is None else PrintedShaping(threshold)
 
 
 def _parts(kce: str) -> set[str]:

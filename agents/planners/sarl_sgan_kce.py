@@ -16,8 +16,7 @@ def planner(
     modes: int = 20,
     aggregate: str = "mean",
     shortlist: int | None = 8,
-    cost: float = 0.02,
-    power: float = 2.0,
+    cost: float = 0.006,
     threshold: float | None = None,
     epsilon: float = 0.1,
     n: int = 2,
@@ -34,7 +33,7 @@ def planner(
         # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out.
         limits=Limits(max_velocity_change=max_velocity_change),
         # III-C, equations 7 and 8: changes of velocity cost something; to the letter if there is a threshold.
-        shaping=shaping(cost, power, threshold),
+        shaping=shaping(cost, threshold),
         # III-D, equation 9: finer commands around the best.
         explore=Exploration(epsilon, n),
         # Not in the paper: for speed, all futures only for the commands that look best.

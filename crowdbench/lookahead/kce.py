@@ -87,24 +87,21 @@ class PrintedShaping:
 
 @dataclass(frozen=True)
 class ChangeCost:
-    """Every step costs `cost` |a_t - a_{t-1}|^`power`, the change in m/s: in the place of `PrintedShaping`.
+    """Differs from equation 8, because that is blind to hard changes where nobody is near: each has its `cost`.
 
-    Differs from equation 8, because that is blind to hard changes where nobody is near. With a power of 2, one hard
-    change costs more than several soft ones that come to the same, which is what the largest change is made of.
+    It is per m/s of change, so that a way costs the same whatever dt is.
     """
 
     cost: float
-    power: float
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            _check(name, value, is_number(value) and value >= 0.0, "a number, 0 or more")
+        _check("cost", self.cost, is_number(self.cost) and self.cost >= 0.0, "a number, 0 or more")
 
     def __call__(
         self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
     ) -> Float[np.ndarray, "row mode"]:
         """See `PrintedShaping`."""
-        return np.broadcast_to(-self.cost * change[:, None] ** self.power, outcome.shape)
+        return np.broadcast_to(-self.cost * change[:, None], outcome.shape)
 
 
 @dataclass(frozen=True)
