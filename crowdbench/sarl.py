@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from crowdbench.catalog import load_network, load_predictor
 from crowdbench.errors import InputError
 from crowdbench.lookahead import ValuePlanner
@@ -26,15 +24,15 @@ def sarl_planner(
     threshold: float | None = None,
     epsilon: float = 0.1,
     n: int = 2,
-    max_velocity_change: float = math.inf,
+    max_velocity_change: float = 1.16,
 ) -> ValuePlanner:
     """`weights` and `predictor` are names (`crowdbench list`) or files; `device` is cpu or cuda.
 
     `modes` is the number of futures, for a predictor that has several, which are valued as `aggregate` says: crowd,
     mean or worst; see `ValuePlanner` for `shortlist`. `kce` is none, all, or some of filter, reward and explore,
     joined by "+". The options after it are its parts' (`crowdbench.lookahead.kce`): with a `threshold`, the reward is
-    the printed one, and otherwise each change of velocity has its `cost`. Raises InputError where an option is
-    impossible.
+    the printed one, and otherwise each change of velocity has its `cost`; a `max_velocity_change` of twice the
+    preferred speed bounds nothing. Raises InputError where an option is impossible.
     """
     parts = _parts(kce)
     return ValuePlanner(

@@ -66,7 +66,7 @@ def test_whatever_changes_a_number_makes_another_run(monkeypatch):
     Path("mine.py").write_text(MINE + "# changed\n")
     assert not digests(text) & before
     Path("mine.py").write_text(MINE)
-    monkeypatch.setattr("crowdbench.study.runs._code", lambda: "another simulator")
+    monkeypatch.setattr("crowdbench.study.runs._code", lambda planner: "another simulator")
     assert not digests(text) & before
 
 

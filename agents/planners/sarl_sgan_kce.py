@@ -1,7 +1,5 @@
 """SARL-SGAN-KCE (Li et al.): 20 futures of Social GAN, kinematic constraints and an explored action space."""
 
-import math
-
 from crowdbench.catalog import load_network, load_predictor
 from crowdbench.lookahead import ValuePlanner
 from crowdbench.lookahead.aggregate import find_aggregate
@@ -20,7 +18,7 @@ def planner(
     threshold: float | None = None,
     epsilon: float = 0.1,
     n: int = 2,
-    max_velocity_change: float = math.inf,
+    max_velocity_change: float = 1.16,
 ) -> ValuePlanner:
     """See `crowdbench.sarl.sarl_planner`; the sections and equations are those of Li et al."""
     return ValuePlanner(

@@ -82,7 +82,7 @@ class Run:
                 "scenario": self.scenario.digest,
                 "cases": str(self.cases),
                 "replan_every": self.replan_every,
-                "crowdbench": _code(),
+                "crowdbench": _code(self.planner),
             },
             sort_keys=True,
         )
@@ -127,7 +127,9 @@ def missing(wanted: Iterable[Run], out: Path) -> list[Run]:
 
 
 @functools.cache
-def _code() -> str:
-    """A digest of the code of crowdbench on which runs may depend."""
+def _code(planner: str) -> str:
+    """A digest of the code of crowdbench on which runs of a planner may depend, its own file if it is built in."""
     files = [path for path in sorted(_PACKAGE.rglob("*.py")) if not any(map(path.is_relative_to, _APART))]
+    own = catalog.PLANNERS.folder / f"{planner}.py"
+    files += [own] if own.exists() else []
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
