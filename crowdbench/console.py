@@ -10,6 +10,9 @@ from collections.abc import Callable, Iterator
 PLAIN_INTERVAL = 5.0
 """Seconds between two lines of progress where there is no terminal."""
 
+EARLY = 0.02
+"""The share of the work after which it is said how long the rest will take."""
+
 
 @contextlib.contextmanager
 def progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
@@ -43,7 +46,9 @@ def progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
         if time.monotonic() - last >= PLAIN_INTERVAL:
             last = time.monotonic()
             left = (last - start) * (total - done_so_far) / max(done_so_far, 1)
-            say(f"{done_so_far} of {total} {what}, about {_duration(left)} left")
+            # The first to end says nothing yet: many that started with it are about to.
+            told = done_so_far > EARLY * total
+            say(f"{done_so_far} of {total} {what}" + (f", about {_duration(left)} left" if told else ""))
 
     yield tell
 
