@@ -36,6 +36,8 @@ def markdown(card: Mapping[str, Any]) -> str:
     lines = [f"# {card['network']}, seed {trained['seed']}", "", "| | |", "|---|---|"]
     lines += [f"| {name} | {value} |" for name, value in rows.items()]
     lines += ["", *(_value_figures(card) if "episodes" in trained else _sgan_figures(card))]
+    # What was found out later, by hand: how it does elsewhere.
+    lines += ["", card["finding"]] if "finding" in card else []
     return "\n".join(lines) + "\n"
 
 
