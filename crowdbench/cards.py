@@ -14,7 +14,10 @@ def headline(card: Mapping[str, Any]) -> str:
         rate = _rate(figures["test"]["metrics"]["success_rate"])
         return f"{what} with the {trained['predictor']} predictor among {_crowd(card)}: {rate} success on test cases"
     measured = figures["validation"]
-    return f"{what}, {card['data']}: ADE {measured['ade']:.3f} m, best of {measured['modes']}, in validation windows"
+    return (
+        f"{what}, {card['data']}: ADE {measured['ade']:.3f} m, best of {measured['modes']}, in validation windows of "
+        f"{trained['dt']:g} s a step"
+    )
 
 
 def markdown(card: Mapping[str, Any]) -> str:
@@ -84,7 +87,8 @@ def _sgan_figures(card: Mapping[str, Any]) -> list[str]:
 def _crowd(card: Mapping[str, Any]) -> str:
     scenario = card["training"]["scenario"]
     least, most = scenario["pedestrians"]["number"]
-    return f"{scenario['name']}, {least if least == most else f'{least} to {most}'} pedestrians"
+    number = str(least) if least == most else f"{least} to {most}"
+    return f"{scenario['name']}, {number} {'pedestrian' if number == '1' else 'pedestrians'}"
 
 
 def _rate(estimate: Mapping[str, Any]) -> str:

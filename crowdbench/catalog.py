@@ -97,7 +97,7 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
 
 
 def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
-    """Social GAN (Gupta et al. 2018): `modes` futures of the crowd, from a generator trained on real pedestrians."""
+    """Social GAN (Gupta et al. 2018): several futures of the crowd, from a generator trained on real pedestrians."""
     from crowdbench.predict.sgan import NAME, SocialGAN
     from crowdbench.predict.social_gan import Generator
     from crowdbench.weights import load_into, read_card
