@@ -46,8 +46,8 @@ def reproduce(
 ) -> None:
     """Make the paper's tables, measured beside reported, and judge its claims.
 
-    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands at once, 4 of KCE. Finished runs are kept, and the same
-    command goes on with them: some minutes for a quick look, up to an hour for all.
+    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands at once, 4 of KCE. Finished runs are kept, and the
+    same command goes on with them: some minutes for a quick look, up to an hour for all.
     """
     use_threads(threads)
     from crowdbench.study import reproduction
