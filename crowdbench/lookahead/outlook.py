@@ -74,7 +74,7 @@ def look(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarr
 
 
 @no_type_check
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _look(
     position,
     goal,

@@ -13,6 +13,7 @@ from crowdbench.errors import InputError
 from crowdbench.geometry import norm
 from crowdbench.lookahead.actions import speeds_and_headings
 from crowdbench.lookahead.aggregate import MEAN, Aggregate, mean_future
+from crowdbench.lookahead.chunks import in_chunks
 from crowdbench.lookahead.kce import Limits
 from crowdbench.lookahead.outlook import Scene, look
 from crowdbench.planner import Planner
@@ -102,10 +103,11 @@ class ValuePlanner(Planner):
         flat, world = commands.reshape(-1, 2), np.repeat(np.arange(worlds), actions)
         values = np.empty(worlds * actions)
         modes, pedestrians = scene.crowd.shape[1:3]
-        chunk = max(1, CHUNK // (modes * max(pedestrians, 1)))
-        for start in range(0, len(flat), chunk):
-            rows = slice(start, start + chunk)
+
+        def fill(rows: slice) -> None:
             values[rows] = self._row_values(scene, flat[rows], world[rows])
+
+        in_chunks(fill, len(flat), max(1, CHUNK // (modes * max(pedestrians, 1))))
         return values.reshape(worlds, actions)
 
     def _row_values(
