@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from crowdbench.cli import app
+from crowdbench.errors import InputError
 from crowdbench.results import EPISODES, Episodes
 from crowdbench.study.file import read_study
 from crowdbench.types import Outcome
@@ -48,6 +50,17 @@ planners = ["orca", "orca_margin"]
 def read(text):
     Path("tiny.toml").write_text(text)
     return read_study(Path("tiny.toml"))
+
+
+def refused(text, parts):
+    """That the file is refused in one sentence, which has these parts and names the file once."""
+    with pytest.raises(InputError) as error:
+        read(text)
+    message = str(error.value)
+    assert "\n" not in message
+    assert message.count("tiny.toml") == 1
+    for part in parts:
+        assert part in message
 
 
 def study(text, *arguments):
