@@ -105,6 +105,10 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
     file = _weights_file(weights)
     about = read_card(file).get("training", {})
     generator = load_into(Generator(about.get("pooling", False)), NAME, file, device)
+    if not {"dt", "scenes"} <= about.keys():
+        raise InputError(
+            f"the card of the weights {file} must say on which scenes, in steps of which dt, they were trained"
+        )
 
     def trained_without(scene: str) -> Predictor:
         return _sgan(f"{weights}-{scene}", modes, rescaled, device)

@@ -6,6 +6,7 @@ from safetensors.torch import save_file
 
 from crowdbench import InputError
 from crowdbench.catalog import load_network, load_predictor
+from crowdbench.predict.social_gan import Generator
 from crowdbench.value.networks import NETWORKS
 from crowdbench.weights import digest, save_network
 
@@ -136,3 +137,9 @@ def test_social_gans_that_come_along_say_what_they_were_trained_on():
     assert real.about["scenes"] == ["eth", "hotel", "univ", "zara1", "zara2"]
     assert simulated.about["scenes"] == []
     assert real.facts != simulated.facts
+
+
+def test_a_card_that_does_not_say_where_a_social_gan_was_trained_is_refused(tmp_path):
+    save_network(Generator(), "sgan", tmp_path / "mine.safetensors", CARD)
+    with pytest.raises(InputError, match="must say on which scenes, in steps of which dt, they were trained"):
+        load_predictor("sgan", {"weights": str(tmp_path / "mine.safetensors")})
