@@ -12,39 +12,39 @@ from typing import TYPE_CHECKING
 from crowdbench.envs import registration
 
 if TYPE_CHECKING:
-    from crowdbench.cases import Cases
     from crowdbench.catalog import load_network, load_planner, load_predictor, load_scenario
-    from crowdbench.driver import Driver
     from crowdbench.envs.observations import flatten
     from crowdbench.envs.parallel import parallel_env
     from crowdbench.errors import InputError
-    from crowdbench.lookahead import ValuePlanner
-    from crowdbench.metrics import METRICS
-    from crowdbench.planner import OneWorldPlanner, Planner
+    from crowdbench.evaluate.driver import Driver
+    from crowdbench.evaluate.metrics import METRICS
+    from crowdbench.evaluate.rollout import rollout
+    from crowdbench.planners.base import OneWorldPlanner, Planner
+    from crowdbench.planners.lookahead import ValuePlanner
     from crowdbench.predict import Prediction, Predictor
-    from crowdbench.rollouts import rollout
-    from crowdbench.scenario import Scenario
+    from crowdbench.scenario.cases import Cases
+    from crowdbench.scenario.scenario import Scenario
     from crowdbench.sim.pedestrians import PedestrianPolicy
     from crowdbench.types import Observation, Outcome, Rules, Trace, World
 
 registration.register()
 
 _HOMES = {
-    "Cases": "cases",
-    "Driver": "driver",
+    "Cases": "scenario.cases",
+    "Driver": "evaluate.driver",
     "InputError": "errors",
-    "METRICS": "metrics",
+    "METRICS": "evaluate.metrics",
     "Observation": "types",
-    "OneWorldPlanner": "planner",
+    "OneWorldPlanner": "planners.base",
     "Outcome": "types",
     "PedestrianPolicy": "sim.pedestrians",
-    "Planner": "planner",
+    "Planner": "planners.base",
     "Prediction": "predict",
     "Predictor": "predict",
     "Rules": "types",
-    "Scenario": "scenario",
+    "Scenario": "scenario.scenario",
     "Trace": "types",
-    "ValuePlanner": "lookahead",
+    "ValuePlanner": "planners.lookahead",
     "World": "types",
     "flatten": "envs.observations",
     "load_network": "catalog",
@@ -52,7 +52,7 @@ _HOMES = {
     "load_predictor": "catalog",
     "load_scenario": "catalog",
     "parallel_env": "envs.parallel",
-    "rollout": "rollouts",
+    "rollout": "evaluate.rollout",
 }
 
 __all__ = [

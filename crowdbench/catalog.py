@@ -9,13 +9,14 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from crowdbench import plugins, scenario_file
+from crowdbench import plugins
 from crowdbench.errors import InputError
-from crowdbench.metrics import METRICS, Metric
-from crowdbench.planner import Planner
+from crowdbench.evaluate.metrics import METRICS, Metric
+from crowdbench.planners.base import Planner
 from crowdbench.plugins import Kind
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Predictor
-from crowdbench.scenario import Scenario
+from crowdbench.scenario import file as scenario_file
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
 if TYPE_CHECKING:
@@ -91,16 +92,16 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
     """
     # Here, since torch takes a second and most planners do without.
     from crowdbench.value.networks import NETWORKS
-    from crowdbench.weights import load_into
+    from crowdbench.weights.store import load_into
 
     return load_into(NETWORKS[network](), network, _weights_file(weights), device)
 
 
 def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
     """Social GAN (Gupta et al. 2018): several futures of the crowd, from a generator trained on real pedestrians."""
-    from crowdbench.predict.sgan import NAME, SocialGAN
-    from crowdbench.predict.social_gan import Generator
-    from crowdbench.weights import load_into, read_card
+    from crowdbench.predict.social_gan import NAME, SocialGAN
+    from crowdbench.predict.social_gan_network import Generator
+    from crowdbench.weights.store import load_into, read_card
 
     file = _weights_file(weights)
     about = read_card(file).get("training", {})
@@ -145,8 +146,8 @@ def _weights_file(weights: str) -> Path:
 
 def weights() -> list[tuple[str, str]]:
     """Name and headline of the built-in weights."""
-    from crowdbench.cards import headline
-    from crowdbench.weights import read_card
+    from crowdbench.weights.card import headline
+    from crowdbench.weights.store import read_card
 
     return [(path.stem, headline(read_card(path))) for path in _weights()]
 

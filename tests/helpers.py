@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.driver import Driver
-from crowdbench.planner import Planner
-from crowdbench.rollouts import rollout
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.base import Planner
+from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.types import HISTORY, Outcome, Rules, Trace, World
 

@@ -7,7 +7,7 @@ import pytest
 
 from crowdbench.cli import app
 from crowdbench.errors import InputError
-from crowdbench.results import EPISODES, Episodes
+from crowdbench.evaluate.results import EPISODES, Episodes
 from crowdbench.study.file import read_study
 from crowdbench.types import Outcome
 
@@ -15,7 +15,7 @@ from crowdbench.types import Outcome
 MINE = """
 import json
 from pathlib import Path
-from crowdbench.reactive import ORCAPlanner
+from crowdbench.planners.reactive import ORCAPlanner
 
 def planner(weights="one", margin=0.0):
     learned = json.loads(Path("weights.json").read_text())[weights]

@@ -4,11 +4,11 @@ import torch
 from helpers import world
 from lookahead_scenes import Forks, Nearer, assert_best, crowded, network, scene, slow_step, slow_values, within
 
-from crowdbench.lookahead import ValuePlanner
-from crowdbench.lookahead.actions import speeds_and_headings
-from crowdbench.lookahead.aggregate import AGGREGATES, mean_future
-from crowdbench.lookahead.kce import Exploration
-from crowdbench.lookahead.outlook import Scene
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.lookahead.actions import speeds_and_headings
+from crowdbench.planners.lookahead.aggregate import AGGREGATES, mean_future
+from crowdbench.planners.lookahead.kce import Exploration
+from crowdbench.planners.lookahead.outlook import Scene
 from crowdbench.sim.simulator import observe
 from crowdbench.types import Observation
 from crowdbench.value.networks import NETWORKS

@@ -13,13 +13,13 @@ from safetensors.torch import save_file
 
 from crowdbench.bench import CROWDNAV, NAVGROUND, Row, Way, Ways, commands, futures, learned, simulator, timing
 from crowdbench.bench.measure import measurements
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_scenario
-from crowdbench.driver import Driver
+from crowdbench.cli.tables import bench_table, ways_table
 from crowdbench.errors import InputError
-from crowdbench.planner import Planner
-from crowdbench.rollouts import rollout
-from crowdbench.tables import bench_table, ways_table
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.base import Planner
+from crowdbench.scenario.cases import Cases
 from crowdbench.train import value as method
 from crowdbench.value.networks import SARL
 
@@ -34,8 +34,8 @@ SARL_PER_STATE = 100 * 100 + 100 * 50 + 56 * 150 + 150 * 100 + 100 * 100 + 100
 
 STAND_IN = """
 import torch
-from crowdbench.predict.sgan import SocialGAN
-from crowdbench.predict.social_gan import Generator
+from crowdbench.predict.social_gan import SocialGAN
+from crowdbench.predict.social_gan_network import Generator
 
 def predictor(modes):
     torch.manual_seed(0)

@@ -5,7 +5,7 @@ import pytest
 
 from crowdbench import catalog
 from crowdbench.errors import InputError
-from crowdbench.metrics import METRICS
+from crowdbench.evaluate.metrics import METRICS
 
 PLANNER = '''
 """Mine."""
@@ -104,7 +104,7 @@ def test_a_policy_of_ones_own_moves_the_crowd(tmp_path):
         "def policy():\n"
         "    return Stroll()\n"
     )
-    from crowdbench.cases import Cases
+    from crowdbench.scenario.cases import Cases
     from crowdbench.sim.simulator import crowd_velocities
 
     place = catalog.load_scenario("circle_crossing_5", {"pedestrians.stroll.pace": 0.7}, str(path))

@@ -1,9 +1,9 @@
 import numpy as np
 
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.check import check
-from crowdbench.planner import Planner
+from crowdbench.evaluate.check import check
+from crowdbench.planners.base import Planner
+from crowdbench.scenario.cases import Cases
 
 
 def broken_points(make, cases="val:6"):

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from crowdbench import load_planner, load_scenario
-from crowdbench.lookahead.chunks import in_chunks
+from crowdbench.planners.lookahead.chunks import in_chunks
 from crowdbench.sim.simulator import observe
 
 

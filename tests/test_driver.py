@@ -10,7 +10,7 @@ from helpers import Still, drive, same
 
 from crowdbench import rng
 from crowdbench.errors import InputError
-from crowdbench.planner import OneWorldPlanner, Planner
+from crowdbench.planners.base import OneWorldPlanner, Planner
 
 
 class Says(Planner):

@@ -8,8 +8,8 @@ from crowdbench.envs.observations import flatten
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.planner import Planner
-from crowdbench.reactive import ORCAPlanner
+from crowdbench.planners.base import Planner
+from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.reward import reward
 from crowdbench.types import Outcome
 

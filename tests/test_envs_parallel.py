@@ -14,7 +14,7 @@ from crowdbench.envs.observations import flatten, flatten_everybody
 from crowdbench.envs.outcomes import everybodys_outcomes
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.errors import InputError
-from crowdbench.generators import GENERATORS
+from crowdbench.scenario.layouts import GENERATORS
 from crowdbench.sim.simulator import crowd_velocities, observe, step
 from crowdbench.types import Outcome, Rules
 

@@ -5,10 +5,11 @@ import sys
 import numpy as np
 import pytest
 
-from crowdbench import prediction_errors
-from crowdbench.cases import Cases
 from crowdbench.catalog import PREDICTORS, load_scenario
 from crowdbench.errors import InputError
+from crowdbench.evaluate import prediction_errors
+from crowdbench.evaluate.prediction_errors import MEAN, displacement, on_scenario, on_tracks
+from crowdbench.evaluate.rollout import _walk_alone
 from crowdbench.predict import (
     ConstantVelocity,
     ConstantVelocitySampled,
@@ -18,8 +19,7 @@ from crowdbench.predict import (
     Predictor,
 )
 from crowdbench.predict.tracks import Tracks, read_folder
-from crowdbench.prediction_errors import MEAN, displacement, on_scenario, on_tracks
-from crowdbench.rollouts import _walk_alone
+from crowdbench.scenario.cases import Cases
 from crowdbench.settings import HORIZON
 
 CASES = Cases.parse("val:6")

@@ -8,10 +8,10 @@ from lookahead_scenes import Forks, Nearer, crowded, network, scene, slow_values
 
 from crowdbench import load_planner
 from crowdbench.errors import InputError
-from crowdbench.lookahead import ValuePlanner
-from crowdbench.lookahead.actions import speeds_and_headings
-from crowdbench.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
-from crowdbench.metrics import METRICS
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.lookahead.actions import speeds_and_headings
+from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.predict import ConstantVelocity
 from crowdbench.types import Outcome
 

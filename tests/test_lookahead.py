@@ -19,9 +19,9 @@ from lookahead_scenes import (
     within,
 )
 
-from crowdbench.lookahead import ValuePlanner, planner
-from crowdbench.lookahead.actions import speeds_and_headings
-from crowdbench.lookahead.aggregate import AGGREGATES
+from crowdbench.planners.lookahead import ValuePlanner, planner
+from crowdbench.planners.lookahead.actions import speeds_and_headings
+from crowdbench.planners.lookahead.aggregate import AGGREGATES
 from crowdbench.predict import ConstantVelocity, Oracle
 from crowdbench.sim.simulator import observe, step
 from crowdbench.types import Observation, Outcome

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from helpers import drive, trace
 
-from crowdbench import metrics
-from crowdbench.metrics import METRICS, POOLED
+from crowdbench.evaluate import metrics
+from crowdbench.evaluate.metrics import METRICS, POOLED
 from crowdbench.types import Outcome
 
 STRAIGHT = [[[0.25 * t, 0], [1, 3 - 0.25 * t]] for t in range(5)]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_policy, load_scenario
-from crowdbench.check import check
 from crowdbench.cli import app
+from crowdbench.evaluate.check import check
+from crowdbench.scenario.cases import Cases
 
 ROOT = Path(__file__).parent.parent
 

@@ -7,14 +7,14 @@ import pytest
 import rerun as rr
 from helpers import drive, same, trace
 
-from crowdbench import drawing, record
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_scenario
-from crowdbench.driver import Driver
 from crowdbench.errors import InputError
-from crowdbench.planner import Planner
-from crowdbench.record import Recorder, Recording, read
-from crowdbench.rollouts import rollout
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.base import Planner
+from crowdbench.record import drawing, record
+from crowdbench.record.record import Recorder, Recording, read
+from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome
 
 RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}

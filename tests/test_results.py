@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from helpers import Still, drive
 
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.compare import compare, mcnemar
-from crowdbench.driver import Driver
 from crowdbench.errors import InputError
-from crowdbench.metrics import METRICS
-from crowdbench.planner import Planner
-from crowdbench.record import read
-from crowdbench.results import Episodes, new_directory, read_result
-from crowdbench.run import directory_name, run
+from crowdbench.evaluate.compare import compare, mcnemar
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.results import Episodes, new_directory, read_result
+from crowdbench.evaluate.run import directory_name, run
+from crowdbench.planners.base import Planner
+from crowdbench.record.record import read
+from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome
 
 

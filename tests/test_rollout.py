@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 from helpers import Still, drive, same
 
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.driver import Driver
 from crowdbench.envs.observations import flatten
 from crowdbench.errors import InputError
-from crowdbench.planner import Planner
-from crowdbench.rollouts import rollout
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.base import Planner
+from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.simulator import crowd_velocities, observe, step
 from crowdbench.types import Outcome

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from crowdbench.cases import Cases, parse_case
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.errors import InputError
+from crowdbench.scenario.cases import Cases, parse_case
 from crowdbench.types import World
 
 ARRAYS = ("key", "position", "goal", "radius", "preferred_speed", "present", "policy")

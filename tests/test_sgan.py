@@ -6,8 +6,8 @@ import torch
 from test_predict import bent, observation
 
 from crowdbench import InputError
-from crowdbench.predict.sgan import SocialGAN, lived
-from crowdbench.predict.social_gan import HIDDEN, NOISE, Discriminator, Generator
+from crowdbench.predict.social_gan import SocialGAN, lived
+from crowdbench.predict.social_gan_network import HIDDEN, NOISE, Discriminator, Generator
 from crowdbench.types import HISTORY
 
 BOTH = pytest.mark.parametrize("pooling", [False, True])

@@ -5,9 +5,9 @@ import pytest
 from helpers import drive, same
 
 from crowdbench import rng
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_policy, load_scenario
-from crowdbench.reactive import SocialForcePlanner
+from crowdbench.planners.reactive import SocialForcePlanner
+from crowdbench.scenario.cases import Cases
 from crowdbench.sim import social_force
 from crowdbench.sim.kernels import serial_and_parallel
 from crowdbench.sim.simulator import advance, crowd_velocities

@@ -10,13 +10,13 @@ import pytest
 from studies import CROWDS, MINE, SEEDS, made, read, refused, study
 
 from crowdbench import catalog
-from crowdbench.cases import Cases
 from crowdbench.errors import InputError
-from crowdbench.metrics import METRICS
-from crowdbench.results import read_result
-from crowdbench.run import run
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.results import read_result
+from crowdbench.evaluate.run import run
+from crowdbench.scenario.cases import Cases
 from crowdbench.study.file import read_study
-from crowdbench.study.runs import missing
+from crowdbench.study.planned import missing
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -66,7 +66,7 @@ def test_whatever_changes_a_number_makes_another_run(monkeypatch):
     Path("mine.py").write_text(MINE + "# changed\n")
     assert not digests(text) & before
     Path("mine.py").write_text(MINE)
-    monkeypatch.setattr("crowdbench.study.runs._code", lambda planner: "another simulator")
+    monkeypatch.setattr("crowdbench.study.planned._code", lambda planner: "another simulator")
     assert not digests(text) & before
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from studies import CROWDS, episodes, leave, read
 
-from crowdbench.compare import compare
-from crowdbench.results import read_result
+from crowdbench.evaluate.compare import compare
+from crowdbench.evaluate.results import read_result
+from crowdbench.evaluate.summary import bootstrap
 from crowdbench.study.crowds import Pair
 from crowdbench.study.tables import LEAST_SHARED
-from crowdbench.summary import bootstrap
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 

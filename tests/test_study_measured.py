@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from studies import episodes, fill, leave, read, refused, study
 
+from crowdbench.evaluate.summary import bootstrap, wilson
+from crowdbench.study.bootstrap import two_level
 from crowdbench.study.tables import LEAST_SHARED
-from crowdbench.study.two_levels import two_level
-from crowdbench.summary import bootstrap, wilson
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from crowdbench.summary import bootstrap, summarize, wilson
+from crowdbench.evaluate.summary import bootstrap, summarize, wilson
 
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 10), (7, 10), (500, 500), (212, 500)])

@@ -5,15 +5,15 @@ import pytest
 from rerun.chunk import RrdReader
 
 from crowdbench import InputError, load_network, load_scenario
-from crowdbench.lookahead import ValuePlanner
-from crowdbench.lookahead.actions import speeds_and_headings
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.predict import ConstantVelocity
 from crowdbench.sim.simulator import observe
 from crowdbench.train import session, value, value_request
 from crowdbench.train.value import Exploring, Training
 from crowdbench.train.value_request import ValueRequest
 from crowdbench.value.networks import NETWORKS
-from crowdbench.weights import digest, read_card
+from crowdbench.weights.store import digest, read_card
 
 
 @pytest.fixture(autouse=True)

@@ -5,15 +5,15 @@ import pytest
 import torch
 
 from crowdbench import InputError, load_scenario
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_predictor
 from crowdbench.predict.tracks import FRAME_STEP
+from crowdbench.scenario.cases import Cases
 from crowdbench.train import session, sgan, sgan_request
 from crowdbench.train.sgan import variety_loss
 from crowdbench.train.sgan_request import SganRequest
 from crowdbench.train.sgan_samples import from_scenario
 from crowdbench.types import HISTORY
-from crowdbench.weights import digest, read_card
+from crowdbench.weights.store import digest, read_card
 
 
 @pytest.fixture(autouse=True)

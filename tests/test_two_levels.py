@@ -4,9 +4,9 @@ import math
 import numpy as np
 import pytest
 
+from crowdbench.evaluate.summary import RESAMPLES, bootstrap, interval
+from crowdbench.study.bootstrap import two_level, two_level_reduction
 from crowdbench.study.tables import plain
-from crowdbench.study.two_levels import two_level, two_level_reduction
-from crowdbench.summary import RESAMPLES, bootstrap, interval
 
 
 def test_the_bootstrap_draws_seeds_and_then_cases_for_all_seeds_alike():

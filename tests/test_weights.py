@@ -6,9 +6,9 @@ from safetensors.torch import save_file
 
 from crowdbench import InputError
 from crowdbench.catalog import load_network, load_predictor
-from crowdbench.predict.social_gan import Generator
+from crowdbench.predict.social_gan_network import Generator
 from crowdbench.value.networks import NETWORKS
-from crowdbench.weights import digest, save_network
+from crowdbench.weights.store import digest, save_network
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")

@@ -1,7 +1,7 @@
 """CADRL (Chen et al. 2017), trained among several pedestrians; they are foreseen at constant velocity."""
 
 from crowdbench.catalog import load_network, load_predictor
-from crowdbench.lookahead import ValuePlanner
+from crowdbench.planners.lookahead import ValuePlanner
 
 
 def planner(weights: str = "cadrl", predictor: str = "constant_velocity", device: str = "cpu") -> ValuePlanner:

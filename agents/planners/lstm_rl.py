@@ -1,7 +1,7 @@
 """LSTM-RL (Everett et al. 2018); pedestrians are foreseen at constant velocity."""
 
 from crowdbench.catalog import load_network, load_predictor
-from crowdbench.lookahead import ValuePlanner
+from crowdbench.planners.lookahead import ValuePlanner
 
 
 def planner(weights: str = "lstm_rl", predictor: str = "constant_velocity", device: str = "cpu") -> ValuePlanner:

@@ -1,6 +1,6 @@
 """Optimal reciprocal collision avoidance, as CrowdNav's ORCA robot."""
 
-from crowdbench.reactive import ORCAPlanner
+from crowdbench.planners.reactive import ORCAPlanner
 
 
 def planner(safety_space: float = 0.0) -> ORCAPlanner:

@@ -4,7 +4,7 @@ Without a margin ORCA trusts pedestrians to do half of the avoiding, and those t
 will not. The choice can be repeated: `crowdbench run --planner orca --option safety_space=0.2 --cases val:1000`.
 """
 
-from crowdbench.reactive import ORCAPlanner
+from crowdbench.planners.reactive import ORCAPlanner
 
 
 def planner() -> ORCAPlanner:

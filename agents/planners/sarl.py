@@ -2,6 +2,6 @@
 
 from functools import partial
 
-from crowdbench.sarl import sarl_planner
+from crowdbench.planners.sarl import sarl_planner
 
 planner = partial(sarl_planner, predictor="oracle")

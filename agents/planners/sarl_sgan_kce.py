@@ -1,10 +1,10 @@
 """SARL-SGAN-KCE (Li et al.): 20 futures of Social GAN, kinematic constraints and an explored action space."""
 
 from crowdbench.catalog import load_network, load_predictor
-from crowdbench.lookahead import ValuePlanner
-from crowdbench.lookahead.aggregate import find_aggregate
-from crowdbench.lookahead.kce import Exploration, Limits
-from crowdbench.sarl import shaping
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.lookahead.aggregate import find_aggregate
+from crowdbench.planners.lookahead.kce import Exploration, Limits
+from crowdbench.planners.sarl import shaping
 
 
 def planner(
@@ -20,7 +20,7 @@ def planner(
     n: int = 2,
     max_velocity_change: float = 1.16,
 ) -> ValuePlanner:
-    """See `crowdbench.sarl.sarl_planner`; the sections and equations are those of Li et al."""
+    """See `crowdbench.planners.sarl.sarl_planner`; the sections and equations are those of Li et al."""
     return ValuePlanner(
         # III-B.1, equation 1: several futures of the crowd.
         predictor=load_predictor(predictor, {"modes": modes})[1],

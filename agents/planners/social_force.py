@@ -1,6 +1,6 @@
 """The social force model (Helbing and Molnár 1995) driving the vehicle, with the pedestrians' parameters."""
 
-from crowdbench.reactive import SocialForcePlanner
+from crowdbench.planners.reactive import SocialForcePlanner
 
 
 def planner(safety_space: float = 0.0) -> SocialForcePlanner:

@@ -18,14 +18,14 @@ from torch import Tensor
 from crowdbench.bench import Row, Way, Ways
 from crowdbench.bench.learned import observation, one_by_one
 from crowdbench.bench.timing import in_turns, seconds
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.driver import Driver
-from crowdbench.lookahead import ValuePlanner
-from crowdbench.planner import Planner
-from crowdbench.predict.sgan import SocialGAN
-from crowdbench.predict.social_gan import Generator
-from crowdbench.rollouts import rollout
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.base import Planner
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.predict.social_gan import SocialGAN
+from crowdbench.predict.social_gan_network import Generator
+from crowdbench.scenario.cases import Cases
 from crowdbench.types import Observation
 from crowdbench.value.networks import ValueNetwork
 

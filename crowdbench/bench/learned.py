@@ -14,11 +14,11 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from crowdbench.bench import CROWDNAV, Row
 from crowdbench.bench.timing import in_turns, seconds
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_scenario
-from crowdbench.lookahead import ValuePlanner
-from crowdbench.planner import Planner
+from crowdbench.planners.base import Planner
+from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity, Oracle
+from crowdbench.scenario.cases import Cases
 from crowdbench.sim.simulator import observe
 from crowdbench.train import value as method
 from crowdbench.types import Observation

@@ -13,10 +13,10 @@ from jaxtyping import Float
 
 from crowdbench.bench import Row
 from crowdbench.bench.timing import in_turns
-from crowdbench.cases import Cases
 from crowdbench.catalog import load_scenario
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.geometry import toward_goal
+from crowdbench.scenario.cases import Cases
 from crowdbench.sim.orca import orca_velocities
 from crowdbench.sim.simulator import advance, crowd_velocities, judge
 

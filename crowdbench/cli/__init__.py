@@ -12,23 +12,23 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from crowdbench.cli import learning, listing, predictors, running, studies
+from crowdbench.cli import evaluate_predictor, listing, run, study, train
 from crowdbench.cli.options import INTERRUPTED
 from crowdbench.errors import InputError
 
 DEBUG = "--debug"
 
 COMMANDS: dict[str, Callable[..., None]] = {
-    "run": running.run,
-    "train": learning.train,
+    "run": run.run,
+    "train": train.train,
     "list": listing.list_,
     "check": listing.check,
-    "compare": running.compare,
-    "study": studies.study,
-    "reproduce": studies.reproduce,
-    "view": running.view,
-    "score": running.score,
-    "evaluate-predictor": predictors.evaluate_predictor,
+    "compare": run.compare,
+    "study": study.study,
+    "reproduce": study.reproduce,
+    "view": run.view,
+    "score": run.score,
+    "evaluate-predictor": evaluate_predictor.evaluate_predictor,
     "bench": listing.bench,
 }
 """The commands, in the order in which --help shows them."""

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.learning import EPISODES
 from crowdbench.cli.options import CasesOption, LimitOption, OptionOption, ScenarioOption, print_table
+from crowdbench.cli.train import EPISODES
 from crowdbench.errors import InputError
 from crowdbench.settings import DECISION_LIMIT
 
@@ -18,8 +18,8 @@ def list_(
 ) -> None:
     """List planners, pedestrians, predictors, weights, scenarios or metrics."""
     from crowdbench import catalog
-    from crowdbench.metrics import METRICS
-    from crowdbench.tables import listing_table
+    from crowdbench.cli.tables import listing_table
+    from crowdbench.evaluate.metrics import METRICS
 
     listings: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "planners": catalog.PLANNERS.names,
@@ -49,10 +49,10 @@ def check(
 ) -> None:
     """Say point by point whether a planner keeps the contract."""
     from crowdbench import catalog
-    from crowdbench.cases import Cases
-    from crowdbench.check import check as examine
-    from crowdbench.console import announce_compilation
-    from crowdbench.tables import check_table
+    from crowdbench.cli.console import announce_compilation
+    from crowdbench.cli.tables import check_table
+    from crowdbench.evaluate.check import check as examine
+    from crowdbench.scenario.cases import Cases
 
     announce_compilation()
     options = catalog.assignments(option or [], "--option")
@@ -83,9 +83,9 @@ def bench(
 
 def _bench_lookahead() -> None:
     from crowdbench.bench import futures
-    from crowdbench.cases import Cases
-    from crowdbench.console import announce_compilation, progress
-    from crowdbench.tables import ways_table
+    from crowdbench.cli.console import announce_compilation, progress
+    from crowdbench.cli.tables import ways_table
+    from crowdbench.scenario.cases import Cases
 
     announce_compilation()
     cases = Cases.parse("val:50")
@@ -101,8 +101,8 @@ def _bench_lookahead() -> None:
 def _bench_all() -> None:
     from crowdbench.bench import NAVGROUND, Row
     from crowdbench.bench.measure import measurements
-    from crowdbench.console import progress
-    from crowdbench.tables import bench_table
+    from crowdbench.cli.console import progress
+    from crowdbench.cli.tables import bench_table
 
     wanted = measurements(EPISODES)
     with progress(len(wanted), "measurements") as tell:

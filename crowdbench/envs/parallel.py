@@ -18,7 +18,7 @@ from crowdbench.envs.outcomes import everybodys_outcomes
 from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
-from crowdbench.scenario import Scenario
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 

@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from crowdbench.envs.observations import AGENT_FEATURES
-from crowdbench.scenario import Quantity, Scenario
+from crowdbench.scenario.scenario import Quantity, Scenario
 from crowdbench.sim.simulator import SPEED_TOLERANCE
 
 

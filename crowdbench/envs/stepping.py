@@ -9,10 +9,10 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from jaxtyping import Float
 
-from crowdbench.cases import parse_case
 from crowdbench.catalog import load_scenario
 from crowdbench.errors import InputError
-from crowdbench.scenario import Scenario
+from crowdbench.scenario.cases import parse_case
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.types import Outcome, World
 
 TRAINING_CASES = 2**32

@@ -17,7 +17,7 @@ from crowdbench.envs import spaces, stepping
 from crowdbench.envs.observations import flatten
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
-from crowdbench.scenario import Scenario
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import crowd_velocities, observe, step
 from crowdbench.types import Outcome, World
 

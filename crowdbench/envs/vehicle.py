@@ -13,7 +13,7 @@ from crowdbench.envs import spaces, stepping
 from crowdbench.envs.observations import flatten
 from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.reward import reward
-from crowdbench.scenario import Scenario
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import crowd_velocities, observe, step
 from crowdbench.types import Outcome, World
 

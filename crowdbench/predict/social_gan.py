@@ -1,118 +1,94 @@
-"""Social GAN (Gupta et al. 2018): an LSTM that generates futures of a crowd, and one that tells them from real ones.
-
-Sizes are the paper's. Differs from it because it learns faster so: the decoder's output is added to the last
-displacement instead of replacing it, so that what is learnt is how people part from going straight on.
-"""
+"""The predictor that samples futures from a Social GAN."""
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Callable, Mapping
+from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from torch import Tensor, nn
+from torch import Tensor
 
-EMBEDDING = 16
-HIDDEN = 32
-WIDE = 64
-NOISE = 8
-"""Random numbers per future; the same for everybody in a scene, whose futures belong together."""
+from crowdbench import rng
+from crowdbench.errors import InputError
+from crowdbench.predict.base import Prediction, Predictor
+from crowdbench.predict.social_gan_network import NOISE, Generator
+from crowdbench.types import Observation, Pedestrians
+from crowdbench.weights.store import digest
 
-
-def perceptron(*sizes: int) -> nn.Sequential:
-    """Linear layers of the given sizes, a ReLU between any two."""
-    layers: list[nn.Module] = []
-    for one, two in itertools.pairwise(sizes):
-        layers += [nn.Linear(one, two), nn.ReLU()]
-    return nn.Sequential(*layers[:-1])
+NAME = "sgan"
+"""What files of its weights call it."""
 
 
-class Encoder(nn.Module):
-    """What a pedestrian did, as a vector."""
+class SocialGAN(Predictor):
+    """Futures of the whole crowd from a generator trained on `about["dt"]` seconds a step: Social GAN.
 
-    def __init__(self, hidden: int) -> None:
-        super().__init__()
-        self.embed = nn.Linear(2, EMBEDDING)
-        self.lstm = nn.LSTM(EMBEDDING, hidden, batch_first=True)
+    `modes` of them; fewer are the first of more. Where the observation's steps are of another length, `rescaled`
+    shows the generator displacements as long as its own steps would make them, and shortens its answers alike;
+    otherwise it takes one step for the other, as the paper does. Steps before the first that was seen are taken to
+    have gone like that one; a pedestrian seen only once stands still until then.
+    """
 
-    def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row hidden"]:
-        """Displacements from step to step, in metres."""
-        state: Tensor = self.lstm(torch.relu(self.embed(displacement)))[1][0][0]
-        return state
-
-
-class Pooling(nn.Module):
-    """What a pedestrian sees of the others: the largest, in each component, over a perceptron of each of them."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.place = nn.Linear(2, EMBEDDING)
-        self.mlp = perceptron(EMBEDDING + HIDDEN, WIDE, HIDDEN)
-
-    def forward(
+    def __init__(
         self,
-        position: Float[Tensor, "scene pedestrian 2"],
-        hidden: Float[Tensor, "scene pedestrian hidden"],
-        present: Bool[Tensor, "scene pedestrian"],
-    ) -> Float[Tensor, "scene pedestrian hidden"]:
-        """Positions in metres; everybody sees himself too."""
-        between = self.place(position[:, None] - position[:, :, None])
-        others = hidden[:, None].expand(*between.shape[:3], -1)
-        seen = torch.relu(self.mlp(torch.cat([between, others], dim=-1)))
-        return torch.where(present[:, None, :, None], seen, 0.0).amax(dim=2)
+        generator: Generator,
+        about: Mapping[str, Any],
+        modes: int = 20,
+        rescaled: bool = False,
+        trained_without: Callable[[str], Predictor] | None = None,
+    ) -> None:
+        if not (isinstance(modes, int) and modes >= 1):
+            raise InputError(f"modes is {modes!r}, but must be a whole number of futures, 1 or more")
+        self.generator = generator.eval()
+        self.about = about
+        self.modes = modes
+        self.rescaled = rescaled
+        self.trained_without = trained_without
+        self.facts = {"predictor_weights": digest(generator)}
+
+    @torch.inference_mode()
+    def predict(self, obs: Observation, steps: int) -> Prediction:
+        """See `Predictor`."""
+        stretch = self.about["dt"] / obs.dt if self.rescaled else 1.0
+        history, present = lived(obs.pedestrians), torch.from_numpy(obs.pedestrians.present)
+        # Its noise is a function of case, step and mode alone.
+        noise = rng.normal(obs.key, NAME, obs.step, self.modes, NOISE)
+        device = next(self.generator.parameters()).device
+        # Told from where everybody is now, since float32 far from the origin is coarse.
+        near = torch.from_numpy(((history - history[:, -1:, :1]) * stretch).astype(np.float32))
+        moves = self.generator(
+            near.to(device), present.to(device), torch.from_numpy(noise.astype(np.float32)).to(device), steps
+        )
+        ahead = spread(moves, present.to(device)).double().cpu().numpy() / stretch
+        return Prediction(history[:, None, None, -1] + ahead.cumsum(axis=2), ahead / obs.dt)
+
+    def unseen(self, scene: str) -> Predictor:
+        """See `Predictor`. Raises InputError where it was trained on the scene and there is no other."""
+        if scene not in self.about["scenes"]:
+            return self
+        if self.trained_without is None:
+            raise InputError(f"these weights were trained on {scene}, and so cannot be scored there")
+        return self.trained_without(scene)
 
 
-class Generator(nn.Module):
-    """Futures of all pedestrians of a batch of scenes; of `pooling` they are those of a crowd, else each one's own."""
-
-    def __init__(self, pooling: bool = False) -> None:
-        super().__init__()
-        self.encoder = Encoder(HIDDEN)
-        self.pooling = Pooling() if pooling else None
-        self.context = nn.Sequential(perceptron(HIDDEN * (2 if pooling else 1), WIDE, HIDDEN - NOISE), nn.ReLU())
-        self.embed = nn.Linear(2, EMBEDDING)
-        self.decoder = nn.LSTMCell(EMBEDDING, HIDDEN)
-        self.move = nn.Linear(HIDDEN, 2)
-
-    def forward(
-        self,
-        history: Float[Tensor, "scene time pedestrian 2"],
-        present: Bool[Tensor, "scene pedestrian"],
-        noise: Float[Tensor, "scene mode noise"],
-        steps: int,
-    ) -> Float[Tensor, "mode row steps 2"]:
-        """Displacements from step to step, in metres, of whoever is present, in the order of `present.nonzero()`."""
-        scene, pedestrian = present.nonzero(as_tuple=True)
-        if len(scene) == 0:
-            return noise.new_zeros((noise.shape[1], 0, steps, 2))
-        seen = history.transpose(1, 2)[scene, pedestrian].diff(dim=1)
-        hidden = self.encoder(seen)
-        if self.pooling is not None:
-            spread = hidden.new_zeros((*present.shape, HIDDEN))
-            spread[scene, pedestrian] = hidden
-            hidden = torch.cat([hidden, self.pooling(history[:, -1], spread, present)[scene, pedestrian]], dim=-1)
-        modes, rows = noise.shape[1], len(scene)
-        context = self.context(hidden).expand(modes, rows, -1)
-        state = torch.cat([context, noise[scene].transpose(0, 1)], dim=-1).reshape(modes * rows, HIDDEN)
-        cell = torch.zeros_like(state)
-        move = seen[:, -1].repeat(modes, 1)
-        moves = []
-        for _ in range(steps):
-            state, cell = self.decoder(torch.relu(self.embed(move)), (state, cell))
-            move = move + self.move(state)
-            moves.append(move)
-        return torch.stack(moves, dim=1).reshape(modes, rows, steps, 2)
+def spread(
+    moves: Float[Tensor, "mode row time 2"], present: Bool[Tensor, "scene pedestrian"]
+) -> Float[Tensor, "scene mode time pedestrian 2"]:
+    """A generator's displacements where they belong; whoever is absent stands still."""
+    modes, _, steps, _ = moves.shape
+    everybody = moves.new_zeros((*present.shape, modes, steps, 2))
+    everybody[present] = moves.transpose(0, 1)
+    return everybody.permute(0, 2, 3, 1, 4)
 
 
-class Discriminator(nn.Module):
-    """How real a whole track looks, as a logit."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.encoder = Encoder(HIDDEN)
-        self.judge = perceptron(HIDDEN, WIDE, 1)
-
-    def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row"]:
-        """Displacements from step to step, in metres, what was seen and what followed."""
-        score: Tensor = self.judge(self.encoder(displacement))[:, 0]
-        return score
+def lived(crowd: Pedestrians) -> Float[np.ndarray, "world time pedestrian 2"]:
+    """The history in metres, its steps before the first that was seen made like that one."""
+    history = crowd.history
+    last = history.shape[1] - 1
+    start = np.maximum(last + 1 - crowd.observed, 0)
+    world = np.arange(len(history))
+    first = history[world, start]
+    move = history[world, np.minimum(start + 1, last)] - first
+    before = np.maximum(start[:, None] - np.arange(last + 1), 0)[:, :, None, None]
+    return history - before * move[:, None]

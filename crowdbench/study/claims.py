@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.results import Episodes
+from crowdbench.evaluate.results import Episodes
+from crowdbench.evaluate.summary import Estimate
+from crowdbench.study.bootstrap import two_level, two_level_reduction
 from crowdbench.study.networks import of_all
 from crowdbench.study.tables import JERK, LEAST_SHARED, SUCCESS, TIME, VELOCITY_CHANGE, Measure, grid
-from crowdbench.study.two_levels import two_level, two_level_reduction
-from crowdbench.summary import Estimate
 from crowdbench.toml_section import Section
 
 MEASURES = {each.metric: each for each in (SUCCESS, TIME, VELOCITY_CHANGE, JERK)}

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench import catalog
-from crowdbench.cases import Cases
-from crowdbench.compare import mcnemar
-from crowdbench.results import Episodes
-from crowdbench.study.runs import Run
+from crowdbench.evaluate.compare import mcnemar
+from crowdbench.evaluate.results import Episodes
+from crowdbench.evaluate.summary import CONFIDENCE, Estimate, bootstrap, wilson
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.planned import Run
 from crowdbench.study.tables import (
     DISCOMFORT,
     GAP,
@@ -26,7 +27,6 @@ from crowdbench.study.tables import (
     grid,
     marked,
 )
-from crowdbench.summary import CONFIDENCE, Estimate, bootstrap, wilson
 from crowdbench.toml_section import Section
 
 OVER_SOLVED = (TIME, DISCOMFORT, JERK, GAP)

@@ -9,7 +9,7 @@ from pathlib import Path
 from crowdbench.errors import InputError
 from crowdbench.study.crowds import Crowds
 from crowdbench.study.measured import Measured
-from crowdbench.study.runs import Run
+from crowdbench.study.planned import Run
 from crowdbench.study.seeds import Seeds
 from crowdbench.study.tables import Table
 from crowdbench.toml_section import Section, read_toml

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.cases import Cases
-from crowdbench.results import Episodes, planner_label, replanning
+from crowdbench.evaluate.results import Episodes, planner_label, replanning
+from crowdbench.evaluate.summary import Estimate, wilson
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.bootstrap import two_level
 from crowdbench.study.claims import MEASURES, Claim, Judged, claims_grid
 from crowdbench.study.claims import NOTES as CLAIM_NOTES
 from crowdbench.study.networks import Variant, of_all, own_options, runs_with
-from crowdbench.study.runs import Run
+from crowdbench.study.planned import Run
 from crowdbench.study.tables import PRIVILEGED, SUCCESS, Filled, Measure, Table, grid, marked
-from crowdbench.study.two_levels import two_level
-from crowdbench.summary import Estimate, wilson
 from crowdbench.toml_section import Section
 
 NOTES = (

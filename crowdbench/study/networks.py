@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.cases import Cases
-from crowdbench.results import Episodes
-from crowdbench.study.runs import Run
+from crowdbench.evaluate.results import Episodes
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.planned import Run
 from crowdbench.study.tables import Measure
 from crowdbench.toml_section import Section
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench.cases import Cases
-from crowdbench.results import Episodes, planner_label
+from crowdbench.evaluate.results import Episodes, planner_label
+from crowdbench.evaluate.summary import Estimate, bootstrap, wilson
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.bootstrap import two_level
 from crowdbench.study.networks import Variant, of_all, own_options, runs_with
-from crowdbench.study.runs import Run
+from crowdbench.study.planned import Run
 from crowdbench.study.tables import PRIVILEGED, SUCCESS, TIME, Filled, Table, grid, marked
-from crowdbench.study.two_levels import two_level
-from crowdbench.summary import Estimate, bootstrap, wilson
 from crowdbench.toml_section import Section
 
 NOTES = (

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crowdbench.study.runs import Run
-from crowdbench.summary import Estimate
+from crowdbench.evaluate.summary import Estimate
+from crowdbench.study.planned import Run
 
 
 class Filled(abc.ABC):

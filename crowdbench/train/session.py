@@ -14,14 +14,14 @@ from typing import Any
 
 import torch
 
-from crowdbench import curves
 from crowdbench.errors import InputError
 from crowdbench.files import whole
-from crowdbench.predict.sgan import NAME as SGAN
+from crowdbench.predict.social_gan import NAME as SGAN
+from crowdbench.record import curves
 from crowdbench.train import checkpoint
 from crowdbench.train.sgan_request import SganRequest
 from crowdbench.train.value_request import ValueRequest
-from crowdbench.weights import save_network
+from crowdbench.weights.store import save_network
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVE = "curve.csv"

@@ -17,10 +17,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from crowdbench.evaluate.prediction_errors import TOGETHER, displacement
 from crowdbench.predict import Prediction
-from crowdbench.predict.sgan import spread
-from crowdbench.predict.social_gan import NOISE, Discriminator, Generator
-from crowdbench.prediction_errors import TOGETHER, displacement
+from crowdbench.predict.social_gan import spread
+from crowdbench.predict.social_gan_network import NOISE, Discriminator, Generator
 from crowdbench.train.checkpoint import State, optimizer_state, restore_optimizer, tensors_of, under
 from crowdbench.types import HISTORY
 

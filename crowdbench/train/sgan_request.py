@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog
-from crowdbench.cases import Cases
 from crowdbench.errors import InputError
 from crowdbench.predict.tracks import read_folder, scenes
 from crowdbench.predict.training_tracks import training_split
+from crowdbench.scenario.cases import Cases
 from crowdbench.train.sgan import AHEAD, MODES, Setup, Training
 from crowdbench.train.sgan_samples import from_scenario, from_tracks
 from crowdbench.types import HISTORY

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.cases import Cases
-from crowdbench.driver import Driver
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
 from crowdbench.geometry import norm
+from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.predict.tracks import Tracks, windows
 from crowdbench.predict.training_tracks import resampled
-from crowdbench.reactive import ORCAPlanner
-from crowdbench.rollouts import rollout
-from crowdbench.scenario import Scenario
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.train.sgan import AHEAD, Samples
 from crowdbench.types import HISTORY
 

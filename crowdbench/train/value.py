@@ -20,15 +20,15 @@ from scipy.special import ndtr
 from torch import Tensor
 
 from crowdbench import rng
-from crowdbench.cases import Cases
-from crowdbench.driver import Driver
-from crowdbench.lookahead import ValuePlanner
-from crowdbench.metrics import discounted_return, navigation_time_or_limit, success_rate
-from crowdbench.planner import Planner
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import discounted_return, navigation_time_or_limit, success_rate
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.base import Planner
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.predict import ConstantVelocity, Predictor
-from crowdbench.reactive import ORCAPlanner
-from crowdbench.rollouts import rollout
-from crowdbench.scenario import Scenario
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.train.checkpoint import State, optimizer_state, restore_optimizer, tensors_of, under
 from crowdbench.train.replay import Replay, Steps, steps_of
 from crowdbench.types import Observation, Trace

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from crowdbench import catalog
-from crowdbench.cases import Cases
-from crowdbench.driver import Driver
 from crowdbench.errors import InputError
-from crowdbench.lookahead import ValuePlanner
-from crowdbench.metrics import METRICS
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.results import Episodes, to_json
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
-from crowdbench.results import Episodes, to_json
-from crowdbench.rollouts import rollout
+from crowdbench.scenario.cases import Cases
 from crowdbench.settings import BATCH
 from crowdbench.train.value import Setup, Training
 from crowdbench.value.networks import NETWORKS

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench import Driver, Observation, Planner, load_planner, load_scenario, rollout
-from crowdbench.cases import Cases
-from crowdbench.lookahead.planner import scene_of
+from crowdbench.planners.lookahead.planner import scene_of
+from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome, Pedestrians, Vehicle
 
 FOLDER = Path(__file__).parent

@@ -1,0 +1,157 @@
+"""The command that measures predictors."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crowdbench.cli.options import JsonOption, OptionOption, SetOption, print_table
+from crowdbench.errors import InputError
+from crowdbench.settings import HORIZON
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from crowdbench.evaluate.prediction_errors import Errors
+    from crowdbench.predict import Predictor
+
+    Measure = Callable[[str, Predictor], dict[str, Errors]]
+
+DataOption = Annotated[
+    Path | None, typer.Option(help="A folder of recorded tracks: *.txt with frame, pedestrian, x, y, as ETH/UCY has.")
+]
+
+MEASURES = "ADE is the mean error over the steps up to the one named, FDE the error at that step."
+MODES = (
+    "Best of 1 is the first mode; together, the best for a whole crowd or window; each, the best for each pedestrian.\n"
+    "So many guesses compare with as many."
+)
+ON_SCENARIO = "A pedestrian counts until it reaches its goal, and the vehicle is not there."
+ON_TRACKS = "8 frames are seen, in all windows with 2 pedestrians or more."
+
+
+def evaluate_predictor(
+    predictors: Annotated[list[str], typer.Argument(help="Names, ./mine.py or ./mine.py:function.")],
+    option: OptionOption = None,
+    scenario: Annotated[str | None, typer.Option(help="A name or ./mine.toml; circle_crossing_5 if not given.")] = None,
+    cases: Annotated[str | None, typer.Option(help="Of the scenario, such as val:100; val:200 if not given.")] = None,
+    overrides: SetOption = None,
+    data: DataOption = None,
+    ahead: Annotated[int, typer.Option(min=1, help="Steps that are predicted.")] = HORIZON,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure errors of predictors, on the crowds of a scenario or on recorded tracks; several share a table."""
+    from crowdbench import catalog
+    from crowdbench.cli.console import announce_compilation
+
+    announce_compilation()
+    options = catalog.assignments(option or [], "--option")
+    made = _made(predictors, options)
+    if data is None:
+        about, measure = _on_scenario(scenario or "circle_crossing_5", cases or "val:200", overrides or [], ahead)
+    else:
+        for flag, given in (("--scenario", scenario), ("--cases", cases), ("--set", overrides)):
+            if given is not None:
+                raise InputError(f"{flag} does not go with --data: give a scenario or recorded tracks")
+        about, measure = _on_tracks(data, ahead)
+    found = {name: measure(name, predictor) for name, predictor in made.items()}
+    if as_json:
+        print(json.dumps(about | {"predictors": _plain(made, options, found)}, indent=2))
+    else:
+        _print(about, options, found)
+
+
+def _made(specs: list[str], options: Mapping[str, Any]) -> dict[str, Predictor]:
+    from crowdbench import catalog
+
+    if options and len(specs) > 1:
+        raise InputError(f"--option does not go with {len(specs)} predictors: give one, or a file that sets its own")
+    made: dict[str, Predictor] = {}
+    for spec in specs:
+        name, predictor = catalog.load_predictor(spec, options)
+        if name in made:
+            raise InputError(f"two predictors are called {name}: rename one, or name another function")
+        made[name] = predictor
+    return made
+
+
+def _on_scenario(scenario: str, cases: str, overrides: list[str], ahead: int) -> tuple[dict[str, Any], Measure]:
+    from crowdbench import catalog
+    from crowdbench.cli.console import progress
+    from crowdbench.evaluate import prediction_errors
+    from crowdbench.scenario.cases import Cases
+
+    settings = catalog.assignments(overrides, "--set")
+    place, wanted = catalog.load_scenario(scenario, settings), Cases.parse(cases)
+
+    def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
+        with progress(len(wanted), "cases") as tell:
+            return {place.name: prediction_errors.on_scenario(name, predictor, place, wanted, ahead, tell)}
+
+    about = {"scenario": place.name, "overrides": settings, "digest": place.digest, "cases": str(wanted)}
+    return about | {"dt": place.rules.dt, "ahead": ahead}, measure
+
+
+def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
+    from crowdbench.cli.console import progress
+    from crowdbench.evaluate.prediction_errors import on_tracks
+    from crowdbench.predict import tracks
+
+    recordings = tracks.read_folder(data)
+
+    def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
+        with progress(len(tracks.scenes(recordings)), "scenes") as tell:
+            return on_tracks(name, predictor, recordings, ahead, tell)
+
+    return {"data": str(data), "dt": tracks.DT, "ahead": ahead}, measure
+
+
+def _plain(
+    made: Mapping[str, Predictor], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
+) -> dict[str, Any]:
+    """What JSON tells of each predictor."""
+    return {
+        name: {
+            "options": options,
+            "privileged": made[name].privileged,
+            "errors": {place: dataclasses.asdict(errors) for place, errors in places.items()},
+        }
+        for name, places in found.items()
+    }
+
+
+def _print(about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]) -> None:
+    """One predictor at every horizon with intervals, or several side by side, and what the numbers mean."""
+    recorded = "data" in about
+    changed = "".join(f", {key}={value}" for key, value in about.get("overrides", {}).items())
+    where = about["data"] if recorded else f"{about['scenario']}{changed}, cases {about['cases']}"
+    notes = [MEASURES, ON_TRACKS if recorded else ON_SCENARIO]
+    if len(found) == 1:
+        notes[-1] += f" Intervals are over {'pedestrians' if recorded else 'cases'}."
+    if any(errors.modes > 1 for places in found.values() for errors in places.values()):
+        notes.insert(1, MODES)
+    print_table(_table(where, about, options, found))
+    print("", *notes, sep="\n")
+
+
+def _table(
+    where: str, about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
+) -> Table:
+    from crowdbench.cli.tables import prediction_table, predictors_table
+    from crowdbench.evaluate.results import planner_label
+
+    name, places = next(iter(found.items()))
+    ahead, dt = about["ahead"], about["dt"]
+    if len(found) == 1:
+        return prediction_table(f"{planner_label(name, options)} on {where}", dt, places)
+    if "data" in about:
+        columns = {place: (place, ahead) for place in places}
+    else:
+        steps = sorted({1, (ahead + 1) // 2, ahead})
+        columns = {f"{n} {'step' if n == 1 else 'steps'}": (about["scenario"], n) for n in steps}
+    return predictors_table(f"ADE / FDE in metres, {ahead} steps of {dt} s ahead, on {where}", columns, found)

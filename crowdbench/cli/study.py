@@ -1,0 +1,78 @@
+"""The commands that make the runs of a study and print its tables."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdbench.cli.options import INTERRUPTED, JsonOption, ThreadsOption, use_threads
+
+if TYPE_CHECKING:
+    from crowdbench.study.planned import Run
+
+
+def study(
+    file: Annotated[Path, typer.Argument(help="A study, such as docs/studies/crowds.toml.")],
+    out: Annotated[Path | None, typer.Option(help="Where its runs are kept, runs/study-<name> unless told.")] = None,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make the runs of a study that are not there yet, and print its tables in Markdown."""
+    use_threads(threads)
+    from crowdbench.study.file import read_study
+    from crowdbench.study.tables import plain
+
+    asked = read_study(file)
+    with _made(asked.runs, out or Path("runs") / f"study-{asked.name}") as directory:
+        tables = [table.fill(directory) for table in asked.tables]
+    if as_json:
+        print(json.dumps({"study": asked.name, "tables": plain(tables)}, indent=2))
+    else:
+        print("\n\n".join(table.markdown() for table in tables))
+
+
+def reproduce(
+    table: Annotated[int | None, typer.Option(min=1, max=4, help="One of the paper's four tables alone.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="A quick look: one network a row, few cases.")] = False,
+    out: Annotated[Path, typer.Option(help="Where the runs are kept.")] = Path("runs/reproduce"),
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make the paper's tables, measured beside reported, and judge its claims.
+
+    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands at once, 4 of KCE. Finished runs are kept, and the
+    same command goes on with them: some minutes for a quick look, up to an hour for all.
+    """
+    use_threads(threads)
+    from crowdbench.study import reproduction
+    from crowdbench.study.tables import plain
+
+    asked = reproduction.tables(table, quick)
+    with _made([run for each in asked for run in each.runs], out) as directory:
+        report = reproduction.Report(quick, [each.fill(directory) for each in asked])
+    print(json.dumps(plain(report), indent=2) if as_json else report.markdown())
+
+
+@contextlib.contextmanager
+def _made(runs: Iterable[Run], out: Path) -> Iterator[Path]:
+    """Make the runs that `out` lacks, for whoever reads them there. Exits where somebody interrupts."""
+    from crowdbench.cli.console import announce_compilation, progress, say
+    from crowdbench.study.planned import missing
+
+    announce_compilation()
+    try:
+        lacking = missing(runs, out)
+        with progress(sum(len(run.cases) for run in lacking), "cases") as tell:
+            for number, run in enumerate(lacking, 1):
+                say(f"run {number} of {len(lacking)}: {run.title}")
+                run.make(out, tell)
+        yield out
+    except KeyboardInterrupt:
+        say(f"crowdbench: interrupted: the same command goes on with the runs that are kept in {out}")
+        sys.exit(INTERRUPTED)

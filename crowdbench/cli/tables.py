@@ -1,0 +1,173 @@
+"""What the command line prints: tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from crowdbench.bench import Row, Ways
+from crowdbench.evaluate.check import Point
+from crowdbench.evaluate.compare import Comparison
+from crowdbench.evaluate.metrics import METRICS, Metric
+from crowdbench.evaluate.prediction_errors import Errors
+from crowdbench.evaluate.results import Episodes
+from crowdbench.types import Outcome
+
+
+def result_table(title: str, estimates: Mapping[str, Mapping[str, Any]], metrics: Mapping[str, Metric]) -> Table:
+    """Every estimate, as in `result.json`, with its interval and the unit that its metric names."""
+    table = _table(
+        title, ("metric", "left"), ("mean", "right"), ("95 % interval", "left"), ("max", "right"), ("n", "right")
+    )
+    for name, estimate in estimates.items():
+        if estimate["n"]:
+            unit = _unit(name, metrics)
+            share = unit == "%"
+            interval = f"{_number(estimate['low'], share)} to {_number(estimate['high'], share)}"
+            largest = "" if share else _number(estimate["max"])
+            table.add_row(name, f"{_number(estimate['mean'], share)} {unit}", interval, largest, str(estimate["n"]))
+    return table
+
+
+def episodes_table(cases: int, episodes: Episodes) -> Table:
+    """The episodes of a recording that does not have them all: no means, which would mislead."""
+    title = f"{len(episodes)} of {cases} cases are recorded; the rates of these alone would mislead"
+    shown = ["navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk"]
+    shown += [name for name in episodes.columns if name not in METRICS]
+    table = _table(title, ("case", "right"), ("outcome", "left"), *((name, "right") for name in shown))
+    for row, case in enumerate(episodes.case.tolist()):
+        values = (episodes.columns[name][row] for name in shown)
+        table.add_row(str(case), Outcome(episodes.outcome[row]).label, *map(_number, values))
+    return table
+
+
+def comparison_table(found: Comparison) -> Table:
+    """Both runs side by side, with the paired difference."""
+    a, b = found.names
+    title = f"{a} and {b}: {found.cases} shared cases, {found.both_solved} solved by both"
+    table = _table(
+        title,
+        ("metric", "left"),
+        (a, "right"),
+        (b, "right"),
+        ("difference", "right"),
+        ("95 % interval", "left"),
+        ("p", "right"),
+    )
+    for name, row in found.rows.items():
+        if row.difference.n:
+            share = row.p is not None
+            low, high = _number(row.difference.low, share), _number(row.difference.high, share)
+            p = "" if row.p is None else f"{row.p:.2g}"
+            values = (_number(value, share) for value in (row.a, row.b, row.difference.mean))
+            table.add_row(name, *values, f"{low} to {high}", p)
+    return table
+
+
+def changed_cases(found: Comparison) -> str:
+    """One line for every pair of outcomes that differ, with the cases."""
+    groups: dict[tuple[int, int], list[int]] = {}
+    for case, one, two in found.changed:
+        groups.setdefault((one, two), []).append(case)
+    lines = []
+    for (one, two), cases in sorted(groups.items()):
+        labels = f"{found.names[0]} {Outcome(one).label}, {found.names[1]} {Outcome(two).label}"
+        lines.append(f"{labels} ({len(cases)}): {', '.join(map(str, cases))}")
+    return "\n".join(lines)
+
+
+def check_table(name: str, points: list[Point]) -> Table:
+    """The points of the contract."""
+    table = _table(f"The contract, as {name} keeps it", ("", "left"), ("point", "left"), ("seen", "left"))
+    for point in points:
+        table.add_row(Text("kept", "green") if point.kept else Text("broken", "red"), point.name, point.seen)
+    return table
+
+
+def prediction_table(title: str, dt: float, places: Mapping[str, Errors]) -> Table:
+    """ADE and FDE in metres of one predictor at every horizon, with their intervals, place by place."""
+    intervals = [(name, "left") for name in ("ADE [m]", "95 % interval", "FDE [m]", "95 % interval")]
+    table = _table(title, ("", "left"), ("steps", "right"), ("time [s]", "right"), *intervals)
+    for place, errors in places.items():
+        for choice, curves in errors.choices().items():
+            label = place if errors.modes == 1 else f"{place}, {choice}"
+            for steps, pair in enumerate(zip(curves.ade, curves.fde, strict=True), 1):
+                values = [(_number(e.mean), f"{_number(e.low)} to {_number(e.high)}") for e in pair]
+                table.add_row(label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *values[0], *values[1])
+            table.add_section()
+    return table
+
+
+def predictors_table(
+    title: str, columns: Mapping[str, tuple[str, int]], predictors: Mapping[str, Mapping[str, Errors]]
+) -> Table:
+    """ADE / FDE in metres of several predictors side by side; each column is a place and a number of steps."""
+    table = _table(title, ("predictor", "left"), ("", "left"), *((heading, "right") for heading in columns))
+    for name, places in predictors.items():
+        curves = {place: errors.choices() for place, errors in places.items()}
+        for row, choice in enumerate(curves[next(iter(curves))]):
+            cells = [
+                f"{_number(curves[place][choice].ade[steps - 1].mean)} / "
+                f"{_number(curves[place][choice].fde[steps - 1].mean)}"
+                for place, steps in columns.values()
+            ]
+            table.add_row(name if row == 0 else "", choice, *cells)
+    return table
+
+
+def bench_table(rows: list[Row]) -> Table:
+    """What was measured; the ratio says how many times quicker than elsewhere."""
+    table = _table(
+        "Speed", ("work", "left"), ("here", "right"), ("elsewhere", "right"), ("", "left"), ("ratio", "right")
+    )
+    for row in rows:
+        ours, theirs, whose, ratio = f"{row.ours:.3g} {row.unit}", "", "", ""
+        if row.theirs is not None:
+            theirs, whose, ratio = f"{row.theirs:.3g} {row.unit}", row.whose, f"{row.ratio:.1f}x"
+        table.add_row(row.work, ours, theirs, whose, ratio)
+    return table
+
+
+def ways_table(title: str, measured: Ways) -> Table:
+    """How long the ways to decide take, how many times quicker than the first they are, and what they change."""
+    changes = ("outcomes that differ", "right"), ("commands that differ", "right")
+    table = _table(title, ("way", "left"), ("time", "right"), ("ratio", "right"), *changes)
+    for way in measured.ways:
+        ratio = f"{measured.ways[0].seconds / way.seconds:.1f}x"
+        outcomes = f"{way.outcomes} of {measured.episodes:,}"
+        commands = f"{way.commands} of {measured.decisions:,}"
+        table.add_row(way.name, f"{way.seconds:.3g} s", ratio, outcomes, commands)
+    return table
+
+
+def listing_table(title: str, rows: list[tuple[str, str]]) -> Table:
+    """Names and what they are."""
+    table = _table(title, ("name", "left"), ("", "left"))
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _table(title: str, *columns: tuple[str, Any]) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for name, justify in columns:
+        table.add_column(name, justify=justify)
+    return table
+
+
+def _unit(name: str, metrics: Mapping[str, Metric]) -> str:
+    """The unit in brackets at the end of the metric's first docstring line; rates are shown in per cent."""
+    first = (metrics[name].__doc__ or "").partition("\n")[0]
+    unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
+    if name.endswith("_rate"):
+        return "%"
+    return "" if unit == "1" else unit
+
+
+def _number(value: float, share: bool = False) -> str:
+    if value != value:
+        return ""
+    return f"{100 * value:.1f}" if share else f"{value:.3f}"

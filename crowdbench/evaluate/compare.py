@@ -1,0 +1,128 @@
+"""Two runs of the same cases, side by side and paired by case."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.errors import InputError
+from crowdbench.evaluate.metrics import OVER_ALL, POOLED
+from crowdbench.evaluate.results import EPISODES, Episodes, planner_label, read_result
+from crowdbench.evaluate.summary import Estimate, interval, resampled_means
+
+
+@dataclass(frozen=True)
+class Row:
+    """One metric in both runs, the difference B - A paired by case, and for rates McNemar's p-value."""
+
+    a: float
+    b: float
+    difference: Estimate
+    p: float | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What `compare` found. Rates, and means that count failures, are over all shared `cases`, other means over
+    those `both_solved`.
+
+    `changed` has case, outcome in A and outcome in B of every case in which they differ.
+    """
+
+    names: tuple[str, str]
+    cases: int
+    both_solved: int
+    rows: dict[str, Row]
+    changed: list[tuple[int, int, int]]
+
+
+def compare(a: Path, b: Path) -> Comparison:
+    """Compare two directories of runs, case by case.
+
+    Raises InputError where they are not runs of the same scenario, or share no case.
+    """
+    results = read_result(a), read_result(b)
+    _same(results, a, b)
+    tables = Episodes.read(a / EPISODES), Episodes.read(b / EPISODES)
+    for directory, table in zip((a, b), tables, strict=True):
+        if "success_rate" not in table.columns:
+            raise InputError(f"{directory / EPISODES} has no column success_rate, so that it cannot be compared")
+    _, rows_a, rows_b = np.intersect1d(tables[0].case, tables[1].case, return_indices=True)
+    if len(rows_a) == 0:
+        raise InputError(f"{a} ({results[0]['cases']}) and {b} ({results[1]['cases']}) share no case to compare")
+    one, two = tables[0].take(rows_a), tables[1].take(rows_b)
+    solved = one.columns["success_rate"] & two.columns["success_rate"]
+    differ = one.outcome != two.outcome
+    return Comparison(
+        names=_names(results, a, b),
+        cases=len(one),
+        both_solved=int(solved.sum()),
+        rows={name: _row(name, one, two, solved) for name in one.columns if name in two.columns},
+        changed=list(zip(*(table[differ].tolist() for table in (one.case, one.outcome, two.outcome)), strict=True)),
+    )
+
+
+def _row(name: str, one: Episodes, two: Episodes, solved: Bool[np.ndarray, "case"]) -> Row:
+    x, y = one.columns[name], two.columns[name]
+    if x.dtype == bool and y.dtype == bool:
+        ones = np.ones(len(x))
+        return Row(*_paired(x.astype(float), y.astype(float), ones, ones), mcnemar(x, y))
+    both = ~np.isnan(x.astype(float) + y) & (solved | (name in OVER_ALL))
+    weights = [table.steps[both] * 1.0 if name in POOLED else np.ones(both.sum()) for table in (one, two)]
+    return Row(*_paired(x[both].astype(float), y[both].astype(float), *weights), None)
+
+
+def _paired(
+    x: Float[np.ndarray, "case"],
+    y: Float[np.ndarray, "case"],
+    x_weights: Float[np.ndarray, "case"],
+    y_weights: Float[np.ndarray, "case"],
+) -> tuple[float, float, Estimate]:
+    """Both weighted means, and the estimate of their difference, from the same resampled cases for both."""
+    if len(x) == 0:
+        return math.nan, math.nan, Estimate(math.nan, math.nan, math.nan, 0, math.nan)
+    a, b = float((x * x_weights).sum() / x_weights.sum()), float((y * y_weights).sum() / y_weights.sum())
+    low, high = interval(resampled_means(y, y_weights) - resampled_means(x, x_weights))
+    return a, b, Estimate(b - a, low, high, len(x), float((y - x).max()))
+
+
+def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
+    """The exact two-sided p-value of McNemar's test: 1 where no case differs."""
+    from scipy.stats import binomtest
+
+    only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
+    return float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0
+
+
+def _same(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> None:
+    (one, two), scenarios = results, [result["scenario"] for result in results]
+    if scenarios[0]["digest"] != scenarios[1]["digest"]:
+        keys = sorted(_flat(scenarios[0]).items() ^ _flat(scenarios[1]).items())
+        differ = ", ".join(dict.fromkeys(key for key, _ in keys if key not in ("digest", "description")))
+        raise InputError(f"{a} and {b} are runs of different scenarios, in {differ}: run both planners on the same one")
+    splits = [result["cases"].partition(":")[0] for result in (one, two)]
+    if splits[0] != splits[1]:
+        raise InputError(
+            f"{a} has {splits[0]} cases and {b} has {splits[1]} cases: run both planners on the same cases"
+        )
+
+
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
+    """The values of a table by their dotted keys, as texts."""
+    flat: dict[str, str] = {}
+    for key, value in table.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": repr(value)}
+    return flat
+
+
+def _names(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> tuple[str, str]:
+    """What tells the two apart: the planners, or else the directories."""
+    one, two = (
+        planner_label(result["planner"], result.get("options", {}), result.get("replan_every", 1)) for result in results
+    )
+    return (one, two) if one != two else (str(a), str(b))

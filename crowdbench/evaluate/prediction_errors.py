@@ -1,0 +1,260 @@
+"""How far predictors are off: on the crowds of a scenario, and on recorded tracks.
+
+ADE at a horizon is the mean distance between predicted and true positions over the steps up to it, FDE the distance
+at it. Of several modes the first counts, or the best: the best for everybody in a world or window together, which is
+the protocol of Social GAN (Gupta et al. 2018), or the best for each pedestrian. The best is chosen anew for either
+measure and each horizon.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.errors import InputError
+from crowdbench.evaluate.summary import Estimate, interval, resampled_means
+from crowdbench.geometry import norm
+from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict.tracks import Tracks, scenes, windows
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.settings import BATCH, HORIZON
+from crowdbench.sim.simulator import advance, crowd_velocities, observe
+from crowdbench.types import HISTORY, Observation
+
+MEAN = "mean over scenes"
+"""What the row of the means over all scenes is called."""
+
+
+TOGETHER = 1
+"""Where `displacement` has the mode that is best for everybody together."""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """ADE and FDE in metres at horizons of 1, 2, ... steps, over cases or over pedestrians."""
+
+    ade: list[Estimate]
+    fde: list[Estimate]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """The errors of a predictor with so many modes: of the first, of the best together, of the best for each.
+
+    They are the same where there is one mode.
+    """
+
+    modes: int
+    first: Curves
+    together: Curves
+    each: Curves
+
+    def choices(self) -> dict[str, Curves]:
+        """All that differ, by what people call them."""
+        if self.modes == 1:
+            return {"best of 1": self.first}
+        best = f"best of {self.modes}"
+        return {"best of 1": self.first, f"{best} together": self.together, f"{best} each": self.each}
+
+
+def on_scenario(
+    name: str,
+    predictor: Predictor,
+    scenario: Scenario,
+    cases: Cases,
+    ahead: int = HORIZON,
+    progress: Callable[[int], None] | None = None,
+) -> Errors:
+    """The errors on a scenario's crowds, which walk as if the vehicle were not there.
+
+    Predictions are made at every step from the start, as planners need them, that `ahead` more follow before the
+    time limit. A pedestrian counts until it first comes nearer to its goal than its radius: whoever has arrived is
+    easy to predict. Intervals come from resampled cases. Raises InputError where the predictor breaks its contract,
+    or nobody walks for long enough.
+    """
+    clusters = _Clusters.empty(len(cases), ahead)
+    for part in cases.batches(BATCH):
+        for prediction, walking, truth in _walks(name, predictor, scenario, part, ahead):
+            row, _ = np.nonzero(walking)
+            clusters.add(row + part.start - cases.start, prediction, truth, walking)
+        if progress is not None:
+            progress(len(part))
+    if not clusters.count.any():
+        raise InputError(
+            f"{scenario.name} has nothing to predict in cases {cases}: no pedestrian is on its way "
+            f"{ahead} steps before the time limit"
+        )
+    return _estimated([clusters], clusters.modes)
+
+
+def on_tracks(
+    name: str,
+    predictor: Predictor,
+    recordings: Sequence[Tracks],
+    ahead: int = HORIZON,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Errors]:
+    """The errors by scene, and under `MEAN` their means over the scenes.
+
+    They come from all windows of 8 frames seen and `ahead` to come, in every scene by the predictor that has not seen
+    it. Within a scene every pedestrian of every window weighs the same. Windows overlap, so intervals come from
+    resampled pedestrians, each with all its windows. Raises InputError where the predictor breaks its contract or
+    looks into the simulator, or where a recording has no window.
+    """
+    if predictor.privileged:
+        raise InputError(f"predictor {name} looks into the simulator: evaluate it on a scenario, not on recordings")
+    places = {}
+    for scene, parts in scenes(recordings).items():
+        unseen = predictor.unseen(scene)
+        places[scene] = _Clusters.joined([_recorded(name, unseen, tracks, ahead) for tracks in parts])
+        if progress is not None:
+            progress(1)
+    if not places:
+        raise InputError("these recordings are those of ETH/UCY that are for training alone: give one to test on")
+    modes = max(clusters.modes for clusters in places.values())
+    found = {scene: _estimated([clusters], modes) for scene, clusters in places.items()}
+    return found | {MEAN: _estimated(list(places.values()), modes)}
+
+
+def displacement(
+    prediction: Prediction,
+    truth: Float[np.ndarray, "world time pedestrian 2"],
+    counted: Bool[np.ndarray, "world pedestrian"],
+) -> Float[np.ndarray, "world pedestrian 3 2 time"]:
+    """ADE (first) and FDE of each pedestrian, in metres, in three modes.
+
+    These are the first mode, the one with the least mean over those `counted`, and the best for the pedestrian alone.
+    """
+    distance = norm(prediction.position - truth[:, None])
+    steps = np.arange(1, distance.shape[2] + 1)
+    both = np.stack([distance.cumsum(axis=2) / steps[:, None], distance], axis=-1)
+    total = np.where(counted[:, None, None, :, None], both, 0.0).sum(axis=3, keepdims=True)
+    together = np.take_along_axis(both, total.argmin(axis=1, keepdims=True), axis=1)[:, 0]
+    return np.stack([both[:, 0], together, both.min(axis=1)]).transpose(1, 3, 0, 4, 2)
+
+
+def _walks(
+    name: str, predictor: Predictor, scenario: Scenario, cases: Cases, ahead: int
+) -> Iterator[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Float[np.ndarray, "world time pedestrian 2"]]]:
+    """What is predicted at each step, who is still on the way then, and what comes."""
+    world = scenario.worlds(cases)
+    world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
+    walking = world.present[:, 1:]
+    predicted: deque[tuple[Prediction, Bool[np.ndarray, "world pedestrian"]]] = deque()
+    positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
+    for _ in range(scenario.rules.max_steps):
+        walking = walking & (norm(world.position - world.goal) >= world.radius)[:, 1:]
+        crowd = crowd_velocities(world, scenario.policies)
+        obs = observe(world, future=crowd.copy() if predictor.privileged else None)
+        predicted.append((_predict(name, predictor, obs, ahead), walking))
+        world = advance(world, np.pad(crowd, ((0, 0), (1, 0), (0, 0))))
+        positions.append(world.position[:, 1:])
+        if len(positions) == ahead:
+            prediction, counted = predicted.popleft()
+            if not counted.any():
+                return
+            yield prediction, counted, np.stack(positions, axis=1)
+
+
+def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:
+    samples = windows(tracks, HISTORY + ahead)
+    if not len(samples):
+        raise InputError(
+            f"the recording {tracks.name} has no window: nowhere are two pedestrians there in the same "
+            f"{HISTORY + ahead} frames on end"
+        )
+    ids, identity = np.unique(samples.pedestrian, return_inverse=True)
+    clusters = _Clusters.empty(len(ids), ahead)
+    for start in range(0, len(samples), BATCH):
+        rows = slice(start, start + BATCH)
+        part = samples.take(rows)
+        prediction = _predict(name, predictor, part.observation(HISTORY), ahead)
+        clusters.add(identity[rows][part.present], prediction, part.position[:, HISTORY:], part.present)
+    return clusters
+
+
+def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> Prediction:
+    """What a predictor predicts. Raises InputError where it raises, or returns what is no finite prediction."""
+    try:
+        prediction = predictor.predict(obs, ahead)
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise InputError(f"predictor {name} raised {type(error).__name__}: {error}") from error
+    if not isinstance(prediction, Prediction):
+        raise InputError(f"predictor {name} returned a {type(prediction).__name__} instead of a Prediction")
+    for word, values in (("positions", prediction.position), ("velocities", prediction.velocity)):
+        _check(f"predictor {name} returned {word}", values, ahead, obs.pedestrians.present)
+    return prediction
+
+
+def _check(returned: str, values: object, ahead: int, present: Bool[np.ndarray, "world pedestrian"]) -> None:
+    if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
+        raise InputError(f"{returned} that are no array of floats")
+    worlds, pedestrians = present.shape
+    modes = values.shape[1:2]
+    if values.shape != (worlds, *modes, ahead, pedestrians, 2) or modes == (0,):
+        raise InputError(
+            f"{returned} of shape {list(values.shape)}, but they must be [world, mode, time, pedestrian, 2] with "
+            f"{worlds} worlds, {ahead} steps and {pedestrians} pedestrians"
+        )
+    if not np.isfinite(np.moveaxis(values, 3, 1)[present]).all():
+        raise InputError(f"{returned} that are not finite")
+
+
+@dataclass
+class _Clusters:
+    """Sums of errors over what depends on each other, a case or a pedestrian, and how many are in each."""
+
+    total: Float[np.ndarray, "cluster 3 2 time"]
+    count: Float[np.ndarray, "cluster"]
+    modes: int
+
+    @classmethod
+    def empty(cls, n: int, ahead: int) -> _Clusters:
+        return cls(np.zeros((n, 3, 2, ahead)), np.zeros(n), modes=1)
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Clusters]) -> _Clusters:
+        total, count = (np.concatenate([getattr(part, name) for part in parts]) for name in ("total", "count"))
+        return cls(total, count, max(part.modes for part in parts))
+
+    def add(
+        self,
+        cluster: Int[np.ndarray, "sample"],
+        prediction: Prediction,
+        truth: Float[np.ndarray, "world time pedestrian 2"],
+        counted: Bool[np.ndarray, "world pedestrian"],
+    ) -> None:
+        np.add.at(self.total, cluster, displacement(prediction, truth, counted)[counted])
+        np.add.at(self.count, cluster, 1.0)
+        self.modes = max(self.modes, prediction.position.shape[1])
+
+
+def _estimated(places: Sequence[_Clusters], modes: int) -> Errors:
+    """The mean over places, which all weigh the same, of the means in each."""
+    steps = range(places[0].total.shape[3])
+    curves = [
+        Curves(*([_estimate(places, choice, measure, step) for step in steps] for measure in (0, 1)))
+        for choice in range(1 if modes == 1 else 3)
+    ]
+    return Errors(modes, curves[0], *(curves[1:] or curves * 2))
+
+
+def _estimate(places: Sequence[_Clusters], choice: int, measure: int, step: int) -> Estimate:
+    found, resampled = [], []
+    for place, clusters in enumerate(places):
+        seen = clusters.count > 0
+        total, weights = clusters.total[seen, choice, measure, step], clusters.count[seen]
+        values = total / weights
+        found.append((float(total.sum() / weights.sum()), len(values), float(values.max())))
+        # Shifted, since two places of the same size are resampled alike, as if one depended on the other.
+        resampled.append(np.roll(resampled_means(values, weights), place))
+    means, counts, largest = zip(*found, strict=True)
+    return Estimate(sum(means) / len(means), *interval(np.mean(resampled, axis=0)), sum(counts), max(largest))

@@ -1,0 +1,253 @@
+"""A run's results: one row per episode, a summary of them, and the directory that holds both."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import errno
+import glob
+import json
+import math
+import secrets
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from jaxtyping import Int, Shaped
+
+from crowdbench.errors import InputError
+from crowdbench.evaluate.metrics import Metric
+from crowdbench.evaluate.summary import Estimate, summarize
+from crowdbench.types import Outcome, Trace
+
+RESULT = "result.json"
+EPISODES = "episodes.csv"
+RECORDING = "run.rrd"
+LOCK = ".lock"
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """One row per episode: case, outcome, steps, and a column for each metric (booleans are rates)."""
+
+    case: Int[np.ndarray, "case"]
+    outcome: Int[np.ndarray, "case"]
+    steps: Int[np.ndarray, "case"]
+    columns: Mapping[str, Shaped[np.ndarray, "case"]]
+
+    def __len__(self) -> int:
+        return len(self.case)
+
+    @classmethod
+    def of(cls, trace: Trace, metrics: Mapping[str, Metric]) -> Episodes:
+        """Measure a trace. Raises InputError where a metric fails or does not give one value per episode."""
+        return cls(
+            trace.case,
+            trace.outcome,
+            trace.steps,
+            {name: _measure(name, metric, trace) for name, metric in metrics.items()},
+        )
+
+    @classmethod
+    def joined(cls, parts: list[Episodes]) -> Episodes:
+        """The rows of all parts, one after the other."""
+        return cls(
+            np.concatenate([part.case for part in parts]),
+            np.concatenate([part.outcome for part in parts]),
+            np.concatenate([part.steps for part in parts]),
+            {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
+        )
+
+    def take(self, rows: Shaped[np.ndarray, "row"]) -> Episodes:
+        """The given rows."""
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns)
+
+    def summary(self) -> dict[str, Estimate]:
+        """Each metric's mean and interval."""
+        return summarize(self.columns, self.steps)
+
+    def write(self, path: Path) -> None:
+        """Write as CSV; numbers are written so that they read back to the last bit."""
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["case", "outcome", "steps", *self.columns])
+            labels = [Outcome(outcome).label for outcome in self.outcome]
+            columns = [_texts(values) for values in self.columns.values()]
+            writer.writerows(zip(self.case.tolist(), labels, self.steps.tolist(), *columns, strict=True))
+
+    @classmethod
+    def read(cls, path: Path) -> Episodes:
+        """Read what `write` wrote. Raises InputError where the file is missing or something else."""
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                header, *rows = list(csv.reader(file))
+            by_name = dict(zip(header, zip(*rows, strict=True), strict=True))
+            case, steps = (np.array([int(text) for text in by_name.pop(name)]) for name in ("case", "steps"))
+            outcome = np.array([Outcome[text.upper()] for text in by_name.pop("outcome")], np.int64)
+            return cls(case, outcome, steps, {name: _values(texts) for name, texts in by_name.items()})
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: {error.strerror}") from None
+        except (ValueError, KeyError) as error:
+            raise InputError(f"{path} is not a table of episodes as crowdbench writes it: {error}") from None
+
+
+def read_result(directory: Path) -> dict[str, Any]:
+    """The `result.json` of a run. Raises InputError where there is none or it is broken."""
+    path = directory / RESULT
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
+        ) from None
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON: {error}") from None
+    expected = {"planner": str, "scenario": dict, "cases": str, "metrics": dict, "options": dict}
+    if (
+        not isinstance(result, dict)
+        or not all(isinstance(result.get(key), kind) for key, kind in expected.items())
+        or "digest" not in result["scenario"]
+    ):
+        raise InputError(f"{path} is not a result of crowdbench: it lacks {', '.join(expected)}, or has them otherwise")
+    return result
+
+
+def planner_label(planner: str, options: Mapping[str, Any], replan_every: int = 1) -> str:
+    """A planner's name with its options, and after how many steps it looks again, as shown to people."""
+    given = ", ".join(f"{key}={value}" for key, value in {**options, **replanning(replan_every)}.items())
+    return f"{planner} ({given})" if given else planner
+
+
+def replanning(replan_every: int) -> dict[str, int]:
+    """What names and titles say of it: nothing where the planner decides every step."""
+    return {} if replan_every == 1 else {"replan_every": replan_every}
+
+
+def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int | None]]:
+    """A summary as plain numbers; undefined and infinite ones, which JSON does not have, become null."""
+    return {
+        name: {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in dataclasses.asdict(estimate).items()
+        }
+        for name, estimate in summary.items()
+    }
+
+
+@contextlib.contextmanager
+def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A directory to write into, which becomes `path` in one move if all goes well, and vanishes otherwise.
+
+    Raises InputError where `path` exists and may not be overwritten, or cannot be made.
+    """
+    try:
+        path = path.resolve()
+        # First, because it may give an earlier run its name back.
+        _clear_abandoned(path)
+        _refuse_taken(path, overwrite)
+        folder_is_new = not path.parent.exists()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
+        partial.mkdir()
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        with (partial / LOCK).open("w") as lock:
+            _locked(lock)
+            yield partial
+            (partial / LOCK).unlink()
+            _move(partial, path, overwrite)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        if folder_is_new:
+            with contextlib.suppress(OSError):  # raised where there is a run in it
+                path.parent.rmdir()
+
+
+def _move(partial: Path, path: Path, overwrite: bool) -> None:
+    """Give the finished directory its name; an earlier run goes only once the new one is there."""
+    earlier = path.with_name(partial.name.replace(".partial-", ".earlier-"))
+    if overwrite and path.exists():
+        path.rename(earlier)
+    try:
+        partial.rename(path)
+    except OSError as error:
+        if earlier.exists():
+            earlier.rename(path)
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise InputError(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
+        raise
+    shutil.rmtree(earlier, ignore_errors=True)
+
+
+def _locked(file: IO[str]) -> bool:
+    """Lock a file until it is closed. False where another process has it locked, or locks do not exist."""
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (ImportError, OSError):
+        return False
+    return True
+
+
+def _clear_abandoned(path: Path) -> None:
+    """Clear away what runs that were killed have left.
+
+    Half-written ones go, and so does an earlier run that was replaced; one that was not gets its name back.
+    """
+    for earlier in path.parent.glob(f".{glob.escape(path.name)}.earlier-*"):
+        if path.exists():
+            shutil.rmtree(earlier, ignore_errors=True)
+        else:
+            earlier.rename(path)
+    for partial in path.parent.glob(f".{glob.escape(path.name)}.partial-*"):
+        with contextlib.suppress(OSError), (partial / LOCK).open("r+") as lock:
+            if _locked(lock):
+                shutil.rmtree(partial, ignore_errors=True)
+
+
+def _refuse_taken(path: Path, overwrite: bool) -> None:
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file: name a directory with --out")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
+    if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
+        raise InputError(f"{path} holds something other than a run and is not overwritten: choose another --out")
+
+
+def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
+    try:
+        values = metric(trace)
+    except (Exception, SystemExit) as error:
+        raise InputError(f"metric {name} raised {type(error).__name__}: {error}") from error
+    if not isinstance(values, np.ndarray) or values.shape != (len(trace),) or values.dtype.kind not in "bfiu":
+        found = (
+            f"shape {list(values.shape)} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
+        )
+        raise InputError(
+            f"metric {name} returned {found}, but must return one number or boolean per episode, [{len(trace)}]"
+        )
+    if np.isinf(values).any():
+        case = trace.case[np.isinf(values).argmax()]
+        raise InputError(f"metric {name} is infinite in case {case}: what is undefined is NaN")
+    return values if values.dtype == bool else values.astype(np.float64)
+
+
+def _texts(values: Shaped[np.ndarray, "case"]) -> list[str]:
+    if values.dtype == bool:
+        return ["true" if value else "false" for value in values]
+    return ["" if math.isnan(value) else repr(value) for value in values.tolist()]
+
+
+def _values(texts: tuple[str, ...]) -> Shaped[np.ndarray, "case"]:
+    if set(texts) <= {"true", "false"}:
+        return np.array([text == "true" for text in texts])
+    return np.array([float(text) if text else math.nan for text in texts])

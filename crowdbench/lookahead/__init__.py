@@ -1,5 +1,0 @@
-"""One-step lookahead: every command is tried on the predicted crowd, and the best is taken."""
-
-from crowdbench.lookahead.planner import ValuePlanner
-
-__all__ = ["ValuePlanner"]

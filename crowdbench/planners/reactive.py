@@ -1,0 +1,69 @@
+"""Planners that drive the vehicle with a pedestrian's kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.geometry import toward_goal
+from crowdbench.planners.base import Planner
+from crowdbench.sim.orca import orca_velocities
+from crowdbench.sim.pedestrians import ORCA_MARGIN
+from crowdbench.sim.social_force import social_force_velocities
+from crowdbench.types import Observation
+
+
+class ORCAPlanner(Planner):
+    """Optimal reciprocal collision avoidance, with CrowdNav's parameters for its robot.
+
+    `safety_space`, in metres, is added to every radius.
+    """
+
+    def __init__(self, safety_space: float = 0.0) -> None:
+        self.safety_space = safety_space
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle = obs.vehicle
+        position, velocity, radius, present = obs.everybody()
+        preferred = np.zeros_like(position)
+        preferred[:, 0] = toward_goal(vehicle.position, vehicle.goal, vehicle.preferred_speed)
+        return orca_velocities(
+            position,
+            velocity,
+            preferred,
+            radius + (ORCA_MARGIN + self.safety_space),
+            np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
+            time_step=obs.dt,
+            seen=present,
+            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
+        )[:, 0]
+
+
+class SocialForcePlanner(Planner):
+    """The social force model with the parameters of Helbing and Molnár (1995).
+
+    The other agents go on with their velocities, as far as it can see. `safety_space`, in metres, is added
+    to every radius. It does not fluctuate.
+    """
+
+    def __init__(self, safety_space: float = 0.0) -> None:
+        self.safety_space = safety_space
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle = obs.vehicle
+        position, velocity, radius, present = obs.everybody()
+        goal = position.copy()
+        goal[:, 0] = vehicle.goal
+        return social_force_velocities(
+            position,
+            velocity,
+            goal,
+            radius + self.safety_space,
+            np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
+            np.zeros_like(position),
+            time_step=obs.dt,
+            seen=present,
+            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
+        )[:, 0]

@@ -1,0 +1,1 @@
+"""Scenarios: which cases there are, how each is drawn, and the TOML files that say so."""

@@ -1,0 +1,135 @@
+"""The runs that a study needs, and the making of those that are not there yet."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crowdbench import catalog, plugins
+from crowdbench.evaluate import run as runs
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.results import EPISODES, RESULT, Episodes, planner_label, read_result, replanning
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+
+_PACKAGE = Path(__file__).parent.parent
+_APART = tuple(_PACKAGE / name for name in ("agents", "bench", "cli", "envs", "study", "train"))
+"""Parts of the package on which no run depends, and the planners, whose files count one by one."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run that a study needs: its planner and scenario exist, its directory perhaps not yet."""
+
+    driver: Driver
+    scenario: Scenario
+    cases: Cases
+    replan_every: int
+    about: Mapping[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        planner: str,
+        options: Mapping[str, Any],
+        scenario: str,
+        cases: Cases,
+        *,
+        overrides: Mapping[str, Any] | None = None,
+        replan_every: int = 1,
+    ) -> Run:
+        """From what one would give to `crowdbench run`. Raises InputError where the planner or scenario is wrong."""
+        name, made = catalog.load_planner(planner, options)
+        place = catalog.load_scenario(scenario, overrides)
+        about = {"options": options, "planner_file": plugins.source(planner), "overrides": overrides or {}}
+        return cls(Driver(made, name), place, cases, replan_every, about)
+
+    @property
+    def planner(self) -> str:
+        """The planner's name."""
+        return self.driver.name
+
+    @property
+    def privileged(self) -> bool:
+        """Whether the planner sees what no vehicle could."""
+        return self.driver.planner.privileged
+
+    @property
+    def title(self) -> str:
+        """What it is, for people."""
+        changes = "".join(f", {key}={value}" for key, value in self.about["overrides"].items())
+        planner = planner_label(self.planner, self.about["options"], self.replan_every)
+        return f"{planner} on {self.scenario.name}{changes}, cases {self.cases}"
+
+    @property
+    def directory(self) -> str:
+        """The name of its directory: for people to read, and then a digest of all that its numbers depend on.
+
+        What does not count is what a plug-in's file imports.
+        """
+        text = json.dumps(
+            {
+                "planner": self.planner,
+                "planner_file": self.about["planner_file"],
+                "planner_facts": dict(self.driver.planner.facts),
+                "options": self.about["options"],
+                "scenario": self.scenario.digest,
+                "cases": str(self.cases),
+                "replan_every": self.replan_every,
+                "crowdbench": _code(self.planner),
+            },
+            sort_keys=True,
+        )
+        changes = {**self.about["options"], **self.about["overrides"], **replanning(self.replan_every)}
+        name = runs.directory_name(self.planner, self.scenario.name, self.cases, changes)
+        return f"{name[:180]}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+    def is_in(self, out: Path) -> bool:
+        """Whether it has been made, to the last case. Raises InputError where its directory holds something else."""
+        directory = out / self.directory
+        return (directory / RESULT).exists() and read_result(directory)["cases"] == str(self.cases)
+
+    def make(self, out: Path, progress: Callable[[int], None]) -> None:
+        """Make it, into its directory in `out`. Raises InputError as `crowdbench.evaluate.run.run` does.
+
+        An interrupt raises KeyboardInterrupt; batches that were finished are kept, though not taken for the whole.
+        """
+        finished = runs.run(
+            self.driver,
+            self.scenario,
+            self.cases,
+            out / self.directory,
+            metrics=METRICS,
+            about=self.about,
+            replan_every=self.replan_every,
+            record="none",
+            overwrite=True,
+            progress=progress,
+        )
+        if finished.interrupted:
+            raise KeyboardInterrupt
+
+    def episodes(self, out: Path) -> Episodes:
+        """What it left in `out`. Raises InputError where it has not been made."""
+        return Episodes.read(out / self.directory / EPISODES)
+
+
+def missing(wanted: Iterable[Run], out: Path) -> list[Run]:
+    """Those that `out` lacks, each once."""
+    each = {run.directory: run for run in wanted}
+    return [run for run in each.values() if not run.is_in(out)]
+
+
+@functools.cache
+def _code(planner: str) -> str:
+    """A digest of the code of crowdbench on which runs of a planner may depend, its own file if it is built in."""
+    files = [path for path in sorted(_PACKAGE.rglob("*.py")) if not any(map(path.is_relative_to, _APART))]
+    own = catalog.PLANNERS.folder / f"{planner}.py"
+    files += [own] if own.exists() else []
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()

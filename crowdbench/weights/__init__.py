@@ -1,0 +1,1 @@
+"""Trained weights on disk: safetensors files, and the cards that describe them."""

@@ -1,0 +1,82 @@
+"""Trained weights: a safetensors file, and beside it a card that says where it comes from and what it must hold.
+
+The card is JSON: `network`, `sha256` of the weights file, how it was trained, and what it was measured to do.
+Nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+from torch import nn
+
+from crowdbench.errors import InputError
+from crowdbench.files import whole
+from crowdbench.weights import card as cards
+
+Network = TypeVar("Network", bound=nn.Module)
+
+
+def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> None:
+    """Write the weights to `path`, which ends in .safetensors, and the card beside them, for programs and people."""
+    content = save({key: tensor.detach().cpu().contiguous() for key, tensor in network.state_dict().items()})
+    about = {"network": name, "sha256": hashlib.sha256(content).hexdigest(), **card}
+    with whole(path) as partial:
+        partial.write_bytes(content)
+    with whole(path.with_suffix(".json")) as partial:
+        partial.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+    with whole(path.with_suffix(".md")) as partial:
+        partial.write_text(cards.markdown(about), encoding="utf-8")
+
+
+def read_card(path: Path) -> dict[str, Any]:
+    """The card of the weights at `path`. Raises InputError where there is none or it is none."""
+    card = path.with_suffix(".json")
+    try:
+        table = json.loads(card.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"the weights {path} need their card {card.name} beside them: {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{card} is not valid JSON: {error}") from None
+    if not isinstance(table, dict) or not all(isinstance(table.get(key), str) for key in ("network", "sha256")):
+        raise InputError(f"{card} is not a card of weights: it must name their network and their sha256")
+    return table
+
+
+def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> Network:
+    """Give a network, which is called `name`, the weights at `path`.
+
+    Raises InputError where they are missing, altered, of another network, or no weights at all, and where
+    there is no such device.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"the weights {path} cannot be read: {error.strerror}") from None
+    card = read_card(path)
+    if card["network"] != name:
+        raise InputError(f"the weights {path} are of the network {card['network']}, but must be of {name}")
+    if hashlib.sha256(content).hexdigest() != card["sha256"]:
+        raise InputError(f"the weights {path} are not those that their card describes: their sha256 differs")
+    try:
+        network.load_state_dict(load(content))
+        return network.to(torch.device(device))
+    except (SafetensorError, RuntimeError, AssertionError) as error:
+        # torch tells of all missing and unexpected tensors, one per line.
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"the weights {path} cannot be loaded on {device}: {reason}") from None
+
+
+def digest(network: nn.Module) -> str:
+    """Twelve hexadecimal digits that change with the weights."""
+    sha = hashlib.sha256()
+    for tensor in network.state_dict().values():
+        sha.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return sha.hexdigest()[:12]
