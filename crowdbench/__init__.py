@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from crowdbench.envs import registration
 
 if TYPE_CHECKING:
-    from crowdbench.catalog import load_network, load_planner, load_predictor, load_scenario
+    from crowdbench.catalog import load_planner, load_scenario
     from crowdbench.envs.observations import flatten
     from crowdbench.envs.parallel import parallel_env
     from crowdbench.errors import InputError
@@ -22,10 +22,12 @@ if TYPE_CHECKING:
     from crowdbench.planners.base import OneWorldPlanner, Planner
     from crowdbench.planners.lookahead import ValuePlanner
     from crowdbench.predict import Prediction, Predictor
+    from crowdbench.predict.load import load_predictor
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.scenario import Scenario
     from crowdbench.sim.pedestrians import PedestrianPolicy
     from crowdbench.types import Observation, Outcome, Rules, Trace, World
+    from crowdbench.value.networks import load_network
 
 registration.register()
 
@@ -47,9 +49,9 @@ _HOMES = {
     "ValuePlanner": "planners.lookahead",
     "World": "types",
     "flatten": "envs.observations",
-    "load_network": "catalog",
+    "load_network": "value.networks",
     "load_planner": "catalog",
-    "load_predictor": "catalog",
+    "load_predictor": "predict.load",
     "load_scenario": "catalog",
     "parallel_env": "envs.parallel",
     "rollout": "evaluate.rollout",

@@ -5,34 +5,22 @@ from __future__ import annotations
 import functools
 import json
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from crowdbench import plugins
 from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import METRICS, Metric
 from crowdbench.planners.base import Planner
-from crowdbench.plugins import Kind
-from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Predictor
+from crowdbench.plugins import ROOT, Kind
 from crowdbench.scenario import file as scenario_file
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
-if TYPE_CHECKING:
-    from crowdbench.value.networks import ValueNetwork
-
-_PACKAGE = Path(__file__).parent
-# In a wheel the plug-in folders lie inside the package, in a checkout beside it.
-_ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
-
-PLANNERS = Kind("planner", _ROOT / "agents" / "planners", "planner", "crowdbench.planners")
-PEDESTRIANS = Kind("pedestrian policy", _ROOT / "agents" / "pedestrians", "policy", "crowdbench.pedestrians")
-SCENARIOS = _ROOT / "scenarios"
-WEIGHTS = _ROOT / "agents" / "weights"
-
-SUFFIX = ".safetensors"
-"""How files of weights end."""
+PLANNERS = Kind("planner", ROOT / "agents" / "planners", "planner", "crowdbench.planners")
+PEDESTRIANS = Kind("pedestrian policy", ROOT / "agents" / "pedestrians", "policy", "crowdbench.pedestrians")
+SCENARIOS = ROOT / "scenarios"
 
 RESERVED = ("case", "outcome", "steps")
 """Columns of every table of episodes, which no metric may be called."""
@@ -47,25 +35,6 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     made = plugins.call(name, factory, options or {})
     if not isinstance(made, Planner):
         raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a crowdbench.Planner")
-    return name, made
-
-
-def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Predictor]:
-    """A predictor's name and the predictor, from the name of a built-in one, `file.py` or `file.py:function`.
-
-    Raises InputError like `load_planner`.
-    """
-    file, function = plugins.parts(spec)
-    if file is not None:
-        name, factory = function or file.stem, plugins.function_of(file, function or "predictor")
-    elif spec in PREDICTORS:
-        name, factory = spec, PREDICTORS[spec]
-    else:
-        known = ", ".join(PREDICTORS)
-        raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
-    made = plugins.call(name, factory, options or {})
-    if not isinstance(made, Predictor):
-        raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a Predictor")
     return name, made
 
 
@@ -85,75 +54,13 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
     return name, made, plugins.source(spec)
 
 
-def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwork:
-    """A value network with weights: the name of built-in ones, or `file.safetensors`, with its card beside it.
-
-    Raises InputError where they do not exist, are not this network's, or are not what their card says.
-    """
-    # Here, since torch takes a second and most planners do without.
-    from crowdbench.value.networks import NETWORKS
-    from crowdbench.weights.store import load_into
-
-    return load_into(NETWORKS[network](), network, _weights_file(weights), device)
-
-
-def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
-    """Social GAN (Gupta et al. 2018): several futures of the crowd, from a generator trained on real pedestrians."""
-    from crowdbench.predict.social_gan import NAME, SocialGAN
-    from crowdbench.predict.social_gan_network import Generator
-    from crowdbench.weights.store import load_into, read_card
-
-    file = _weights_file(weights)
-    about = read_card(file).get("training", {})
-    generator = load_into(Generator(about.get("pooling", False)), NAME, file, device)
-    if not {"dt", "scenes"} <= about.keys():
-        raise InputError(
-            f"the card of the weights {file} must say on which scenes, in steps of which dt, they were trained"
-        )
-
-    def trained_without(scene: str) -> Predictor:
-        return _sgan(f"{weights}-{scene}", modes, rescaled, device)
-
-    has_others = any(path.stem.startswith(f"{weights}-") for path in _weights())
-    return SocialGAN(generator, about, modes, rescaled, trained_without if has_others else None)
-
-
-def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
-    """Social GAN trained on the crowds of the simulator instead of real pedestrians."""
-    return _sgan("sgan_simulated", modes, device=device)
-
-
-PREDICTORS: Mapping[str, Callable[..., Predictor]] = {
-    "linear": Linear,
-    "constant_velocity": ConstantVelocity,
-    "constant_velocity_sampled": ConstantVelocitySampled,
-    "oracle": Oracle,
-    "sgan": _sgan,
-    "sgan_simulated": _sgan_simulated,
-}
-"""What makes the built-in predictors: classes, or functions that import torch only when they are called."""
-
-
-def _weights_file(weights: str) -> Path:
-    if weights.endswith(SUFFIX):
-        return Path(weights)
-    if weights not in (names := [path.stem for path in _weights()]):
-        raise InputError(
-            f"no weights are called {weights!r}; there are {', '.join(names)}, or give a file: ./mine{SUFFIX}"
-        )
-    return WEIGHTS / f"{weights}{SUFFIX}"
-
-
 def weights() -> list[tuple[str, str]]:
     """Name and headline of the built-in weights."""
+    # Imported here, because torch takes a second and most planners do without.
     from crowdbench.weights.card import headline
-    from crowdbench.weights.store import read_card
+    from crowdbench.weights.store import built_in, read_card
 
-    return [(path.stem, headline(read_card(path))) for path in _weights()]
-
-
-def _weights() -> list[Path]:
-    return sorted(WEIGHTS.glob(f"*{SUFFIX}"))
+    return [(path.stem, headline(read_card(path))) for path in built_in()]
 
 
 def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:

@@ -18,6 +18,11 @@ from typing import Any
 
 from crowdbench.errors import InputError
 
+_PACKAGE = Path(__file__).parent
+
+ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
+"""Where the folders `agents` and `scenarios` lie: inside the package in a wheel, beside it in a checkout."""
+
 
 @dataclass(frozen=True)
 class Kind:

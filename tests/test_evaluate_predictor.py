@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from crowdbench.catalog import PREDICTORS, load_scenario
+from crowdbench import load_scenario
 from crowdbench.errors import InputError
 from crowdbench.evaluate import prediction_errors
 from crowdbench.evaluate.prediction_errors import MEAN, displacement, on_scenario, on_tracks
@@ -18,6 +18,7 @@ from crowdbench.predict import (
     Prediction,
     Predictor,
 )
+from crowdbench.predict.load import PREDICTORS
 from crowdbench.predict.tracks import Tracks, read_folder
 from crowdbench.scenario.cases import Cases
 from crowdbench.settings import HORIZON

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from crowdbench.catalog import PREDICTORS, load_predictor, load_scenario
+from crowdbench import load_predictor, load_scenario
 from crowdbench.errors import InputError
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
+from crowdbench.predict.load import PREDICTORS
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.simulator import advance, crowd_velocities, observe
 from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from crowdbench import InputError, load_scenario
-from crowdbench.catalog import load_predictor
+from crowdbench import InputError, load_predictor, load_scenario
 from crowdbench.predict.tracks import FRAME_STEP
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import session, sgan, sgan_request

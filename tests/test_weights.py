@@ -4,8 +4,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from crowdbench import InputError
-from crowdbench.catalog import load_network, load_predictor
+from crowdbench import InputError, load_network, load_predictor
 from crowdbench.predict.social_gan_network import Generator
 from crowdbench.value.networks import NETWORKS
 from crowdbench.weights.store import digest, save_network

@@ -1,6 +1,6 @@
 """CADRL (Chen et al. 2017), trained among several pedestrians; they are foreseen at constant velocity."""
 
-from crowdbench.catalog import load_network, load_predictor
+from crowdbench import load_network, load_predictor
 from crowdbench.planners.lookahead import ValuePlanner
 
 

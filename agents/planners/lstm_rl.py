@@ -1,6 +1,6 @@
 """LSTM-RL (Everett et al. 2018); pedestrians are foreseen at constant velocity."""
 
-from crowdbench.catalog import load_network, load_predictor
+from crowdbench import load_network, load_predictor
 from crowdbench.planners.lookahead import ValuePlanner
 
 

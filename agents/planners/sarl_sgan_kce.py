@@ -1,6 +1,6 @@
 """SARL-SGAN-KCE (Li et al.): 20 futures of Social GAN, kinematic constraints and an explored action space."""
 
-from crowdbench.catalog import load_network, load_predictor
+from crowdbench import load_network, load_predictor
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.aggregate import find_aggregate
 from crowdbench.planners.lookahead.kce import Exploration, Limits

@@ -67,13 +67,13 @@ def evaluate_predictor(
 
 
 def _made(specs: list[str], options: Mapping[str, Any]) -> dict[str, Predictor]:
-    from crowdbench import catalog
+    from crowdbench.predict.load import load_predictor
 
     if options and len(specs) > 1:
         raise InputError(f"--option does not go with {len(specs)} predictors: give one, or a file that sets its own")
     made: dict[str, Predictor] = {}
     for spec in specs:
-        name, predictor = catalog.load_predictor(spec, options)
+        name, predictor = load_predictor(spec, options)
         if name in made:
             raise InputError(f"two predictors are called {name}: rename one, or name another function")
         made[name] = predictor

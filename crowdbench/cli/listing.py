@@ -20,11 +20,12 @@ def list_(
     from crowdbench import catalog
     from crowdbench.cli.tables import listing_table
     from crowdbench.evaluate.metrics import METRICS
+    from crowdbench.predict.load import PREDICTORS
 
     listings: dict[str, Callable[[], list[tuple[str, str]]]] = {
         "planners": catalog.PLANNERS.names,
         "pedestrians": catalog.PEDESTRIANS.names,
-        "predictors": lambda: _described(catalog.PREDICTORS),
+        "predictors": lambda: _described(PREDICTORS),
         "weights": catalog.weights,
         "scenarios": catalog.scenarios,
         "metrics": lambda: _described(METRICS),

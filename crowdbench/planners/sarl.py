@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from crowdbench.catalog import load_network, load_predictor
 from crowdbench.errors import InputError
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.aggregate import find_aggregate
 from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
+from crowdbench.predict.load import load_predictor
+from crowdbench.value.networks import load_network
 
 KCE = {"filter", "reward", "explore"}
 """The parts of KCE: equations 5 and 6, equation 8, and equation 9 of Li et al."""
@@ -30,7 +31,7 @@ def sarl_planner(
 
     `modes` is the number of futures, for a predictor that has several, which are valued as `aggregate` says: crowd,
     mean or worst; see `ValuePlanner` for `shortlist`. `kce` is none, all, or some of filter, reward and explore,
-    joined by "+". The options after it are its parts' (`crowdbench.planners.lookahead.kce`): with a `threshold`, the reward is
+    joined by "+". The options after it are its parts' (`planners.lookahead.kce`): with a `threshold`, the reward is
     the printed one, and otherwise each change of velocity has its `cost`; a `max_velocity_change` of twice the
     preferred speed bounds nothing. Raises InputError where an option is impossible.
     """

@@ -15,7 +15,7 @@ from crowdbench.errors import InputError
 from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.predict.social_gan_network import NOISE, Generator
 from crowdbench.types import Observation, Pedestrians
-from crowdbench.weights.store import digest
+from crowdbench.weights.store import built_in, digest, load_into, read_card, weights_file
 
 NAME = "sgan"
 """What files of its weights call it."""
@@ -92,3 +92,33 @@ def lived(crowd: Pedestrians) -> Float[np.ndarray, "world time pedestrian 2"]:
     move = history[world, np.minimum(start + 1, last)] - first
     before = np.maximum(start[:, None] - np.arange(last + 1), 0)[:, :, None, None]
     return history - before * move[:, None]
+
+
+def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> SocialGAN:
+    """The predictor with trained weights.
+
+    Args:
+        weights: The name of built-in weights or `file.safetensors`, with its card beside it.
+        modes: Number of futures.
+        rescaled: Whether displacements are scaled to the time step that the generator was trained on.
+        device: `cpu` or `cuda`.
+
+    Returns:
+        The predictor. Its `unseen(scene)` loads the weights `<weights>-<scene>`, where there are any.
+
+    Raises:
+        InputError: The weights do not exist, are of another network, or their card lacks scenes or time step.
+    """
+    file = weights_file(weights)
+    about = read_card(file).get("training", {})
+    generator = load_into(Generator(about.get("pooling", False)), NAME, file, device)
+    if not {"dt", "scenes"} <= about.keys():
+        raise InputError(
+            f"the card of the weights {file} must say on which scenes, in steps of which dt, they were trained"
+        )
+
+    def trained_without(scene: str) -> Predictor:
+        return load_social_gan(f"{weights}-{scene}", modes, rescaled, device)
+
+    has_others = any(path.stem.startswith(f"{weights}-") for path in built_in())
+    return SocialGAN(generator, about, modes, rescaled, trained_without if has_others else None)

@@ -14,6 +14,7 @@ from crowdbench.evaluate.results import Episodes, to_json
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
+from crowdbench.predict.load import load_predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.settings import BATCH
 from crowdbench.train.value import Setup, Training
@@ -50,7 +51,7 @@ class ValueRequest:
         """A new training of it. Raises InputError where there is no such network, scenario or predictor."""
         if self.network not in NETWORKS:
             raise InputError(f"no network is called {self.network!r}; there are {', '.join(NETWORKS)}, sgan")
-        _, predictor = catalog.load_predictor(self.predictor)
+        _, predictor = load_predictor(self.predictor)
         scenario = catalog.load_scenario(self.scenario, self.overrides)
         return Training(Setup(self.network, scenario, predictor, self.seed, self.episodes, self.minutes, device))
 

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from crowdbench.reward import DISCOUNT, SUCCESS
 from crowdbench.value.joint_state import DISTANCE, SIZE, VEHICLE
+from crowdbench.weights.store import load_into, weights_file
 
 Joint = Float[Tensor, "*batch pedestrian 13"]
 Present = Bool[Tensor, "*batch pedestrian"]
@@ -155,3 +156,20 @@ def _spread(
     places = rows.new_full((*present.shape, *rows.shape[1:]), absent)
     places[present] = rows
     return places
+
+
+def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwork:
+    """A value network with trained weights.
+
+    Args:
+        network: One of `NETWORKS`.
+        weights: The name of built-in weights or `file.safetensors`, with its card beside it.
+        device: `cpu` or `cuda`.
+
+    Returns:
+        The network, on the device.
+
+    Raises:
+        InputError: The weights do not exist, are of another network, or are not those that their card describes.
+    """
+    return load_into(NETWORKS[network](), network, weights_file(weights), device)

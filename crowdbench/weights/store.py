@@ -19,9 +19,35 @@ from torch import nn
 
 from crowdbench.errors import InputError
 from crowdbench.files import whole
+from crowdbench.plugins import ROOT
 from crowdbench.weights import card as cards
 
+WEIGHTS = ROOT / "agents" / "weights"
+"""Where the weights that ship lie."""
+
+SUFFIX = ".safetensors"
+"""How files of weights end."""
+
 Network = TypeVar("Network", bound=nn.Module)
+
+
+def built_in() -> list[Path]:
+    """The files of the weights that ship, ordered by name."""
+    return sorted(WEIGHTS.glob(f"*{SUFFIX}"))
+
+
+def weights_file(weights: str) -> Path:
+    """The file of the weights of that name, or the path that ends in `.safetensors`, as it is.
+
+    Raises InputError where no weights have that name.
+    """
+    if weights.endswith(SUFFIX):
+        return Path(weights)
+    if weights not in (names := [path.stem for path in built_in()]):
+        raise InputError(
+            f"no weights are called {weights!r}; there are {', '.join(names)}, or give a file: ./mine{SUFFIX}"
+        )
+    return WEIGHTS / f"{weights}{SUFFIX}"
 
 
 def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> None:

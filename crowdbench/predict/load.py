@@ -1,0 +1,63 @@
+"""Predictors by name or from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from crowdbench import plugins
+from crowdbench.errors import InputError
+from crowdbench.predict.base import Predictor
+from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear
+from crowdbench.predict.oracle import Oracle
+
+
+def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Predictor]:
+    """Find a predictor and construct it.
+
+    Args:
+        spec: The name of a built-in predictor, `file.py` or `file.py:function`.
+        options: Keyword arguments of the predictor.
+
+    Returns:
+        The predictor's name, and the predictor.
+
+    Raises:
+        InputError: There is no such predictor, it does not take the options, or its file is broken.
+    """
+    file, function = plugins.parts(spec)
+    if file is not None:
+        name, factory = function or file.stem, plugins.function_of(file, function or "predictor")
+    elif spec in PREDICTORS:
+        name, factory = spec, PREDICTORS[spec]
+    else:
+        known = ", ".join(PREDICTORS)
+        raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
+    made = plugins.call(name, factory, options or {})
+    if not isinstance(made, Predictor):
+        raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a Predictor")
+    return name, made
+
+
+def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
+    """Social GAN (Gupta et al. 2018): several futures of the crowd, from a generator trained on real pedestrians."""
+    # Imported here, because torch takes a second and most planners do without.
+    from crowdbench.predict.social_gan import load_social_gan
+
+    return load_social_gan(weights, modes, rescaled, device)
+
+
+def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
+    """Social GAN trained on the crowds of the simulator instead of real pedestrians."""
+    return _sgan("sgan_simulated", modes, device=device)
+
+
+PREDICTORS: Mapping[str, Callable[..., Predictor]] = {
+    "linear": Linear,
+    "constant_velocity": ConstantVelocity,
+    "constant_velocity_sampled": ConstantVelocitySampled,
+    "oracle": Oracle,
+    "sgan": _sgan,
+    "sgan_simulated": _sgan_simulated,
+}
+"""What constructs each built-in predictor: a class, or a function that imports torch only when it is called."""
