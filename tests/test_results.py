@@ -1,5 +1,6 @@
 import json
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,9 +11,10 @@ from helpers import Still, drive
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.errors import InputError
 from crowdbench.evaluate.compare import compare, mcnemar
+from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import Episodes, new_directory, read_result
+from crowdbench.evaluate.results import Episodes, read_result
 from crowdbench.evaluate.run import directory_name, run
 from crowdbench.planners.base import Planner
 from crowdbench.record.record import read
@@ -85,14 +87,39 @@ def test_the_first_of_two_runs_to_one_place_stays(tmp_path):
 
 def test_what_a_killed_run_left_is_cleared_away_but_not_a_live_one(tmp_path):
     (tmp_path / ".a.partial-dead").mkdir()
-    (tmp_path / ".a.partial-dead" / ".lock").touch()
+    (tmp_path / ".a.lock-dead").touch()
     (tmp_path / ".a.earlier-dead").mkdir()
     (tmp_path / ".a.earlier-dead" / "result.json").write_text("{}")
     with new_directory(tmp_path / "a", True) as live:
         assert (tmp_path / "a" / "result.json").read_text() == "{}"
         go(tmp_path / "a", cases="3", overwrite=True)
         assert live.is_dir()
-        assert {path.name for path in tmp_path.iterdir()} == {"a", live.name}
+        assert {path.name for path in tmp_path.iterdir()} == {"a", live.name, live.name.replace("partial", "lock")}
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+WRITES_UNTIL_KILLED = """
+import sys, time
+from pathlib import Path
+from crowdbench.evaluate.directory import new_directory
+with new_directory(Path(sys.argv[1]), False) as directory:
+    (directory / "episodes.csv").write_text("half")
+    print("written", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_run_killed_by_force_blocks_no_later_one(tmp_path):
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITES_UNTIL_KILLED, str(tmp_path / "a")], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "written\n"
+        left = {path.name.rpartition("-")[0] for path in tmp_path.iterdir()}
+        go(tmp_path / "a", cases="3")
+        assert {path.name.rpartition("-")[0] for path in tmp_path.iterdir()} == left | {""}
+        process.kill()
+    assert left == {".a.partial", ".a.lock"}
+    go(tmp_path / "a", cases="4", overwrite=True)
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 

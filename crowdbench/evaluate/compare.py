@@ -13,11 +13,11 @@ from jaxtyping import Bool, Float
 from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import OVER_ALL, POOLED
 from crowdbench.evaluate.results import EPISODES, Episodes, planner_label, read_result
-from crowdbench.evaluate.summary import Estimate, interval, resampled_means
+from crowdbench.evaluate.summary import NOTHING, Estimate, bootstrap_distribution, interval, weighted_mean
 
 
 @dataclass(frozen=True)
-class Row:
+class MetricDifference:
     """One metric in both runs, the difference B - A paired by case, and for rates McNemar's p-value."""
 
     a: float
@@ -37,7 +37,7 @@ class Comparison:
     names: tuple[str, str]
     cases: int
     both_solved: int
-    rows: dict[str, Row]
+    rows: dict[str, MetricDifference]
     changed: list[tuple[int, int, int]]
 
 
@@ -62,33 +62,39 @@ def compare(a: Path, b: Path) -> Comparison:
         names=_names(results, a, b),
         cases=len(one),
         both_solved=int(solved.sum()),
-        rows={name: _row(name, one, two, solved) for name in one.columns if name in two.columns},
+        rows={name: _difference(name, one, two, solved) for name in one.columns if name in two.columns},
         changed=list(zip(*(table[differ].tolist() for table in (one.case, one.outcome, two.outcome)), strict=True)),
     )
 
 
-def _row(name: str, one: Episodes, two: Episodes, solved: Bool[np.ndarray, "case"]) -> Row:
+def _difference(name: str, one: Episodes, two: Episodes, solved: Bool[np.ndarray, "case"]) -> MetricDifference:
     x, y = one.columns[name], two.columns[name]
     if x.dtype == bool and y.dtype == bool:
         ones = np.ones(len(x))
-        return Row(*_paired(x.astype(float), y.astype(float), ones, ones), mcnemar(x, y))
+        return MetricDifference(*_paired(x.astype(float), ones, y.astype(float), ones), mcnemar(x, y))
     both = ~np.isnan(x.astype(float) + y) & (solved | (name in OVER_ALL))
-    weights = [table.steps[both] * 1.0 if name in POOLED else np.ones(both.sum()) for table in (one, two)]
-    return Row(*_paired(x[both].astype(float), y[both].astype(float), *weights), None)
+    x_weights, y_weights = (table.steps[both] * 1.0 if name in POOLED else np.ones(both.sum()) for table in (one, two))
+    return MetricDifference(*_paired(x[both].astype(float), x_weights, y[both].astype(float), y_weights), None)
 
 
-def _paired(
-    x: Float[np.ndarray, "case"],
-    y: Float[np.ndarray, "case"],
-    x_weights: Float[np.ndarray, "case"],
-    y_weights: Float[np.ndarray, "case"],
-) -> tuple[float, float, Estimate]:
-    """Both weighted means, and the estimate of their difference, from the same resampled cases for both."""
+def _paired(*columns: Float[np.ndarray, "case"]) -> tuple[float, float, Estimate]:
+    """Both weighted means and their difference, from values and weights of A, then of B."""
+    x, x_weights, y, y_weights = columns
     if len(x) == 0:
-        return math.nan, math.nan, Estimate(math.nan, math.nan, math.nan, 0, math.nan)
-    a, b = float((x * x_weights).sum() / x_weights.sum()), float((y * y_weights).sum() / y_weights.sum())
-    low, high = interval(resampled_means(y, y_weights) - resampled_means(x, x_weights))
+        return math.nan, math.nan, NOTHING
+    a, b = float(weighted_mean(x, x_weights)), float(weighted_mean(y, y_weights))
+    low, high = interval(bootstrap_distribution(_mean_difference, *columns))
     return a, b, Estimate(b - a, low, high, len(x), float((y - x).max()))
+
+
+def _mean_difference(
+    x: Float[np.ndarray, "*resample case"],
+    x_weights: Float[np.ndarray, "*resample case"],
+    y: Float[np.ndarray, "*resample case"],
+    y_weights: Float[np.ndarray, "*resample case"],
+    axis: int = -1,
+) -> Float[np.ndarray, "*resample"]:
+    return weighted_mean(y, y_weights, axis) - weighted_mean(x, x_weights, axis)
 
 
 def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:

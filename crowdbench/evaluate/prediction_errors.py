@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
-from crowdbench.evaluate.summary import Estimate, interval, resampled_means
+from crowdbench.evaluate.summary import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.geometry import norm
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.tracks import Tracks, scenes, windows
@@ -255,6 +255,6 @@ def _estimate(places: Sequence[_Clusters], choice: int, measure: int, step: int)
         values = total / weights
         found.append((float(total.sum() / weights.sum()), len(values), float(values.max())))
         # Shifted, since two places of the same size are resampled alike, as if one depended on the other.
-        resampled.append(np.roll(resampled_means(values, weights), place))
+        resampled.append(np.roll(bootstrap_distribution(weighted_mean, values, weights), place))
     means, counts, largest = zip(*found, strict=True)
     return Estimate(sum(means) / len(means), *interval(np.mean(resampled, axis=0)), sum(counts), max(largest))

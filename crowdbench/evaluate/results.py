@@ -1,20 +1,15 @@
-"""A run's results: one row per episode, a summary of them, and the directory that holds both."""
+"""A run's results: one row per episode in `episodes.csv`, and what `result.json` says of them together."""
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import dataclasses
-import errno
-import glob
 import json
 import math
-import secrets
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int, Shaped
@@ -27,7 +22,6 @@ from crowdbench.types import Outcome, Trace
 RESULT = "result.json"
 EPISODES = "episodes.csv"
 RECORDING = "run.rrd"
-LOCK = ".lock"
 
 
 @dataclass(frozen=True)
@@ -137,90 +131,6 @@ def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int 
         }
         for name, estimate in summary.items()
     }
-
-
-@contextlib.contextmanager
-def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
-    """A directory to write into, which becomes `path` in one move if all goes well, and vanishes otherwise.
-
-    Raises InputError where `path` exists and may not be overwritten, or cannot be made.
-    """
-    try:
-        path = path.resolve()
-        # First, because it may give an earlier run its name back.
-        _clear_abandoned(path)
-        _refuse_taken(path, overwrite)
-        folder_is_new = not path.parent.exists()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
-        partial.mkdir()
-    except (OSError, RuntimeError) as error:
-        raise InputError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
-    try:
-        with (partial / LOCK).open("w") as lock:
-            _locked(lock)
-            yield partial
-            (partial / LOCK).unlink()
-            _move(partial, path, overwrite)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        if folder_is_new:
-            with contextlib.suppress(OSError):  # raised where there is a run in it
-                path.parent.rmdir()
-
-
-def _move(partial: Path, path: Path, overwrite: bool) -> None:
-    """Give the finished directory its name; an earlier run goes only once the new one is there."""
-    earlier = path.with_name(partial.name.replace(".partial-", ".earlier-"))
-    if overwrite and path.exists():
-        path.rename(earlier)
-    try:
-        partial.rename(path)
-    except OSError as error:
-        if earlier.exists():
-            earlier.rename(path)
-        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
-            raise InputError(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
-        raise
-    shutil.rmtree(earlier, ignore_errors=True)
-
-
-def _locked(file: IO[str]) -> bool:
-    """Lock a file until it is closed. False where another process has it locked, or locks do not exist."""
-    try:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (ImportError, OSError):
-        return False
-    return True
-
-
-def _clear_abandoned(path: Path) -> None:
-    """Clear away what runs that were killed have left.
-
-    Half-written ones go, and so does an earlier run that was replaced; one that was not gets its name back.
-    """
-    for earlier in path.parent.glob(f".{glob.escape(path.name)}.earlier-*"):
-        if path.exists():
-            shutil.rmtree(earlier, ignore_errors=True)
-        else:
-            earlier.rename(path)
-    for partial in path.parent.glob(f".{glob.escape(path.name)}.partial-*"):
-        with contextlib.suppress(OSError), (partial / LOCK).open("r+") as lock:
-            if _locked(lock):
-                shutil.rmtree(partial, ignore_errors=True)
-
-
-def _refuse_taken(path: Path, overwrite: bool) -> None:
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path} is a file: name a directory with --out")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
-    if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
-        raise InputError(f"{path} holds something other than a run and is not overwritten: choose another --out")
 
 
 def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:

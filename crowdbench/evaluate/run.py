@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
-from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, new_directory, planner_label, to_json
+from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, to_json
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.interrupts import Interrupts
 from crowdbench.scenario.cases import Cases

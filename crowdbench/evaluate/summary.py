@@ -1,10 +1,9 @@
-"""From one value per episode to means with intervals."""
+"""From one value per episode to means with 95 % intervals."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -13,15 +12,19 @@ from crowdbench.evaluate.metrics import POOLED
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000
-_STREAM = 0
-"""Seed of the bootstrap: fixed, so that the same episodes have the same interval."""
+
+_SEED = 0
+"""Of the bootstrap: fixed, so that the same episodes have the same interval."""
+
+_MOST_DRAWN = 2_000_000
+"""Rows drawn at once: all resamples of many episodes together would take gigabytes."""
 
 
 @dataclass(frozen=True)
 class Estimate:
     """A mean over episodes, its 95 % interval, how many episodes have a value, and the largest value.
 
-    NaN throughout where no episode has one.
+    NaN throughout, with `n` 0, where no episode has a value.
     """
 
     mean: float
@@ -31,58 +34,90 @@ class Estimate:
     max: float
 
 
+NOTHING = Estimate(np.nan, np.nan, np.nan, 0, np.nan)
+"""The estimate where no episode has a value."""
+
+
 def summarize(
     columns: Mapping[str, Shaped[np.ndarray, "case"]], steps: Shaped[np.ndarray, "case"]
 ) -> dict[str, Estimate]:
-    """An estimate for each metric: Wilson's interval for rates (booleans), a bootstrap's for means."""
-    summary = {name: wilson(values) for name, values in columns.items() if values.dtype == bool}
-    means = {name: values.astype(float) for name, values in columns.items() if values.dtype != bool}
-    for name in means:
-        weights = steps.astype(float) if name in POOLED else np.ones(len(steps))
-        summary[name] = bootstrap(means[name], weights)
-    return {name: summary[name] for name in columns}
+    """An estimate for each metric: Wilson's interval for rates, a bootstrap's for means.
+
+    Args:
+        columns: The values of each metric, by its name; booleans are rates.
+        steps: The number of steps of each episode, the weight of metrics in `POOLED`.
+    """
+    return {name: _estimate(name, values, steps) for name, values in columns.items()}
+
+
+def _estimate(name: str, values: Shaped[np.ndarray, "case"], steps: Shaped[np.ndarray, "case"]) -> Estimate:
+    if values.dtype == bool:
+        return wilson(values)
+    return bootstrap(values.astype(float), steps.astype(float) if name in POOLED else np.ones(len(steps)))
 
 
 def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
-    """A rate with its score interval (Wilson 1927)."""
+    """A rate with its score interval (Wilson 1927, doi:10.1080/01621459.1927.10502953)."""
+    from scipy.stats import binomtest
+
     n = len(values)
-    rate = float(values.mean())
-    z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
-    centre = (rate + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * np.sqrt(rate * (1 - rate) / n + z * z / (4 * n * n))
-    return Estimate(rate, max(0.0, float(centre - half)), min(1.0, float(centre + half)), n, float(values.max()))
+    interval = binomtest(int(values.sum()), n).proportion_ci(CONFIDENCE, method="wilson")
+    return Estimate(float(values.mean()), float(interval.low), float(interval.high), n, float(values.max()))
 
 
 def bootstrap(values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"]) -> Estimate:
-    """A weighted mean over the episodes that have a value, with its percentile interval over resampled episodes."""
+    """A weighted mean with its percentile interval over resampled episodes.
+
+    Args:
+        values: One per episode; those that are NaN are left out.
+        weights: How much each episode counts.
+    """
     defined = ~np.isnan(values)
     values, weights = values[defined], weights[defined]
-    n = len(values)
-    if n == 0:
-        return Estimate(np.nan, np.nan, np.nan, 0, np.nan)
-    mean = float((values * weights).sum() / weights.sum())
-    return Estimate(mean, *interval(resampled_means(values, weights)), n, float(values.max()))
+    if len(values) == 0:
+        return NOTHING
+    low, high = interval(bootstrap_distribution(weighted_mean, values, weights))
+    return Estimate(float(weighted_mean(values, weights)), low, high, len(values), float(values.max()))
 
 
-def interval(resampled: Float[np.ndarray, "resample"]) -> tuple[float, float]:
-    """The bounds between which 95 % of the resampled values lie."""
-    low, high = np.quantile(resampled, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
-    return float(low), float(high)
+def weighted_mean(
+    values: Float[np.ndarray, "*resample case"], weights: Float[np.ndarray, "*resample case"], axis: int = -1
+) -> Float[np.ndarray, "*resample"]:
+    """The mean over `axis` of `values`, each counted as often as its weight says."""
+    return np.asarray((values * weights).sum(axis=axis) / weights.sum(axis=axis))
 
 
-def resampled_means(
-    values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"]
+def bootstrap_distribution(
+    statistic: Callable[..., Float[np.ndarray, "*resample"]], *columns: Float[np.ndarray, "case"]
 ) -> Float[np.ndarray, "resample"]:
-    """The weighted means of `RESAMPLES` samples of the episodes, drawn with replacement from a fixed stream.
+    """A statistic of `RESAMPLES` samples of the episodes, drawn with replacement.
 
-    The same number of episodes is always resampled alike, so that two runs of the same cases stay paired.
+    The same number of episodes is always resampled alike.
+
+    Args:
+        statistic: A function of the columns `[resample, case]` and `axis`, over which it is taken.
+        columns: What the statistic is of, one value per episode in each; they are resampled together.
     """
-    rng = np.random.default_rng(_STREAM)
-    n = len(values)
-    means = np.empty(RESAMPLES)
-    # In blocks: all indices of all resamples at once would be gigabytes for many episodes.
-    block = max(1, 2_000_000 // n)
-    for start in range(0, RESAMPLES, block):
-        rows = rng.integers(n, size=(min(block, RESAMPLES - start), n))
-        means[start : start + block] = (values * weights)[rows].sum(axis=1) / weights[rows].sum(axis=1)
-    return means
+    from scipy.stats import bootstrap
+
+    n = len(columns[0])
+    if n == 1:  # refused by SciPy: every resample is the episode itself
+        return np.full(RESAMPLES, statistic(*columns, axis=-1))
+    found = bootstrap(
+        columns,
+        statistic,
+        paired=True,
+        vectorized=True,
+        n_resamples=RESAMPLES,
+        batch=max(1, _MOST_DRAWN // n),
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=np.random.default_rng(_SEED),
+    )
+    return found.bootstrap_distribution
+
+
+def interval(values: Float[np.ndarray, "resample"]) -> tuple[float, float]:
+    """The bounds between which 95 % of the resampled values lie."""
+    low, high = np.quantile(values, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
+    return float(low), float(high)

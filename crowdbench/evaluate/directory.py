@@ -1,0 +1,136 @@
+"""The directory of a run, which appears under its name only once all that belongs into it is written."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import glob
+import secrets
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from filelock import FileLock
+
+from crowdbench.errors import InputError
+from crowdbench.evaluate.results import RESULT
+
+# Beside the directory `runs/a`, while a run is under way:
+#   runs/.a.partial-<token>  what it has written so far
+#   runs/.a.lock-<token>     locked by its process, and by nobody once that has been killed
+#   runs/.a.earlier-<token>  the earlier run that it replaces, for the moment in which it does
+
+
+@contextlib.contextmanager
+def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A directory to write into, which is renamed to `path` if all goes well, and removed otherwise.
+
+    Args:
+        path: The name that it gets.
+        overwrite: Whether an earlier run of that name is replaced.
+
+    Raises:
+        InputError: `path` exists and may not be overwritten, or cannot be written.
+    """
+    path = _prepared(path, overwrite)
+    try:
+        with _parent_of(path), _partial(path) as partial:
+            yield partial
+            _move(partial, path, overwrite)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
+
+
+def _prepared(path: Path, overwrite: bool) -> Path:
+    """The resolved path, once it is known that it can be written and killed runs are cleared away."""
+    try:
+        path = path.resolve()
+        # Before the name is refused: an earlier run may have to get its name back.
+        _restore_earlier(path)
+        _clear_abandoned(path)
+        _refuse_taken(path, overwrite)
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
+    return path
+
+
+@contextlib.contextmanager
+def _parent_of(path: Path) -> Iterator[None]:
+    """Make the folder that `path` lies in, and remove it again if it was not there before and stays empty."""
+    is_new = not path.parent.exists()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        if is_new:
+            with contextlib.suppress(OSError):  # raised where a run lies in it
+                path.parent.rmdir()
+
+
+@contextlib.contextmanager
+def _partial(path: Path) -> Iterator[Path]:
+    """A directory beside `path`, locked as long as it is written to, and removed unless it is renamed."""
+    token = secrets.token_hex(4)
+    partial, lock = _beside(path, "partial", token), _beside(path, "lock", token)
+    try:
+        with FileLock(lock):
+            partial.mkdir()
+            yield partial
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        lock.unlink(missing_ok=True)
+
+
+def _move(partial: Path, path: Path, overwrite: bool) -> None:
+    """Give the finished directory its name; an earlier run is removed only once the new one is there."""
+    earlier = _beside(path, "earlier", _token(partial))
+    if overwrite and path.exists():
+        path.rename(earlier)
+    try:
+        partial.rename(path)
+    except OSError as error:
+        if earlier.exists():
+            earlier.rename(path)
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise InputError(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
+        raise
+    shutil.rmtree(earlier, ignore_errors=True)
+
+
+def _restore_earlier(path: Path) -> None:
+    """Give an earlier run its name back if its replacement was killed in between; remove it if it was replaced."""
+    for earlier in _all_beside(path, "earlier"):
+        if path.exists():
+            shutil.rmtree(earlier, ignore_errors=True)
+        else:
+            earlier.rename(path)
+
+
+def _clear_abandoned(path: Path) -> None:
+    """Remove what killed runs have left half-written: whatever has a lock that no process holds."""
+    for lock in _all_beside(path, "lock"):
+        # Raised where the lock is held, which says that its run is alive, or where it is somebody else's file.
+        with contextlib.suppress(OSError), FileLock(lock, timeout=0):
+            shutil.rmtree(_beside(path, "partial", _token(lock)), ignore_errors=True)
+            lock.unlink()
+
+
+def _beside(path: Path, role: str, token: str) -> Path:
+    return path.with_name(f".{path.name}.{role}-{token}")
+
+
+def _all_beside(path: Path, role: str) -> list[Path]:
+    return list(path.parent.glob(f".{glob.escape(path.name)}.{role}-*"))
+
+
+def _token(beside: Path) -> str:
+    return beside.name.rpartition("-")[2]
+
+
+def _refuse_taken(path: Path, overwrite: bool) -> None:
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file: name a directory with --out")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
+    if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
+        raise InputError(f"{path} holds something other than a run and is not overwritten: choose another --out")
