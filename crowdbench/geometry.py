@@ -38,6 +38,20 @@ def norm(vector: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
     return np.sqrt(x * x + y * y)
 
 
+@no_type_check
+@njit(cache=True)
+def heading_of(vx, vy, before):
+    """The direction of a velocity in radians, or the heading `before` where there is no motion. Compiled."""
+    return math.atan2(vy, vx) if vx != 0.0 or vy != 0.0 else before
+
+
+@no_type_check
+@njit(cache=True)
+def turn(before, after):
+    """The change from one heading to another, in [-pi, pi), all in radians. Compiled, for one pair."""
+    return (after - before + math.pi) % (2.0 * math.pi) - math.pi
+
+
 def wrap_angle(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
     """The same angle in [-pi, pi), in radians."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

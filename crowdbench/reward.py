@@ -18,6 +18,9 @@ SUCCESS = 1.0
 COLLISION = -0.25
 """Paid once, on touching a pedestrian."""
 
+WALL_COLLISION = -0.25
+"""Paid once, on touching an obstacle. Not in CrowdNav, which has none: as much as for a pedestrian."""
+
 DISCOMFORT = 0.5
 """Per metre of gap missing to 0.2 m and per second: dt is multiplied in."""
 
@@ -26,7 +29,8 @@ DISCOUNT = 0.9
 
 # Plain numbers, because looking a member of an enum up costs as much as the rest of a reward.
 _RUNNING = int(Outcome.RUNNING)
-_ENDED = np.array([{Outcome.SUCCESS: SUCCESS, Outcome.COLLISION: COLLISION}.get(outcome, 0.0) for outcome in Outcome])
+_PAID = {Outcome.SUCCESS: SUCCESS, Outcome.COLLISION: COLLISION, Outcome.WALL_COLLISION: WALL_COLLISION}
+_ENDED = np.array([_PAID.get(outcome, 0.0) for outcome in sorted(Outcome)])
 
 
 def reward(

@@ -23,12 +23,20 @@ def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules
         step=np.array([step]),
         position=position,
         velocity=np.zeros_like(position) if velocity is None else np.array([velocity], float),
+        heading=np.zeros(1),
+        angular_speed=np.zeros(1),
         goal=position + 100.0 if goal is None else np.array([goal], float),
+        route=np.empty((1, agents, 0, 2)),
+        waypoint=np.zeros((1, agents), np.int64),
         radius=np.full((1, agents), radius),
         preferred_speed=np.ones((1, agents)),
         present=np.ones((1, agents), bool),
+        person=np.arange(agents - 1)[None],
+        group=np.full((1, agents - 1), -1),
         history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
+        obstacles=np.empty((1, 0, 0, 2)),
         policy=np.zeros((1, agents - 1), np.int64),
+        memory={"orca": {}},
         parameters={"orca": {name: np.full((1, agents), value) for name, value in ORCA.parameters.items()}},
         rules=rules,
     )
@@ -44,6 +52,9 @@ def trace(position, outcome=Outcome.SUCCESS, *, gap=None, goal=None, undisturbed
     def padded(values, length):
         return np.pad(values, [(0, length - len(values))] + [(0, 0)] * (values.ndim - 1), constant_values=np.nan)[None]
 
+    def always(values):
+        return np.broadcast_to(values, (1, rules.max_steps + 1, *values.shape))
+
     return Trace(
         split="test",
         case=np.array([0]),
@@ -51,11 +62,16 @@ def trace(position, outcome=Outcome.SUCCESS, *, gap=None, goal=None, undisturbed
         steps=np.array([steps]),
         position=padded(position, rules.max_steps + 1),
         velocity=padded(velocity, rules.max_steps + 1),
+        heading=padded(np.zeros(steps + 1), rules.max_steps + 1),
+        command=padded(velocity[1:, 0], rules.max_steps),
+        wall_gap=padded(np.full(steps, np.inf), rules.max_steps),
         gap=padded(np.full(steps, 1.0) if gap is None else np.array(gap, float), rules.max_steps),
-        goal=position[-1:] if goal is None else np.array([goal], float),
-        radius=np.full((1, agents), 0.3),
+        goal=always(position[-1] if goal is None else np.array(goal, float)),
+        radius=always(np.full(agents, 0.3)),
         preferred_speed=np.ones((1, agents)),
-        present=np.ones((1, agents), bool),
+        present=always(np.ones(agents, bool)),
+        person=always(np.arange(agents - 1)),
+        seen=always(np.ones(agents - 1, bool)),
         rules=rules,
         undisturbed=None if undisturbed is None else padded(np.array(undisturbed, float), rules.max_steps + 1),
     )

@@ -128,7 +128,7 @@ def scene(obs, prediction, ahead=0, position=None):
         next_crowd=after,
         next_velocity=prediction.velocity[:, :, ahead],
         crowd_radius=obs.pedestrians.radius,
-        present=obs.pedestrians.present,
+        present=obs.pedestrians.seen,
         dt=obs.dt,
     )
 

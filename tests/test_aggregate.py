@@ -9,7 +9,7 @@ from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.aggregate import AGGREGATES, mean_future
 from crowdbench.planners.lookahead.kce import Exploration
 from crowdbench.planners.lookahead.outlook import Scene
-from crowdbench.sim.simulator import observe
+from crowdbench.sim.sensor import observe
 from crowdbench.types import Observation
 from crowdbench.value.networks import NETWORKS
 

@@ -4,7 +4,7 @@ import torch
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.planners.lookahead.chunks import in_chunks
-from crowdbench.sim.simulator import observe
+from crowdbench.sim.sensor import observe
 
 
 @pytest.fixture

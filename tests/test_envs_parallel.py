@@ -14,8 +14,9 @@ from crowdbench.envs.observations import flatten, flatten_everybody
 from crowdbench.envs.outcomes import everybodys_outcomes
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.errors import InputError
-from crowdbench.scenario.layouts import GENERATORS
-from crowdbench.sim.simulator import crowd_velocities, observe, step
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, Rules
 
 with warnings.catch_warnings():
@@ -75,9 +76,9 @@ def test_observations_lie_in_their_finite_space(name):
         observations, *_ = env.step({agent: away[agent] for agent in env.agents})
 
 
-@pytest.mark.parametrize("generator", sorted(GENERATORS))
+@pytest.mark.parametrize("generator", sorted(LAYOUTS))
 def test_generators_place_nobody_beyond_the_bound_of_the_spaces(generator):
-    parameters = inspect.signature(GENERATORS[generator]).parameters.values()
+    parameters = inspect.signature(LAYOUTS[generator]).parameters.values()
     for option in [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]:
         layout = {"layout.generator": generator, f"layout.{option}": 9.0, "pedestrians.preferred_speed": 2.0}
         scenario = load_scenario("circle_crossing_5", layout)
@@ -182,8 +183,8 @@ def test_the_vehicles_collision_terminates_all():
 
 def outcomes(before, velocity):
     velocity = np.array([velocity], float)
-    after, outcome, gap = step(before, velocity[:, 0], velocity[:, 1:])
-    return everybodys_outcomes(before, after, outcome, gap)
+    after, check = step(before, velocity[:, 0], velocity[:, 1:])
+    return everybodys_outcomes(before, after, check)
 
 
 def test_a_pedestrian_is_judged_by_the_motion_of_those_it_sees():

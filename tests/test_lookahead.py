@@ -23,7 +23,8 @@ from crowdbench.planners.lookahead import ValuePlanner, planner
 from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.aggregate import AGGREGATES
 from crowdbench.predict import ConstantVelocity, Oracle
-from crowdbench.sim.simulator import observe, step
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import step
 from crowdbench.types import Observation, Outcome
 from crowdbench.value.networks import NETWORKS
 
@@ -95,7 +96,7 @@ def test_nothing_comes_after_arrival_or_collision():
     assert (values[outcomes == Outcome.SUCCESS] == 1.0).all()
     assert (values[outcomes == Outcome.COLLISION] == -0.25).all()
     # Somebody is there in some of the other worlds only.
-    crowd = obs.pedestrians.present.any(axis=1)[1:]
+    crowd = obs.pedestrians.seen.any(axis=1)[1:]
     assert (values[crowd][outcomes[crowd] == Outcome.RUNNING] > 50.0).all()
 
 
@@ -118,14 +119,14 @@ def test_a_prediction_is_believed_right_or_wrong(crowd, said, goes):
     command = ValuePlanner(Says([[said]]), Nearer()).plan(observe(before))
     assert np.array_equal(command, [[1.0, 0.0]]) == goes
     # In truth the crowd stands still: whoever believes otherwise runs into it.
-    outcome = step(before, command, np.zeros((1, 1, 2)))[1]
+    outcome = step(before, command, np.zeros((1, 1, 2)))[1].outcome
     assert outcome == (Outcome.COLLISION if goes else Outcome.RUNNING)
 
 
 def test_a_vehicle_alone_goes_straight_to_its_goal():
     made = ValuePlanner(ConstantVelocity(), network())
     obs = observe(world([[0.0, 0.0]], goal=[[0.0, 5.0]]))
-    assert obs.pedestrians.present.shape == (1, 0)
+    assert obs.pedestrians.seen.shape == (1, 0)
     np.testing.assert_allclose(made.plan(obs), [[0.0, 1.0]], atol=1e-12)
 
 
@@ -158,7 +159,7 @@ def test_what_the_planner_saw_is_logged():
     seen = scene(obs, prediction)
     for w in range(len(obs)):
         joint = np.array([slow_step(seen, w, m, command[w])[2] for m in range(2)], np.float32)
-        present = torch.from_numpy(np.repeat(obs.pedestrians.present[None, w], 2, axis=0))
+        present = torch.from_numpy(np.repeat(obs.pedestrians.seen[None, w], 2, axis=0))
         value, attention = net.attend(torch.from_numpy(joint), present)
         assert logs["value"][w] == pytest.approx(value.mean().item(), abs=1e-5)
         np.testing.assert_allclose(logs["attention"][w], attention.detach().mean(0), atol=1e-5)

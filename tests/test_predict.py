@@ -6,7 +6,8 @@ from crowdbench.errors import InputError
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 from crowdbench.predict.load import PREDICTORS
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.simulator import advance, crowd_velocities, observe
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import advance, crowd_velocities
 from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle
 
 DT = 0.25
@@ -17,27 +18,42 @@ EVERY = pytest.mark.parametrize("predictor", [Linear(), ConstantVelocity(), Cons
 def observation(tracks, observed=None, before=None):
     """An observation of tracks `[world, time, pedestrian, 2]`, of which the last `observed` points were seen.
 
-    Those before are filled with the first one seen, or with `before`.
+    `observed` is a number for each world, or for each pedestrian of each world. Points before are filled with the
+    first one seen, or with `before`.
     """
     history = np.array(tracks, float)
     worlds, _, pedestrians, _ = history.shape
     observed = np.full(worlds, HISTORY) if observed is None else np.array(observed)
-    for own, seen in zip(history, observed, strict=True):
+    observed = np.broadcast_to(observed.reshape(worlds, -1), (worlds, pedestrians)).copy()
+    for w, p in np.ndindex(worlds, pedestrians):
+        own, seen = history[w, :, p], observed[w, p]
         own[: HISTORY - seen] = own[HISTORY - seen] if before is None else before
     nothing, zeros = np.zeros((worlds, 2)), np.zeros(worlds)
     return Observation(
-        vehicle=Vehicle(nothing, nothing, nothing, zeros, zeros),
+        vehicle=Vehicle(
+            position=nothing,
+            velocity=nothing,
+            heading=zeros,
+            angular_speed=zeros,
+            goal=nothing,
+            route=np.empty((worlds, 0, 2)),
+            waypoint=np.zeros(worlds, int),
+            radius=zeros,
+            preferred_speed=zeros,
+        ),
         pedestrians=Pedestrians(
             position=history[:, -1],
             velocity=(history[:, -1] - history[:, -2]) / DT,
             radius=np.full((worlds, pedestrians), 0.3),
-            present=np.ones((worlds, pedestrians), bool),
+            seen=np.ones((worlds, pedestrians), bool),
             history=history,
             observed=observed,
+            age=np.zeros((worlds, pedestrians)),
         ),
+        obstacles=np.empty((worlds, 0, 0, 2)),
         case=np.arange(worlds),
         key=np.zeros(worlds, np.uint64),
-        step=observed - 1,
+        step=observed.max(axis=1, initial=1) - 1,
         dt=DT,
     )
 
@@ -113,6 +129,16 @@ def test_a_crowd_may_be_one_or_nobody(predictor, pedestrians):
     modes = getattr(predictor, "modes", 1)
     assert found.position.shape == found.velocity.shape == (8, modes, 3, pedestrians, 2)
     assert np.isfinite(found.position).all()
+
+
+@BOTH
+def test_every_pedestrian_counts_the_points_that_were_seen_of_it(predictor):
+    tracks, observed = bent(worlds=1), [[2, 5, 8]]
+    together = predictor.predict(observation(tracks, observed), 3)
+    for p, seen in enumerate(observed[0]):
+        alone = predictor.predict(observation(tracks[:, :, p : p + 1], [seen]), 3)
+        np.testing.assert_array_equal(together.position[:, :, :, p], alone.position[:, :, :, 0])
+        np.testing.assert_array_equal(together.velocity[:, :, :, p], alone.velocity[:, :, :, 0])
 
 
 @BOTH

@@ -1,6 +1,7 @@
 import dataclasses
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +11,17 @@ from helpers import drive, same, trace
 from crowdbench.catalog import load_scenario
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
-from crowdbench.record import drawing, record
-from crowdbench.record.record import Recorder, Recording, read
+from crowdbench.record import drawing, exact, view
+from crowdbench.record.read import Recording, read
+from crowdbench.record.write import Recorder
 from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome
 
+FIXTURES = Path(__file__).parent / "fixtures"
 RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}
 
 
@@ -68,7 +73,7 @@ def test_batches_may_differ_in_length_and_in_their_crowds(tmp_path):
     small, large = line(3, 1), dataclasses.replace(line(9, 4), case=np.array([1]))
     got = read(write(tmp_path / "run.rrd", small, large)).trace
     assert got.steps.tolist() == [3, 9]
-    assert got.present.sum(axis=1).tolist() == [2, 5]
+    assert got.present[:, 0].sum(axis=1).tolist() == [2, 5]
     np.testing.assert_array_equal(got.position[0, :, :2], small.position[0])
     np.testing.assert_array_equal(got.position[1], large.position[0])
     assert np.isnan(got.position[0, :, 2:]).all()
@@ -159,21 +164,21 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
     def viewer(command, **_):
         if "rrd" in command:
             return run(command, **_)
-        shown.append(read(record.Path(command[-1])).trace.case.tolist())
+        shown.append(read(view.Path(command[-1])).trace.case.tolist())
         return subprocess.CompletedProcess(command, 0)
 
     run = subprocess.run
-    monkeypatch.setattr(record.subprocess, "run", viewer)
+    monkeypatch.setattr(view.subprocess, "run", viewer)
     monkeypatch.setenv("DISPLAY", ":0")
-    record.view(recorded, 7)
-    record.view(recorded)
+    view.view(recorded, 7)
+    view.view(recorded)
     assert shown == [[7], list(range(12))]
 
 
 def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_path):
     path = write(tmp_path / "run.rrd", driven, rows=np.array([0, 1, 2, 5]))
     with pytest.raises(InputError, match=r"case 3 is not recorded in .*: recorded near it are 0-2, 5 "):
-        record.view(path, 3)
+        view.view(path, 3)
 
 
 def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
@@ -183,11 +188,29 @@ def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
 
 
 def test_without_a_display_a_picture_is_offered(recorded, tmp_path, monkeypatch):
-    monkeypatch.setattr(record.sys, "platform", "linux")
+    monkeypatch.setattr(view.sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(InputError, match="no display"):
-        record.view(recorded)
+        view.view(recorded)
     for case, picture in ((None, "a.png"), (7, "a.jpg"), (7, "nowhere/a.png")):
         with pytest.raises(InputError, match="a picture shows one case"):
-            record.view(recorded, case, tmp_path / picture)
+            view.view(recorded, case, tmp_path / picture)
+
+
+def test_a_recording_of_the_first_format_is_still_read():
+    """`fixtures/format1.rrd` was written by crowdbench before formats had commands; the table is of the same run."""
+    trace = read(FIXTURES / "format1.rrd").trace
+    driven = drive("orca", "2", "circle_crossing_5_visible", pedestrians__number=[1, 3])
+    assert same(trace, driven)
+    expected = Episodes.read(FIXTURES / "format1.csv")
+    found = Episodes.of(trace, METRICS)
+    assert found.columns.keys() == expected.columns.keys()
+    for name, values in expected.columns.items():
+        np.testing.assert_array_equal(found.columns[name], values, err_msg=name)
+
+
+def test_a_recording_of_a_later_format_is_refused(recorded, monkeypatch):
+    monkeypatch.setattr(exact, "READABLE", (1,))
+    with pytest.raises(InputError, match="newer version"):
+        read(recorded)

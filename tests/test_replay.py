@@ -37,9 +37,9 @@ def slow_steps(trace, ahead=1):
             slow_joint_states(
                 trace.position[w, t],
                 trace.velocity[w, t],
-                trace.radius[w],
-                trace.present[w],
-                trace.goal[w, 0],
+                trace.radius[w, 0],
+                trace.present[w, 0],
+                trace.goal[w, 0, 0],
                 trace.preferred_speed[w, 0],
             )
             for t in range(trace.steps[w] + 1)
@@ -50,7 +50,7 @@ def slow_steps(trace, ahead=1):
             yield {
                 "joint": states[t],
                 "later": states[then],
-                "present": trace.present[w, 1:],
+                "present": trace.present[w, 0, 1:],
                 "reward": sum(factor**k * reward for k, reward in enumerate(rewards[t:then])),
                 "factor": 0.0 if ended else factor ** (then - t),
                 "value": sum(factor**k * reward for k, reward in enumerate(rewards[t:])),

@@ -28,7 +28,7 @@ def crowds(worlds, pedestrians, present=None):
     obs = observation(bent(worlds, pedestrians))
     obs.key[:] = np.arange(worlds)
     if present is not None:
-        obs.pedestrians.present[:] = present
+        obs.pedestrians.seen[:] = present
     return obs
 
 

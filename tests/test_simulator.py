@@ -4,8 +4,10 @@ from helpers import world
 
 from crowdbench.errors import InputError
 from crowdbench.reward import discount, reward
+from crowdbench.sim.episode import check_step
 from crowdbench.sim.pedestrians import ORCA, PedestrianPolicy
-from crowdbench.sim.simulator import advance, crowd_velocities, judge, observe
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import advance, crowd_velocities
 from crowdbench.types import HISTORY, Outcome, Rules
 
 POLICIES = {"orca": ORCA()}
@@ -13,7 +15,7 @@ POLICIES = {"orca": ORCA()}
 
 def outcome_of(before, velocity):
     after = advance(before, np.array([velocity], float))
-    outcome, gap = judge(before, after)
+    outcome, gap, _ = check_step(before, after)
     return Outcome(outcome[0]), gap[0]
 
 
@@ -41,7 +43,7 @@ def test_absent_agents_do_not_move_collide_or_count():
     before = world([[0, 0], [0.1, 0]]).replace(present=np.array([[True, False]]))
     after = advance(before, np.ones((1, 2, 2)))
     assert after.position[0, 1].tolist() == [0.1, 0.0]
-    outcome, gap = judge(before, after)
+    outcome, gap, _ = check_step(before, after)
     assert (outcome[0], gap[0]) == (Outcome.RUNNING, np.inf)
 
 
@@ -50,7 +52,8 @@ def test_history_holds_the_last_positions_and_says_how_many_are_real():
     seen = [now.position[0, 1].copy()]
     for step in range(10):
         pedestrians = observe(now).pedestrians
-        assert pedestrians.observed[0] == min(step + 1, HISTORY)
+        assert pedestrians.observed[0, 0] == min(step + 1, HISTORY)
+        assert pedestrians.age[0, 0] == 0.0
         expected = ([seen[0]] * HISTORY + seen)[-HISTORY:]
         assert np.array_equal(pedestrians.history[0, :, 0], expected)
         now = advance(now, np.array([[[0, 0], [0.1 * step, -0.3]]]))

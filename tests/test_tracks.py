@@ -102,7 +102,7 @@ def test_a_window_shows_a_predictor_what_was_seen(tmp_path):
     np.testing.assert_array_equal(obs.pedestrians.history, found.position[:, :5])
     np.testing.assert_array_equal(obs.pedestrians.position, found.position[:, 4])
     np.testing.assert_allclose(obs.pedestrians.velocity * DT, found.position[:, 4] - found.position[:, 3])
-    assert (obs.pedestrians.observed == 5).all()
+    assert (obs.pedestrians.observed == np.where(found.present, 5, 0)).all()
     assert obs.dt == 0.4
     part = found.take(slice(3, 6)).observation(5)
     np.testing.assert_array_equal(part.normal("noise", 2), obs.normal("noise", 2)[3:6])

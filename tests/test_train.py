@@ -8,7 +8,7 @@ from crowdbench import InputError, load_network, load_scenario
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.predict import ConstantVelocity
-from crowdbench.sim.simulator import observe
+from crowdbench.sim.sensor import observe
 from crowdbench.train import session, value, value_request
 from crowdbench.train.value import Exploring, Training
 from crowdbench.train.value_request import ValueRequest

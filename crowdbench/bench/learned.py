@@ -19,7 +19,7 @@ from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity, Oracle
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.simulator import observe
+from crowdbench.sim.sensor import observe
 from crowdbench.train import value as method
 from crowdbench.types import Observation
 from crowdbench.value.networks import SARL

@@ -18,7 +18,8 @@ from crowdbench.envs.parallel import parallel_env
 from crowdbench.geometry import toward_goal
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.orca import orca_velocities
-from crowdbench.sim.simulator import advance, crowd_velocities, judge
+from crowdbench.sim.episode import check_step
+from crowdbench.sim.simulator import advance, crowd_velocities
 
 RADIUS = 0.3
 DT = 0.25
@@ -115,7 +116,7 @@ def whole_step() -> float:
     for _ in range(STEPS):
         velocity[:, 1:] = crowd_velocities(world, scenario.policies)
         after = advance(world, velocity)
-        judge(world, after)
+        check_step(world, after)
         world = after
     return (time.perf_counter() - begin) / STEPS
 

@@ -121,9 +121,9 @@ def view(
     screenshot: Annotated[Path | None, typer.Option(help="Write a picture of the last state, open no window.")] = None,
 ) -> None:
     """Open a recording in the Rerun viewer."""
-    from crowdbench.record import record
+    from crowdbench.record import view as viewer
 
-    record.view(_recording(run), case, screenshot)
+    viewer.view(_recording(run), case, screenshot)
 
 
 def score(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import no_type_check
 
 import numpy as np
@@ -10,11 +9,12 @@ from jaxtyping import Float, Int
 from numba import njit
 
 from crowdbench.geometry import nearest_in_step
+from crowdbench.sim.episode import StepCheck, step_outcome
 from crowdbench.types import Outcome, World
 
 
 def everybodys_outcomes(
-    before: World, after: World, outcome: Int[np.ndarray, "1"], gap: Float[np.ndarray, "1"]
+    before: World, after: World, check: StepCheck
 ) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"]]:
     """Outcome and gap, in metres, of each agent in a step of one world, from those of the vehicle.
 
@@ -24,8 +24,8 @@ def everybodys_outcomes(
     A vehicle that it cannot see does not count: a reward that nothing it observes foretells teaches nothing.
     """
     agents = before.radius.shape[1]
-    outcomes = np.full(agents, outcome[0])
-    gaps = np.full(agents, gap[0])
+    outcomes = np.full(agents, check.outcome[0])
+    gaps = np.full(agents, check.gap[0])
     seen = before.present[0].copy()
     seen[0] &= before.rules.visible
     _judge_pedestrians(
@@ -46,12 +46,6 @@ def everybodys_outcomes(
 def _judge_pedestrians(position, motion, end, goal, radius, seen, outcomes, gaps):
     for i in range(1, len(radius)):
         gaps[i], _ = nearest_in_step(i, position, motion, radius, seen)
-        if outcomes[0] == Outcome.TIMEOUT.value:
-            continue
-        left = math.hypot(end[i, 0] - goal[i, 0], end[i, 1] - goal[i, 1])
-        if gaps[i] < 0.0:
-            outcomes[i] = Outcome.COLLISION.value
-        elif left < radius[i]:
-            outcomes[i] = Outcome.SUCCESS.value
-        else:
-            outcomes[i] = Outcome.RUNNING.value
+        is_last = outcomes[0] == Outcome.TIMEOUT.value
+        dx, dy = goal[i, 0] - end[i, 0], goal[i, 1] - end[i, 1]
+        outcomes[i] = step_outcome(gaps[i], np.inf, dx, dy, radius[i], is_last)

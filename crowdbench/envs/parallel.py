@@ -26,7 +26,7 @@ VEHICLE = "vehicle"
 """The name of the agent that is scored; the others are `pedestrian_0`, `pedestrian_1`, ..."""
 
 # Members of an enumeration are slow to reach, and this is the innermost loop of a training.
-_SUCCESS, _COLLISION, _TIMEOUT = (int(o) for o in (Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT))
+_RUNNING, _SUCCESS, _TIMEOUT = (int(o) for o in (Outcome.RUNNING, Outcome.SUCCESS, Outcome.TIMEOUT))
 _LABELS = stepping.LABELS
 
 Observations = dict[str, Float[np.ndarray, "features"]]
@@ -116,14 +116,14 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         if not self.agents and not actions:
             return {}, {}, {}, {}, {}
         before, agents = self._world, self.agents
-        self._world, judged, gap = step(before, *self._velocities(actions))
-        outcomes, gaps = everybodys_outcomes(before, self._world, judged, gap)
+        self._world, check = step(before, *self._velocities(actions))
+        outcomes, gaps = everybodys_outcomes(before, self._world, check)
         rewards = reward(outcomes, gaps, before.rules.dt).tolist()
         observations = self._observe()
         outcome, gap_of, case = outcomes.tolist(), gaps.tolist(), self._case
         at = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
-        over = outcome[0] in (_SUCCESS, _COLLISION)
+        over = outcome[0] not in (_RUNNING, _TIMEOUT)
         terminations = {agent: over or outcome[c] == _SUCCESS for agent, c in at}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
         self._renderer.show(self._world, case)

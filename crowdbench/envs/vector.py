@@ -18,7 +18,8 @@ from crowdbench.envs.observations import flatten
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_velocities, observe, step
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
 LABELS = np.array(stepping.LABELS, object)
@@ -93,15 +94,15 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
         command = stepping.velocities(actions, (self.num_envs, 2))
         crowd = crowd_velocities(self._worlds, self.scenario.policies)
-        worlds, outcome, gap = step(self._worlds, command, crowd)
+        worlds, (outcome, gap, _) = step(self._worlds, command, crowd)
         anew = self._over
         if anew.any():
             # NEXT_STEP: this step was their reset, and what the simulator made of the ended world is forgotten.
             worlds = self._restarted(worlds, anew)
             outcome[anew], gap[anew] = Outcome.RUNNING, np.inf
         rewards = reward(outcome, gap, self.scenario.rules.dt)
-        terminated = (outcome == Outcome.SUCCESS) | (outcome == Outcome.COLLISION)
         truncated = outcome == Outcome.TIMEOUT
+        terminated = (outcome != Outcome.RUNNING) & ~truncated
         self._over = terminated | truncated
         infos: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():

@@ -14,7 +14,8 @@ from crowdbench.envs.observations import flatten
 from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.reward import reward
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_velocities, observe, step
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
 
@@ -61,13 +62,13 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         stepping.require_reset(self._case)
         command = stepping.velocities(action, (2,))[None]
         crowd = crowd_velocities(self._world, self.scenario.policies)
-        self._world, outcomes, gaps = step(self._world, command, crowd)
+        self._world, (outcomes, gaps, _) = step(self._world, command, crowd)
         self._renderer.show(self._world, self._case)
         outcome, gap = int(outcomes[0]), float(gaps[0])
         return (
             flatten(observe(self._world))[0],
             float(reward(outcomes, gaps, self._world.rules.dt)[0]),
-            outcome in (Outcome.SUCCESS, Outcome.COLLISION),
+            outcome not in (Outcome.RUNNING, Outcome.TIMEOUT),
             outcome == Outcome.TIMEOUT,
             {"outcome": stepping.LABELS[outcome], "gap": gap, "case": self._case},
         )

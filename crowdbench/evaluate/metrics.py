@@ -32,8 +32,8 @@ def success_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
 
 def collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
-    """Share of episodes that ended in a collision [1]."""
-    return trace.outcome == Outcome.COLLISION
+    """Share of episodes that ended in a collision, with a pedestrian or an obstacle [1]."""
+    return np.isin(trace.outcome, (Outcome.COLLISION, Outcome.WALL_COLLISION))
 
 
 def timeout_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
@@ -62,7 +62,7 @@ def spl(trace: Trace) -> Float[np.ndarray, "world"]:
     Anderson et al. 2018, "On evaluation of embodied navigation agents". The shortest path is the straight
     line to the rim of the goal, whose radius is the vehicle's; who starts within the goal wastes nothing.
     """
-    shortest = np.maximum(norm(trace.goal[:, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0], 0.0)
+    shortest = np.maximum(norm(trace.goal[:, 0, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0, 0], 0.0)
     longest = np.maximum(path_length(trace), shortest)
     share = np.where(shortest > 0.0, shortest / np.where(longest > 0.0, longest, 1.0), 1.0)
     return success_rate(trace) * share
@@ -148,7 +148,7 @@ def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
     """
     position = trace.position[:, :-1, 1:] - trace.position[:, :-1, :1]
     velocity = trace.velocity[:, 1:, 1:] - trace.velocity[:, 1:, :1]
-    reach = (trace.radius[:, 1:] + trace.radius[:, :1])[:, None]
+    reach = trace.radius[:, :-1, 1:] + trace.radius[:, :-1, :1]
     a = _dot(velocity, velocity)
     b = _dot(position, velocity)
     c = _dot(position, position) - reach**2
@@ -179,7 +179,7 @@ def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
     if trace.undisturbed is None:
         return np.full(len(trace), np.nan)
     moved = norm(trace.position[:, 1:, 1:] - trace.undisturbed[:, 1:])
-    pedestrians = trace.present[:, 1:].sum(axis=1)
+    pedestrians = trace.present[:, 0, 1:].sum(axis=1)
     return _sum(_sum(moved.swapaxes(1, 2))) / np.where(pedestrians > 0, pedestrians * trace.steps, np.nan)
 
 

@@ -24,7 +24,8 @@ from crowdbench.predict.tracks import Tracks, scenes, windows
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.settings import BATCH, HORIZON
-from crowdbench.sim.simulator import advance, crowd_velocities, observe
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import advance, crowd_velocities
 from crowdbench.types import HISTORY, Observation
 
 MEAN = "mean over scenes"
@@ -190,7 +191,7 @@ def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> P
     if not isinstance(prediction, Prediction):
         raise InputError(f"predictor {name} returned a {type(prediction).__name__} instead of a Prediction")
     for word, values in (("positions", prediction.position), ("velocities", prediction.velocity)):
-        _check(f"predictor {name} returned {word}", values, ahead, obs.pedestrians.present)
+        _check(f"predictor {name} returned {word}", values, ahead, obs.pedestrians.seen)
     return prediction
 
 

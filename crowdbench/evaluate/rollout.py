@@ -1,4 +1,4 @@
-"""Drives a planner through cases, all in lock-step, and leaves a trace."""
+"""Drive a planner through cases, all in lock-step."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import advance, crowd_velocities, observe, step
+from crowdbench.sim.episode import StepCheck
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import advance, crowd_velocities, step
 from crowdbench.types import Outcome, Trace, World
 
 
@@ -26,19 +28,29 @@ def rollout(
     keep_logs: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> Trace:
-    """Drive the driver's planner through `cases`, each to its outcome.
+    """Drive a planner through cases, each to its outcome. Worlds that have ended leave the batch.
 
-    Worlds that have ended leave the batch. The planner is asked at every `replan_every`-th step, by `plan_ahead`
-    for as many steps where that is not every step. `keep_logs` keeps what it logs; `progress` is told how many
-    episodes have ended in each step. Raises InputError where planner or scenario break their contract, or
-    `replan_every` is below 1.
+    Args:
+        driver: Asks the planner for commands.
+        scenario: The scenario of the cases.
+        cases: The cases.
+        replan_every: Steps between two observations of the planner. Above 1, the planner is asked by `plan_ahead`
+            for the commands of so many steps (open loop).
+        keep_logs: Whether the trace keeps what the planner logs.
+        progress: Called with the number of episodes that ended in a step.
+
+    Returns:
+        The trace of all episodes.
+
+    Raises:
+        InputError: Planner or scenario break their contract, or `replan_every` is below 1.
     """
     if replan_every < 1:
-        raise InputError(f"replan_every is {replan_every}, but a planner looks again after 1 step or more")
+        raise InputError(f"replan_every is {replan_every}, but a planner observes again after 1 step or more")
     world = scenario.worlds(cases)
     driver.reset(world.case)
-    log = _Log(world)
-    undisturbed = _walk_alone(scenario, world) if scenario.rules.visible else None
+    states = _States(world)
+    undisturbed = _without_vehicle(scenario, world) if scenario.rules.visible else None
     rows = np.arange(len(world))
     for t in range(scenario.rules.max_steps):
         crowd = crowd_velocities(world, scenario.policies)
@@ -47,12 +59,12 @@ def rollout(
             obs = observe(
                 world,
                 future=crowd.copy() if driver.planner.privileged else None,
-                record=functools.partial(log.log, rows, t) if keep_logs else None,
+                record=functools.partial(states.log, rows, t) if keep_logs else None,
             )
             commands = driver.decide(obs)[:, None] if replan_every == 1 else driver.decide_ahead(obs, replan_every)
-        after, outcome, gap = step(world, commands[:, ahead], crowd)
-        log.step(rows, t, after, outcome, gap)
-        running = outcome == Outcome.RUNNING
+        after, check = step(world, commands[:, ahead], crowd)
+        states.add(rows, t, commands[:, ahead], after, check)
+        running = check.outcome == Outcome.RUNNING
         if not running.all():
             after, rows, commands = after.take(running), rows[running], commands[running]
             if progress is not None:
@@ -60,11 +72,11 @@ def rollout(
         if not len(rows):
             break
         world = after
-    return log.trace(cases.split, undisturbed)
+    return states.trace(cases.split, undisturbed)
 
 
-def _walk_alone(scenario: Scenario, world: World) -> Float[np.ndarray, "world time pedestrian 2"]:
-    """Where the pedestrians would walk if the vehicle were not there."""
+def _without_vehicle(scenario: Scenario, world: World) -> Float[np.ndarray, "world time pedestrian 2"]:
+    """Where the pedestrians would walk if the vehicle were not there, in metres."""
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
     positions = [world.position[:, 1:]]
     for _ in range(scenario.rules.max_steps):
@@ -74,8 +86,8 @@ def _walk_alone(scenario: Scenario, world: World) -> Float[np.ndarray, "world ti
     return np.stack(positions, axis=1)
 
 
-class _Log:
-    """Collects the arrays of a trace while worlds come and go."""
+class _States:
+    """Collects the arrays of a trace while worlds leave the batch."""
 
     def __init__(self, start: World) -> None:
         worlds, agents = start.radius.shape
@@ -85,32 +97,42 @@ class _Log:
         self.steps = np.zeros(worlds, np.int64)
         self.position = np.full((worlds, steps + 1, agents, 2), np.nan)
         self.velocity = np.full((worlds, steps + 1, agents, 2), np.nan)
+        self.heading = np.full((worlds, steps + 1), np.nan)
+        self.command = np.full((worlds, steps, 2), np.nan)
         self.gap = np.full((worlds, steps), np.nan)
+        self.wall_gap = np.full((worlds, steps), np.nan)
         self.logs: dict[str, np.ndarray] = {}
         self.position[:, 0] = start.position
         self.velocity[:, 0] = start.velocity
+        self.heading[:, 0] = start.heading
 
-    def step(
+    def add(
         self,
         rows: Int[np.ndarray, "running"],
         t: int,
+        command: Float[np.ndarray, "running 2"],
         after: World,
-        outcome: Int[np.ndarray, "running"],
-        gap: Float[np.ndarray, "running"],
+        check: StepCheck,
     ) -> None:
+        """Keep step `t` of the worlds that were running in it."""
         self.position[rows, t + 1] = after.position
         self.velocity[rows, t + 1] = after.velocity
-        self.gap[rows, t] = gap
-        self.outcome[rows] = outcome
+        self.heading[rows, t + 1] = after.heading
+        self.command[rows, t] = command
+        self.gap[rows, t] = check.gap
+        self.wall_gap[rows, t] = check.wall_gap
+        self.outcome[rows] = check.outcome
         self.steps[rows] = t + 1
 
     def log(self, rows: Int[np.ndarray, "running"], t: int, name: str, values: np.ndarray) -> None:
+        """Keep what the planner logs at step `t`."""
         shape = (len(self.outcome), self.gap.shape[1], *np.shape(values)[1:])
         if name not in self.logs:
             self.logs[name] = np.full(shape, np.nan)
         self.logs[name][rows, t] = values
 
     def trace(self, split: str, undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None) -> Trace:
+        """The trace of all episodes."""
         absent = ~self.start.present
         for states in (self.position, self.velocity):
             states.swapaxes(1, 2)[absent] = np.nan
@@ -123,12 +145,21 @@ class _Log:
             steps=self.steps,
             position=self.position,
             velocity=self.velocity,
+            heading=self.heading,
+            command=self.command,
             gap=self.gap,
-            goal=self.start.goal,
-            radius=self.start.radius,
+            wall_gap=self.wall_gap,
+            goal=self._always(self.start.goal),
+            radius=self._always(self.start.radius),
             preferred_speed=self.start.preferred_speed,
-            present=self.start.present,
+            present=self._always(self.start.present),
+            person=self._always(self.start.person),
+            seen=self._always(self.start.present[:, 1:]),
             rules=self.start.rules,
             undisturbed=undisturbed,
             logs=self.logs,
         )
+
+    def _always(self, array: np.ndarray) -> np.ndarray:
+        """An array `[world, ...]` that does not change in an episode, as `[world, time, ...]`; it takes no memory."""
+        return np.broadcast_to(array[:, None], (len(array), self.position.shape[1], *array.shape[1:]))

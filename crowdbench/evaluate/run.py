@@ -136,7 +136,7 @@ def _recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: 
     if record == "none":
         yield lambda trace, episodes, offset: 0
         return
-    from crowdbench.record.record import Recorder
+    from crowdbench.record.write import Recorder
 
     with Recorder(
         path, planner=planner, scenario=scenario.name, scenario_digest=scenario.digest, cases=cases

@@ -10,7 +10,7 @@ from typing import Any
 
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.results import Episodes, to_json
-from crowdbench.record.record import read
+from crowdbench.record.read import read
 from crowdbench.types import Outcome
 
 

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import abc
-import dataclasses
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.types import Observation, Pedestrians, Vehicle
-
-State = TypeVar("State", Vehicle, Pedestrians)
+from crowdbench.types import Observation
 
 
 class OneStepOnly(NotImplementedError):
@@ -77,17 +73,4 @@ def _one_world(obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Observa
             logs[name] = np.full((len(obs), *np.shape(values)), np.nan)
         logs[name][w] = values
 
-    return Observation(
-        vehicle=_row(obs.vehicle, w),
-        pedestrians=_row(obs.pedestrians, w),
-        case=obs.case[w, ...],
-        key=obs.key[w, ...],
-        step=obs.step[w, ...],
-        dt=obs.dt,
-        future=None if obs.future is None else obs.future[w],
-        record=record,
-    )
-
-
-def _row(state: State, w: int) -> State:
-    return type(state)(**{field.name: getattr(state, field.name)[w, ...] for field in dataclasses.fields(state)})
+    return obs.rows(lambda array: array[w, ...], record)

@@ -23,16 +23,14 @@ class Linear(Predictor):
         points = crowd.history.shape[1]
         time = obs.dt * np.arange(1 - points, 1)
         # Weight 0 for the points that only repeat the first: they would make everybody look slow.
-        seen = (np.arange(points) >= points - crowd.observed[:, None]).astype(float)
-        share = seen / seen.sum(axis=1, keepdims=True)
-        mean_time = (share * time).sum(axis=1, keepdims=True)
-        offset = seen * (time - mean_time)
-        spread = (offset**2).sum(axis=1, keepdims=True)
+        weight = (np.arange(points) >= points - crowd.observed[:, :, None]).astype(float)
+        share = weight / np.maximum(weight.sum(axis=2, keepdims=True), 1.0)
+        mean_time = (share * time).sum(axis=2, keepdims=True)
+        offset = weight * (time - mean_time)
+        spread = (offset**2).sum(axis=2, keepdims=True)
         slope = np.divide(offset, spread, out=np.zeros_like(offset), where=spread > 0.0)
-        # Not by matrix products, whose last bits depend on how many worlds there are.
-        velocity = (slope[:, :, None, None] * crowd.history).sum(axis=1)
-        mean = (share[:, :, None, None] * crowd.history).sum(axis=1)
-        return straight_on(mean - velocity * mean_time[:, :, None], velocity[:, None], obs.dt, steps)
+        velocity, mean = (_weighted_sum(each, crowd.history) for each in (slope, share))
+        return straight_on(mean - velocity * mean_time, velocity[:, None], obs.dt, steps)
 
 
 class ConstantVelocity(Predictor):
@@ -70,8 +68,16 @@ class ConstantVelocitySampled(Predictor):
         return straight_on(obs.pedestrians.history[:, -1], turned, obs.dt, steps)
 
 
+def _weighted_sum(
+    weight: Float[np.ndarray, "world pedestrian time"], history: Float[np.ndarray, "world time pedestrian 2"]
+) -> Float[np.ndarray, "world pedestrian 2"]:
+    """The sum over time of weighted positions."""
+    # Not by matrix products, whose last bits depend on how many worlds there are.
+    return (np.ascontiguousarray(weight.swapaxes(1, 2))[..., None] * history).sum(axis=1)
+
+
 def last_velocity(obs: Observation) -> Float[np.ndarray, "world pedestrian 2"]:
     """The velocity of the last step in m/s, zero for whoever was seen only once."""
     crowd = obs.pedestrians
     moved = (crowd.history[:, -1] - crowd.history[:, -2]) / obs.dt
-    return np.where(crowd.observed[:, None, None] > 1, moved, 0.0)
+    return np.where(crowd.observed[:, :, None] > 1, moved, 0.0)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from crowdbench import rng
@@ -51,7 +51,7 @@ class SocialGAN(Predictor):
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`."""
         stretch = self.about["dt"] / obs.dt if self.rescaled else 1.0
-        history, present = lived(obs.pedestrians), torch.from_numpy(obs.pedestrians.present)
+        history, present = lived(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
         # Its noise is a function of case, step and mode alone.
         noise = rng.normal(obs.key, NAME, obs.step, self.modes, NOISE)
         device = next(self.generator.parameters()).device
@@ -86,12 +86,17 @@ def lived(crowd: Pedestrians) -> Float[np.ndarray, "world time pedestrian 2"]:
     """The history in metres, its steps before the first that was seen made like that one."""
     history = crowd.history
     last = history.shape[1] - 1
-    start = np.maximum(last + 1 - crowd.observed, 0)
-    world = np.arange(len(history))
-    first = history[world, start]
-    move = history[world, np.minimum(start + 1, last)] - first
-    before = np.maximum(start[:, None] - np.arange(last + 1), 0)[:, :, None, None]
-    return history - before * move[:, None]
+    start = np.clip(last + 1 - crowd.observed, 0, last)
+    first, second = (_at(history, time) for time in (start, np.minimum(start + 1, last)))
+    before = np.maximum(start[:, None] - np.arange(last + 1)[:, None], 0)[..., None]
+    return history - before * (second - first)[:, None]
+
+
+def _at(
+    history: Float[np.ndarray, "world time pedestrian 2"], time: Int[np.ndarray, "world pedestrian"]
+) -> Float[np.ndarray, "world pedestrian 2"]:
+    """Each pedestrian's position at a time of its own."""
+    return np.take_along_axis(history, time[:, None, :, None], axis=1)[:, 0]
 
 
 def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> SocialGAN:

@@ -86,15 +86,27 @@ class Windows:
         history = self.position[:, :seen].copy()
         nowhere = np.full((len(self), 2), np.nan)
         return Observation(
-            vehicle=Vehicle(nowhere, nowhere, nowhere, nowhere[:, 0], nowhere[:, 0]),
+            vehicle=Vehicle(
+                position=nowhere,
+                velocity=nowhere,
+                heading=nowhere[:, 0],
+                angular_speed=nowhere[:, 0],
+                goal=nowhere,
+                route=np.empty((len(self), 0, 2)),
+                waypoint=np.zeros(len(self), np.int64),
+                radius=nowhere[:, 0],
+                preferred_speed=nowhere[:, 0],
+            ),
             pedestrians=Pedestrians(
                 position=history[:, -1],
                 velocity=(history[:, -1] - history[:, -2]) / self.dt,
                 radius=np.zeros(self.present.shape),
-                present=self.present.copy(),
+                seen=self.present.copy(),
                 history=history,
-                observed=np.full(len(self), seen),
+                observed=np.where(self.present, seen, 0),
+                age=np.where(self.present, 0.0, np.inf),
             ),
+            obstacles=np.empty((len(self), 0, 0, 2)),
             case=self.frame,
             key=rng.case_keys(0, "test", self.frame),
             step=np.full(len(self), seen - 1),

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from rerun.chunk import Chunk
 
 from crowdbench.geometry import nearest_in_step, norm
-from crowdbench.sim.simulator import swept_motion
+from crowdbench.sim.episode import swept_motion
 from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
 
 Color = tuple[int, int, int]
@@ -37,7 +37,7 @@ CURVES: tuple[Color, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240,
 """Colours of a planner's own curves, told apart by colour-blind readers (Okabe and Ito 2008)."""
 
 PLANNER_PLOTS = "plots/planner"
-"""Where the planner's own curves lie, apart from those of the judge."""
+"""Where the planner's own curves lie, apart from those of the collision check."""
 
 KEY = "*yellow drives, blue walks, small dots are their goals · arrow: the way of 1 s · grid: 1 m*"
 
@@ -58,9 +58,9 @@ def _moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
 def episode(trace: Trace, row: int, title: str, values: Mapping[str, float]) -> Iterator[Chunk]:
     """All that is shown of one episode of a trace; `values` are its metrics, `title` says whose run it is."""
     states, dt = int(trace.steps[row]) + 1, trace.rules.dt
-    present = trace.present[row]
+    present = trace.present[row, 0]
     position, velocity = trace.position[row, :states, present], trace.velocity[row, :states, present]
-    goal, radius = trace.goal[row, present], trace.radius[row, present]
+    goal, radius = trace.goal[row, 0, present], trace.radius[row, 0, present]
     low, high = extent(trace, row)
     label = 0.035 * float((high - low).max())  # the height of a line of text, in metres, as the layout shows it
     yield still("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]))
@@ -78,9 +78,9 @@ def episode(trace: Trace, row: int, title: str, values: Mapping[str, float]) -> 
 
 def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
     """The least and the greatest x and y, in whole metres, that hold an episode with a margin."""
-    present = trace.present[row]
+    present = trace.present[row, 0]
     path = trace.position[row, : trace.steps[row] + 1, present].reshape(-1, 2)
-    points = np.concatenate([path, trace.goal[row, present]])
+    points = np.concatenate([path, trace.goal[row, 0, present]])
     return np.stack([np.floor(points.min(0) - 0.5), np.ceil(points.max(0) + 0.5)])
 
 
@@ -214,10 +214,12 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
     elif outcome is Outcome.COLLISION:
         hit = _hit(trace, row)
         sentence, involved = f"hits pedestrian {hit}", [0, hit + 1]
+    elif outcome is Outcome.WALL_COLLISION:
+        sentence = "hits an obstacle"
     centers = trace.position[row, steps, involved]
-    middle, ring = centers.mean(0), 3.0 * trace.radius[row, 0]
+    middle, ring = centers.mean(0), 3.0 * trace.radius[row, 0, 0]
     color = SUCCESS if outcome is Outcome.SUCCESS else FAILURE
-    sizes = [*trace.radius[row, involved], ring]
+    sizes = [*trace.radius[row, steps, involved], ring]
     rims = rr.Ellipses2D.columns(
         half_sizes=[(size, size) for size in sizes],
         centers=[*centers, middle],
@@ -233,11 +235,11 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
 
 
 def _hit(trace: Trace, row: int) -> int:
-    """The pedestrian (0, 1, ...) that came nearest to the vehicle in the last step, as the judge sees it."""
+    """The pedestrian (0, 1, ...) that came nearest to the vehicle in the last step, as the collision check sees it."""
     last = slice(row, row + 1), trace.steps[row] - 1
     end = trace.position[row : row + 1, trace.steps[row]]
     motion = swept_motion(trace.position[last], end, trace.velocity[last], trace.rules)[0]
-    _, nearest = nearest_in_step(0, trace.position[last][0], motion, trace.radius[row], trace.present[row])
+    _, nearest = nearest_in_step(0, trace.position[last][0], motion, trace.radius[last][0], trace.present[last][0])
     return int(nearest) - 1
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from crowdbench.scenario.layouts import GENERATORS
+from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.scenario import Quantity, Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.toml_section import Section, is_number, read_toml
@@ -80,10 +80,10 @@ def _rules(top: Section) -> Rules:
 
 
 def _layout(layout: Section) -> tuple[str, dict[str, float]]:
-    generator = layout.choice("generator", "circle_crossing", tuple(GENERATORS))
+    generator = layout.choice("generator", "circle_crossing", tuple(LAYOUTS))
     options = {
         option: layout.number(option, parameter.default, least=0.0, below=1e6)
-        for option, parameter in inspect.signature(GENERATORS[generator]).parameters.items()
+        for option, parameter in inspect.signature(LAYOUTS[generator]).parameters.items()
         if parameter.kind is parameter.KEYWORD_ONLY
     }
     layout.close()

@@ -1,14 +1,15 @@
-"""Where agents start and where they go. A scenario names one of these in its `[layout]`.
+"""Layouts: where the agents of a case start and where they go. A scenario names one in `[layout] generator`.
 
-A generator is a function `(rng, radius, preferred_speed, **options) -> (start, goal)` over agents, the
-vehicle first. The two crossings make the same draws in the same order as CrowdNav (Chen et al. 2019), so
-that under CrowdNav's seeds they give CrowdNav's cases.
+A layout is a function `(rng, radius, preferred_speed, **options) -> Placement` over agents, the vehicle first. The
+two crossings make the same draws in the same order as CrowdNav (Chen et al. 2019), so that under CrowdNav's seeds
+they give CrowdNav's cases.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -16,13 +17,30 @@ from jaxtyping import Float
 from crowdbench.errors import InputError
 
 CLEARANCE = 0.2
-"""Metres that must be free between two rims at the start."""
+"""Smallest distance in metres between two rims at the start."""
 
 TRIES = 10_000
-"""Draws after which a crowd counts as too dense for its place."""
+"""Draws for one pedestrian after which the layout has no room for it."""
 
-Places = tuple[Float[np.ndarray, "agent 2"], Float[np.ndarray, "agent 2"]]
-Generator = Callable[..., Places]
+
+@dataclass(frozen=True)
+class Placement:
+    """What a layout places for one case.
+
+    Attributes:
+        start: Where each agent starts, in metres.
+        goal: Where each agent is going, in metres.
+        route: Waypoints of each agent on the way to its goal, in metres, NaN beyond its last one; none unless given.
+        obstacles: Polygons in metres, NaN beyond the last corner of each; two corners are a wall. None unless given.
+    """
+
+    start: Float[np.ndarray, "agent 2"]
+    goal: Float[np.ndarray, "agent 2"]
+    route: Float[np.ndarray, "agent waypoint 2"] | None = None
+    obstacles: Float[np.ndarray, "polygon corner 2"] | None = None
+
+
+Layout = Callable[..., Placement]
 
 
 def circle_crossing(
@@ -32,12 +50,23 @@ def circle_crossing(
     *,
     circle_radius: float = 4.0,
     perturbation: float = 0.0,
-) -> Places:
-    """Everybody walks from a point near a circle to the opposite one, the vehicle from bottom to top.
+) -> Placement:
+    """Everybody walks from a point near a circle to the opposite point, the vehicle from bottom to top.
 
-    `circle_radius` in metres. `perturbation`, in metres, is the standard deviation of a Gaussian, redrawn
-    beyond twice its size, that is added to each coordinate of the vehicle's start and of everybody's goal;
-    the pedestrians' starts have CrowdNav's uniform noise in any case.
+    Args:
+        rng: The random stream of the case.
+        radius: Radii in metres.
+        preferred_speed: Preferred speeds in m/s.
+        circle_radius: Radius of the circle in metres.
+        perturbation: Standard deviation in metres of a Gaussian that is added to each coordinate of the vehicle's
+            start and of everybody's goal, redrawn beyond twice its size. The pedestrians' starts have CrowdNav's
+            uniform noise in any case.
+
+    Returns:
+        Starts and goals.
+
+    Raises:
+        InputError: A pedestrian has no room.
     """
 
     def nudge(x: float, y: float) -> tuple[float, float]:
@@ -61,7 +90,7 @@ def circle_crossing(
                 break
         else:
             raise placed.full(f"a circle of {circle_radius:g} m radius", "layout.circle_radius")
-    return placed.arrays()
+    return placed.placement()
 
 
 def square_crossing(
@@ -71,10 +100,21 @@ def square_crossing(
     *,
     square_width: float = 10.0,
     circle_radius: float = 4.0,
-) -> Places:
+) -> Placement:
     """Pedestrians walk from one half of a square to the other, the vehicle upwards through its middle.
 
-    `square_width` in metres; the vehicle goes from (0, -circle_radius) to (0, circle_radius).
+    Args:
+        rng: The random stream of the case.
+        radius: Radii in metres.
+        preferred_speed: Preferred speeds in m/s.
+        square_width: Width of the square in metres.
+        circle_radius: The vehicle goes from (0, -circle_radius) to (0, circle_radius), in metres.
+
+    Returns:
+        Starts and goals.
+
+    Raises:
+        InputError: A pedestrian has no room.
     """
     placed = _Placed(radius)
     placed.add((0.0, -circle_radius), (0.0, circle_radius))
@@ -85,10 +125,10 @@ def square_crossing(
         if start is None or goal is None:
             raise placed.full(f"a square of {square_width:g} m", "layout.square_width")
         placed.add(start, goal)
-    return placed.arrays()
+    return placed.placement()
 
 
-GENERATORS: dict[str, Generator] = {
+LAYOUTS: dict[str, Layout] = {
     "circle_crossing": circle_crossing,
     "square_crossing": square_crossing,
 }
@@ -137,5 +177,5 @@ class _Placed:
             f"draws: lower pedestrians.number or raise {key}"
         )
 
-    def arrays(self) -> Places:
-        return np.array(self.start), np.array(self.goal)
+    def placement(self) -> Placement:
+        return Placement(start=np.array(self.start), goal=np.array(self.goal))

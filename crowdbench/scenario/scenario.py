@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from crowdbench import rng
 from crowdbench.errors import InputError
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.layouts import GENERATORS
+from crowdbench.scenario.layouts import LAYOUTS, Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import HISTORY, Rules, World
 
@@ -89,7 +89,18 @@ class Scenario:
         return self.draw(cases.split, cases.indices)
 
     def draw(self, split: str, cases: Int[np.ndarray, "world"]) -> World:
-        """The start of any cases of a split. Raises InputError where a crowd does not fit its place."""
+        """The start of any cases of a split.
+
+        Args:
+            split: `train`, `val` or `test`.
+            cases: Numbers of the cases.
+
+        Returns:
+            A world per case, in the given order.
+
+        Raises:
+            InputError: A crowd has no room in its layout.
+        """
         keys = rng.case_keys(self.seed, split, cases)
         worlds, agents = len(cases), self.max_agents
         position, goal = np.zeros((2, worlds, agents, 2))
@@ -100,6 +111,7 @@ class Scenario:
             name: {parameter: np.zeros((worlds, agents)) for parameter in table}
             for name, table in self.parameters.items()
         }
+        routes, obstacles = [], []
         for w, (case, key) in enumerate(zip(cases.tolist(), keys, strict=True)):
             crowd = rng.generator(key, "crowd")
             n = int(crowd.integers(self.number[0], self.number[1] + 1))
@@ -111,38 +123,63 @@ class Scenario:
             for name, table in self.parameters.items():
                 for parameter, quantity in table.items():
                     parameters[name][parameter][w, 1 : n + 1] = quantity.draw(crowd, n)
-            places = self._place_stream(split, case, key)
-            position[w, : n + 1], goal[w, : n + 1] = self._place(places, radius[w, : n + 1], speed[w, : n + 1])
+            placement = self._place(split, case, key, radius[w, : n + 1], speed[w, : n + 1])
+            position[w, : n + 1], goal[w, : n + 1] = placement.start, placement.goal
+            routes.append(placement.route)
+            obstacles.append(placement.obstacles)
+        ahead = goal[:, 0] - position[:, 0]
         return World(
             case=cases,
             key=keys,
             step=np.zeros(worlds, np.int64),
             position=position,
             velocity=np.zeros_like(position),
+            heading=np.arctan2(ahead[:, 1], ahead[:, 0]),
+            angular_speed=np.zeros(worlds),
             goal=goal,
+            route=_padded(routes, agents),
+            waypoint=np.zeros((worlds, agents), np.int64),
             radius=radius,
             preferred_speed=speed,
             present=present,
+            person=np.where(present[:, 1:], np.arange(agents - 1), -1),
+            group=np.full((worlds, agents - 1), -1),
             history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
+            obstacles=_padded(obstacles),
             policy=policy,
             parameters=parameters,
+            memory={name: {} for name in self.parameters},
             rules=self.rules,
         )
 
-    def _place_stream(self, split: str, case: int, key: np.uint64) -> np.random.Generator:
+    def _place(
+        self,
+        split: str,
+        case: int,
+        key: np.uint64,
+        radius: Float[np.ndarray, "agent"],
+        speed: Float[np.ndarray, "agent"],
+    ) -> Placement:
+        """What the layout places for one case, from CrowdNav's stream or from one of our own."""
+        stream = rng.generator(key, "places")
         if split == "test" and case < self.crowdnav_cases:
             legacy = np.random.MT19937()
             legacy._legacy_seeding(CROWDNAV_TEST_SEED + case)
-            return np.random.Generator(legacy)
-        return rng.generator(key, "places")
-
-    def _place(
-        self,
-        generator: np.random.Generator,
-        radius: Float[np.ndarray, "agent"],
-        speed: Float[np.ndarray, "agent"],
-    ) -> tuple[Float[np.ndarray, "agent 2"], Float[np.ndarray, "agent 2"]]:
+            stream = np.random.Generator(legacy)
         try:
-            return GENERATORS[self.generator](generator, radius, speed, **self.layout)
+            return LAYOUTS[self.generator](stream, radius, speed, **self.layout)
         except InputError as error:
             raise InputError(f"{self.source}: {error}") from None
+
+
+def _padded(
+    points: Sequence[Float[np.ndarray, "n k 2"] | None], n: int | None = None
+) -> Float[np.ndarray, "world n k 2"]:
+    """Points of every world, NaN beyond those it has; `n` is the length of the first axis, the largest if None."""
+    lengths = [(0, 0) if each is None else each.shape[:2] for each in points]
+    longest = np.max(lengths, axis=0, initial=0)
+    padded = np.full((len(points), longest[0] if n is None else n, longest[1], 2), np.nan)
+    for w, (each, (first, second)) in enumerate(zip(points, lengths, strict=True)):
+        if each is not None:
+            padded[w, :first, :second] = each
+    return padded

@@ -1,19 +1,20 @@
-"""One step of the world and the rules of an episode: batched, pure, compiled."""
+"""One step of the world: batched, pure, compiled."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numba import njit
 
 from crowdbench.errors import InputError
-from crowdbench.geometry import nearest_in_step
+from crowdbench.geometry import heading_of, turn
+from crowdbench.sim.episode import StepCheck, check_step
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Rules, Vehicle, World
+from crowdbench.types import World
 
 SPEED_TOLERANCE = 1e-6
 """A speed above the preferred speed by no more than this share is rounding, not speeding."""
@@ -56,130 +57,93 @@ def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarra
 
 
 def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World:
-    """The world one step later, everybody moving at once with the given velocity (holonomic discs).
+    """The world one step later, all agents moving at once (holonomic discs).
 
-    The only place where speed is limited: whoever is faster than its preferred speed is slowed down to it.
+    The only place where speed is limited: an agent that is faster than its preferred speed is slowed down to it.
+
+    Args:
+        world: The worlds before the step.
+        velocity: The velocity of every agent during the step, in m/s.
+
+    Returns:
+        The worlds after the step.
     """
-    position = np.empty_like(world.position)
-    limited = np.empty_like(world.velocity)
+    position, limited = np.empty_like(world.position), np.empty_like(world.velocity)
+    heading, angular_speed = np.empty_like(world.heading), np.empty_like(world.angular_speed)
     history = np.empty_like(world.history)
     _advance(
         world.position,
         np.ascontiguousarray(velocity),
+        world.heading,
         world.preferred_speed,
         world.present,
         world.history,
         world.rules.dt,
         position,
         limited,
+        heading,
+        angular_speed,
         history,
     )
+    # Named one by one, because `dataclasses.replace` takes as long as the rest of a step of one world.
     return World(
         case=world.case,
         key=world.key,
         step=world.step + 1,
         position=position,
         velocity=limited,
+        heading=heading,
+        angular_speed=angular_speed,
         goal=world.goal,
+        route=world.route,
+        waypoint=world.waypoint,
         radius=world.radius,
         preferred_speed=world.preferred_speed,
         present=world.present,
+        person=world.person,
+        group=world.group,
         history=history,
+        obstacles=world.obstacles,
         policy=world.policy,
         parameters=world.parameters,
+        memory=world.memory,
         rules=world.rules,
     )
 
 
 def step(
     world: World, command: Float[np.ndarray, "world 2"], crowd: Float[np.ndarray, "world pedestrian 2"]
-) -> tuple[World, Int[np.ndarray, "world"], Float[np.ndarray, "world"]]:
-    """The world one step later, the outcome of the step, and the vehicle's gap in it in metres.
+) -> tuple[World, StepCheck]:
+    """One step of the simulation. Rollouts and environments all step by this.
 
-    `command` is the vehicle's velocity and `crowd` the pedestrians', in m/s; `advance` limits both. Rollouts
-    and environments all step by this.
+    Args:
+        world: The worlds before the step.
+        command: The vehicle's velocity in m/s; `advance` limits it.
+        crowd: The pedestrians' velocities in m/s; `advance` limits them.
+
+    Returns:
+        The worlds one step later, and what the check of the step found.
     """
     after = advance(world, np.concatenate([command[:, None], crowd], axis=1))
-    return after, *judge(world, after)
-
-
-def judge(before: World, after: World) -> tuple[Int[np.ndarray, "world"], Float[np.ndarray, "world"]]:
-    """The outcome of a step and the closest distance, in metres, between the vehicle's rim and another's in it.
-
-    The vehicle collides where its disc touches a pedestrian's during the step: under the rule "swept" in
-    their true relative motion; under "crowdnav" with the pedestrian's velocity from before the step,
-    as CrowdNav does. It succeeds where its centre ends nearer to its goal than its radius. The step after
-    which `Rules.max_steps` are done is a time-out, whatever happens in it. CrowdNav's order of precedence:
-    time-out, collision, success.
-    """
-    outcome = np.empty(len(before), np.int64)
-    gap = np.empty(len(before))
-    _judge(
-        before.position,
-        swept_motion(before.position, after.position, before.velocity, before.rules),
-        after.position,
-        before.goal,
-        before.radius,
-        before.present,
-        before.step,
-        before.rules.max_steps,
-        outcome,
-        gap,
-    )
-    return outcome, gap
-
-
-def swept_motion(
-    before: Float[np.ndarray, "world agent 2"],
-    after: Float[np.ndarray, "world agent 2"],
-    velocity_before: Float[np.ndarray, "world agent 2"],
-    rules: Rules,
-) -> Float[np.ndarray, "world agent 2"]:
-    """How the judge sees everybody move in a step, in metres, from the positions before and after it."""
-    motion = after - before
-    if rules.collision == "crowdnav":
-        motion[:, 1:] = velocity_before[:, 1:] * rules.dt
-    return motion
-
-
-def observe(
-    world: World,
-    future: Float[np.ndarray, "world pedestrian 2"] | None = None,
-    record: Callable[[str, np.ndarray], None] | None = None,
-) -> Observation:
-    """What the vehicle sees, in arrays of its own.
-
-    `future` is the pedestrians' next velocities, where the planner may see them; `record` keeps what it logs.
-    """
-    # Copies: what a planner does to its observation must not reach the world.
-    return Observation(
-        vehicle=Vehicle(
-            world.position[:, 0].copy(),
-            world.velocity[:, 0].copy(),
-            world.goal[:, 0].copy(),
-            world.radius[:, 0].copy(),
-            world.preferred_speed[:, 0].copy(),
-        ),
-        pedestrians=Pedestrians(
-            world.position[:, 1:].copy(),
-            world.velocity[:, 1:].copy(),
-            world.radius[:, 1:].copy(),
-            world.present[:, 1:].copy(),
-            world.history.copy(),
-            np.minimum(world.step + 1, HISTORY),
-        ),
-        case=world.case.copy(),
-        key=world.key.copy(),
-        step=world.step.copy(),
-        dt=world.rules.dt,
-        future=future,
-        record=record,
-    )
+    return after, check_step(world, after)
 
 
 @no_type_check
 @njit(cache=True)
-def _advance(position, velocity, max_speed, present, history, dt, new_position, limited, new_history):
+def _advance(
+    position,
+    velocity,
+    heading,
+    max_speed,
+    present,
+    history,
+    dt,
+    new_position,
+    limited,
+    new_heading,
+    angular_speed,
+    new_history,
+):
     worlds, agents = max_speed.shape
     length = history.shape[1]
     for w in range(worlds):
@@ -200,19 +164,6 @@ def _advance(position, velocity, max_speed, present, history, dt, new_position, 
             if a > 0:
                 new_history[w, length - 1, a - 1, 0] = new_position[w, a, 0]
                 new_history[w, length - 1, a - 1, 1] = new_position[w, a, 1]
-
-
-@no_type_check
-@njit(cache=True)
-def _judge(position, motion, end, goal, radius, present, step, max_steps, outcome, gap):
-    for w in range(len(radius)):
-        gap[w], _ = nearest_in_step(0, position[w], motion[w], radius[w], present[w])
-        left = math.hypot(end[w, 0, 0] - goal[w, 0, 0], end[w, 0, 1] - goal[w, 0, 1])
-        if step[w] + 1 >= max_steps:
-            outcome[w] = Outcome.TIMEOUT.value
-        elif gap[w] < 0.0:
-            outcome[w] = Outcome.COLLISION.value
-        elif left < radius[w, 0]:
-            outcome[w] = Outcome.SUCCESS.value
-        else:
-            outcome[w] = Outcome.RUNNING.value
+            else:
+                new_heading[w] = heading_of(x, y, heading[w])
+                angular_speed[w] = turn(heading[w], new_heading[w]) / dt

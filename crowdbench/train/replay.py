@@ -69,13 +69,13 @@ def _states(
     joint = joint_states(
         np.nan_to_num(trace.position),
         np.nan_to_num(trace.velocity),
-        np.broadcast_to(trace.radius[:, None], (worlds, times, agents)),
-        np.broadcast_to(trace.present[:, None], (worlds, times, agents)),
-        np.broadcast_to(trace.goal[:, None, 0], (worlds, times, 2)),
+        trace.radius,
+        trace.present,
+        trace.goal[:, :, 0],
         np.broadcast_to(trace.preferred_speed[:, :1], (worlds, times)),
     )
     present = np.zeros((worlds, joint.shape[2]), bool)
-    present[:, : agents - 1] = trace.present[:, 1:]
+    present[:, : agents - 1] = trace.present[:, 0, 1:]
     return joint, present
 
 

@@ -44,8 +44,8 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
     found = []
     for start in range(0, path.shape[1] - LENGTH + 1, EVERY):
         position = path[:, start : start + LENGTH]
-        away = norm(position[:, HISTORY - 1] - trace.goal[:, 1:]) >= trace.radius[:, 1:]
-        going = trace.present[:, 1:] & away & np.isfinite(position).all(axis=(1, 3))
+        away = norm(position[:, HISTORY - 1] - trace.goal[:, 0, 1:]) >= trace.radius[:, 0, 1:]
+        going = trace.present[:, 0, 1:] & away & np.isfinite(position).all(axis=(1, 3))
         found.append(_ordered(position[going.any(axis=1)], going[going.any(axis=1)]))
     return _joined(found)
 

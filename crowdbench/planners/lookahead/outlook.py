@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -11,7 +10,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 
 from crowdbench.geometry import nearest_in_step
-from crowdbench.types import Outcome
+from crowdbench.sim.episode import step_outcome
 from crowdbench.value.joint_state import SIZE, write_joint_state
 
 
@@ -102,7 +101,6 @@ def _look(
         vx, vy = commands[row, 0], commands[row, 1]
         x, y = position[w, 0] + vx * dt, position[w, 1] + vy * dt
         dx, dy = goal[w, 0] - x, goal[w, 1] - y
-        arrived = math.sqrt(dx * dx + dy * dy) < radius[w]
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
         start[0], motion[0, 0], motion[0, 1] = position[w], vx * dt, vy * dt
         for m in range(crowd.shape[1]):
@@ -111,12 +109,7 @@ def _look(
                     start[p + 1, k] = crowd[w, m, p, k]
                     motion[p + 1, k] = next_crowd[w, m, p, k] - crowd[w, m, p, k]
             gap[row, m], _ = nearest_in_step(0, start, motion, radii, seen)
-            if gap[row, m] < 0.0:
-                outcome[row, m] = Outcome.COLLISION.value
-            elif arrived:
-                outcome[row, m] = Outcome.SUCCESS.value
-            else:
-                outcome[row, m] = Outcome.RUNNING.value
+            outcome[row, m] = step_outcome(gap[row, m], np.inf, dx, dy, radius[w], False)
             write_joint_state(
                 joint[row, m],
                 x,

@@ -180,7 +180,7 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
         next_crowd=np.ascontiguousarray(after),
         next_velocity=np.ascontiguousarray(prediction.velocity[:, :, step]),
         crowd_radius=obs.pedestrians.radius,
-        present=obs.pedestrians.present,
+        present=obs.pedestrians.seen,
         dt=obs.dt,
     )
 

@@ -1,0 +1,183 @@
+"""What `read` restores an episode from, in full precision: the entities under `/exact`, which no view shows.
+
+`/exact/states` has a row per state: what changes in the episode. `/exact/episode` has one row: what does not.
+A quantity of a step stands beside the state that the step leads to. Format 1 lacked heading, command, obstacles,
+persons and sight; they follow from what it has.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float, Shaped
+from rerun.chunk import Chunk
+
+from crowdbench.geometry import heading_of
+from crowdbench.record import drawing
+from crowdbench.types import Rules, Trace
+
+FORMAT = 2
+"""Version of what is under `/exact`."""
+
+READABLE = (1, 2)
+"""Versions that `trace` understands."""
+
+OF_STATES = ("position", "velocity", "heading", "goal", "radius", "present", "person", "seen")
+OF_STEPS = ("command", "gap", "wall_gap")
+
+Episode = dict[str, np.ndarray]
+"""The flat arrays of one episode, by name."""
+
+
+def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
+    """One episode as Rerun chunks.
+
+    Args:
+        trace: The trace with the episode.
+        row: Its row in the trace.
+        run: What is said of the whole run, as JSON can hold it.
+
+    Yields:
+        The chunks of `/exact/states` and `/exact/episode`.
+    """
+    steps, dt = int(trace.steps[row]), trace.rules.dt
+    arrays = {name: getattr(trace, name)[row, : steps + 1] for name in OF_STATES}
+    arrays |= {name: getattr(trace, name)[row, :steps] for name in OF_STEPS}
+    if trace.undisturbed is not None:
+        arrays["undisturbed"] = trace.undisturbed[row, : steps + 1]
+    still = {name: array[:1] for name, array in arrays.items() if (array == array[:1]).all()}
+    moving = {name: _of_states(array, steps + 1) for name, array in arrays.items() if name not in still}
+    columns = {moment.timeline_name(): moment.as_arrow_array() for moment in drawing.times(0, steps + 1, dt)}
+    columns |= {name: _lists(array) for name, array in moving.items()}
+    yield from Chunk.from_record_batch(pa.record_batch(columns), index=["time", "step"], entity_path="/exact/states")
+    still["preferred_speed"] = trace.preferred_speed[row : row + 1]
+    # Together, because each column costs a kilobyte or two in the file's index.
+    still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
+    columns = {name: _lists(array) for name, array in still.items()}
+    facts = {**run, "format": FORMAT, "split": trace.split, "rules": dataclasses.asdict(trace.rules)}
+    columns["facts"] = pa.array([[json.dumps(facts)]])
+    yield from Chunk.from_record_batch(pa.record_batch(columns), index=None, entity_path="/exact/episode")
+
+
+def _of_states(array: Shaped[np.ndarray, "time *values"], states: int) -> Shaped[np.ndarray, "states *values"]:
+    """An array of steps with a row of NaN before the first, so that each stands beside the state after the step."""
+    if len(array) == states:
+        return array
+    return np.concatenate([np.full_like(array[:1], np.nan), array])
+
+
+def _lists(array: Shaped[np.ndarray, "row *values"]) -> pa.ListArray:
+    """An Arrow column with the values of each row as a list."""
+    flat = array.reshape(len(array), -1)
+    offsets = np.arange(len(flat) + 1, dtype=np.int32) * flat.shape[1]
+    return pa.ListArray.from_arrays(offsets, pa.array(flat.ravel()))
+
+
+def episode(found: Sequence[Chunk]) -> Episode:
+    """The flat arrays of an episode from its chunks; empty where there are none."""
+    columns = [
+        (name, batch.column(name))
+        for batch in (chunk.to_record_batch() for chunk in found if chunk.entity_path.startswith("/exact/"))
+        for name in batch.schema.names
+    ]
+    # Only Rerun's own columns hold no lists.
+    return {name: column.flatten().to_numpy(False) for name, column in columns if pa.types.is_list(column.type)}
+
+
+def facts_of(episode: Episode) -> dict[str, Any]:
+    """What an episode says of its run: format, planner, scenario, rules, ..."""
+    facts: dict[str, Any] = json.loads(episode["facts"][0])
+    return facts
+
+
+def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
+    """The trace of several episodes of one run, padded like a rollout's in time and to the largest crowd.
+
+    Args:
+        episodes: The episodes' flat arrays.
+        facts: What they say of their run.
+
+    Returns:
+        The trace, without what planners logged.
+    """
+    rules = Rules(**facts["rules"])
+    each = [_restored(episode, facts["format"]) for episode in episodes]
+    case, outcome, steps = np.array([episode["case_outcome_steps"] for episode in episodes]).T.copy()
+    agents, times = max(len(one["preferred_speed"]) for one in each), rules.max_steps + 1
+    empty: dict[str, Any] = {
+        "position": np.full((len(each), times, agents, 2), np.nan),
+        "velocity": np.full((len(each), times, agents, 2), np.nan),
+        "heading": np.full((len(each), times), np.nan),
+        "command": np.full((len(each), times - 1, 2), np.nan),
+        "gap": np.full((len(each), times - 1), np.nan),
+        "wall_gap": np.full((len(each), times - 1), np.nan),
+        "goal": np.zeros((len(each), times, agents, 2)),
+        "radius": np.ones((len(each), times, agents)),
+        "preferred_speed": np.ones((len(each), agents)),
+        "present": np.zeros((len(each), times, agents), bool),
+        "person": np.full((len(each), times, agents - 1), -1),
+        "seen": np.zeros((len(each), times, agents - 1), bool),
+    }
+    if "undisturbed" in each[0]:
+        empty["undisturbed"] = np.full((len(each), times, agents - 1, 2), np.nan)
+    for name, filled in empty.items():
+        for w, one in enumerate(each):
+            values = one[name]
+            # States beyond the end keep what the last one has of goals, radii, ...: they are constant in a rollout.
+            place: tuple[int | slice, ...] = (w, *(slice(n) for n in values.shape))
+            filled[place] = values
+            if name in ("goal", "radius", "present", "person", "seen"):
+                filled[w, len(values) :] = filled[w, len(values) - 1]
+    return Trace(split=facts["split"], case=case, outcome=outcome, steps=steps, rules=rules, **empty)
+
+
+def _restored(episode: Episode, version: int) -> Episode:
+    """The arrays of an episode in their shapes, `[time, ...]`; what an older format lacks is derived."""
+    agents, steps = len(episode["preferred_speed"]), int(episode["case_outcome_steps"][2])
+    shapes: dict[str, tuple[int, ...]] = {
+        "position": (agents, 2),
+        "velocity": (agents, 2),
+        "heading": (),
+        "command": (2,),
+        "gap": (),
+        "wall_gap": (),
+        "goal": (agents, 2),
+        "radius": (agents,),
+        "present": (agents,),
+        "person": (agents - 1,),
+        "seen": (agents - 1,),
+        "undisturbed": (agents - 1, 2),
+    }
+    found = {name: _in_time(episode[name], shape, name, steps) for name, shape in shapes.items() if name in episode}
+    found["preferred_speed"] = episode["preferred_speed"]
+    if version == 1:
+        found["heading"] = _heading(found["velocity"][:, 0], found["goal"][0, 0] - found["position"][0, 0])
+        found["command"] = found["velocity"][1:, 0]
+        found["wall_gap"] = np.full(steps, np.inf)
+        found["person"] = np.where(found["present"][:, 1:], np.arange(agents - 1), -1)
+        found["seen"] = found["present"][:, 1:]
+    return found
+
+
+def _in_time(flat: np.ndarray, shape: tuple[int, ...], name: str, steps: int) -> np.ndarray:
+    """An array of states or steps from what is stored once, or beside every state."""
+    per_row = int(np.prod(shape))
+    rows = flat.reshape(len(flat) // per_row if per_row else steps + 1, *shape)
+    length = steps if name in OF_STEPS else steps + 1
+    if len(rows) == 1:
+        return rows.repeat(length, axis=0)
+    return rows[len(rows) - length :]
+
+
+def _heading(velocity: Float[np.ndarray, "time 2"], ahead: Float[np.ndarray, "2"]) -> Float[np.ndarray, "time"]:
+    """The heading in radians that the simulator gives a vehicle with these velocities, its goal `ahead` of it."""
+    heading = np.empty(len(velocity))
+    last = np.arctan2(ahead[1], ahead[0])
+    for t, (vx, vy) in enumerate(velocity):
+        last = heading[t] = heading_of(vx, vy, last)
+    return heading

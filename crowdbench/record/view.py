@@ -1,0 +1,89 @@
+"""Show a recording in the Rerun viewer."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from rerun.chunk import LazyChunkStream, RrdReader
+
+from crowdbench.errors import InputError
+from crowdbench.record import drawing, exact, rrd
+
+NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+")
+"""A recording's name: split, case, outcome; the viewer lists recordings by it."""
+
+
+def view(path: Path, case: int | None = None, screenshot: Path | None = None) -> None:
+    """Open the Rerun viewer on a file, or on one case of it, and wait until it is closed.
+
+    Args:
+        path: The recording.
+        case: The case to show alone.
+        screenshot: Write a picture of the last state there instead of opening a window. On a busy machine the viewer
+            may take it before it has drawn everything.
+
+    Raises:
+        InputError: The file or the case is not there, or the viewer does not start.
+    """
+    if screenshot is not None and (case is None or screenshot.suffix != ".png" or not screenshot.parent.is_dir()):
+        raise InputError(f"a picture shows one case (--case 37) and goes to a .png file in a folder, not {screenshot}")
+    with tempfile.TemporaryDirectory() as folder:
+        shown = _extract(path, case, Path(folder))
+        if screenshot is None and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+            raise InputError("there is no display for a window: take a picture with --case 37 --screenshot case.png")
+        command = [sys.executable, "-m", "rerun_cli", "--port", "auto", str(shown)]
+        if screenshot is None:
+            ended = subprocess.run(command)
+        else:
+            screenshot.unlink(missing_ok=True)
+            command += ["--headless", "--window-size", "1400x800", "--screenshot-to", str(screenshot.resolve())]
+            # Without logs, because the viewer's notices would lie across the picture.
+            ended = subprocess.run(command, env={**os.environ, "RUST_LOG": "off"}, capture_output=True)
+    if ended.returncode or (screenshot is not None and not screenshot.exists()):
+        raise InputError(
+            f"the Rerun viewer failed on {path}: it needs a display or, for a screenshot, a Vulkan driver "
+            "(Debian: mesa-vulkan-drivers)"
+        )
+
+
+def _extract(path: Path, case: int | None, folder: Path) -> Path:
+    """A file of one case alone, with a layout of its own; the file itself where no case is asked for."""
+    with rrd.opening(path):
+        reader = RrdReader(path)
+        named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
+    entries = {int(match[1]): entry for match, entry in named if match}
+    if not entries:
+        raise rrd.foreign(path)
+    if case is None:
+        return path.resolve()
+    if case not in entries:
+        near = sorted(sorted(entries, key=lambda other: abs(other - case))[:10])
+        raise InputError(
+            f"case {case} is not recorded in {path}: recorded near it are {_ranges(near)} (all are with --record all)"
+        )
+    with rrd.opening(path):
+        chunks = rrd.chunks_of(reader, entries[case], "/**")
+    episode, entry = exact.episode(chunks), entries[case]
+    extent = drawing.extent(exact.trace([episode], exact.facts_of(episode)), 0)
+    own = f"/{drawing.PLANNER_PLOTS}/"
+    plotted = {chunk.entity_path.removeprefix(own) for chunk in chunks if chunk.entity_path.startswith(own)}
+    layout = drawing.layout([extent], sorted(plotted))
+    with rrd.errors_as(f"a copy of case {case} could not be written to {folder}: is the disk full?"):
+        LazyChunkStream.from_iter(chunks).write_rrd(
+            folder / "case.rrd", application_id=entry.application_id, recording_id=entry.recording_id
+        )
+        return rrd.join(folder, ["case.rrd"], entry.application_id, layout)
+
+
+def _ranges(numbers: Iterable[int]) -> str:
+    """Numbers in short: 0-9, 12, 17-18."""
+    known = set(numbers)
+    starts = sorted(n for n in known if n - 1 not in known)
+    ends = sorted(n for n in known if n + 1 not in known)
+    return ", ".join(f"{a}-{b}" if a < b else f"{a}" for a, b in zip(starts, ends, strict=True))

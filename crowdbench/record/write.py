@@ -1,0 +1,91 @@
+"""Traces to Rerun recordings: one recording per episode, all in one .rrd file.
+
+`drawing` makes what is shown, in Rerun's float32; `exact` makes what the file is read back from.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import rerun as rr
+from jaxtyping import Float, Int, Shaped
+from rerun.chunk import LazyChunkStream
+
+from crowdbench.record import drawing, exact, rrd
+from crowdbench.types import Outcome, Trace
+
+
+class Recorder:
+    """Writes episodes into a file that appears under its name only when it is complete.
+
+    It is used in a `with` statement; an exception inside leaves nothing behind.
+
+    Args:
+        path: The file.
+        planner: The planner, as people read it.
+        scenario: The scenario's name.
+        scenario_digest: The scenario's digest.
+        cases: How many cases the whole run has, recorded or not.
+    """
+
+    def __init__(self, path: Path, *, planner: str, scenario: str, scenario_digest: str, cases: int) -> None:
+        self._path = path
+        self._run = {"planner": planner, "scenario": scenario, "scenario_digest": scenario_digest, "cases": cases}
+        # The viewer lists the file under this name, and warns of other characters.
+        self._application = re.sub(r"[^A-Za-z0-9 _.-]", "-", f"{planner} on {scenario}")
+        self._extents: list[Float[np.ndarray, "2 2"]] = []
+        self._plotted: dict[str, None] = {}
+
+    def __enter__(self) -> Recorder:
+        # Beside the target, so that the last step is a rename within one file system.
+        self._folder = tempfile.TemporaryDirectory(prefix=f".{self._path.name}.", dir=self._path.parent)
+        return self
+
+    def add(
+        self, trace: Trace, rows: Int[np.ndarray, "episode"], values: Mapping[str, Shaped[np.ndarray, "world"]]
+    ) -> None:
+        """Record episodes.
+
+        Args:
+            trace: The trace with the episodes.
+            rows: Their rows in the trace.
+            values: Metrics of the whole trace by name, shown as text.
+
+        Raises:
+            InputError: The disk is full.
+        """
+        for row in rows.tolist():
+            label = Outcome(int(trace.outcome[row])).label
+            title = f"planner {self._run['planner']} · scenario {self._run['scenario']}"
+            # Whether it succeeded, collided, ... is what the outcome says.
+            shown = {name: float(column[row]) for name, column in values.items() if column.dtype != bool}
+            chunks = [
+                drawing.still("__properties", rr.archetypes.RecordingInfo(name=f"case {trace.case[row]} · {label}")),
+                *exact.chunks(trace, row, self._run),
+                *drawing.episode(trace, row, title, shown),
+            ]
+            name = f"{trace.split}-{trace.case[row]:04d}-{label}"
+            part = Path(self._folder.name) / f"{len(self._extents)}.rrd"
+            with self._writing():
+                LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
+            self._extents.append(drawing.extent(trace, row))
+        self._plotted |= dict.fromkeys(name for name, logged in trace.logs.items() if drawing.is_curve(logged))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        with self._folder as folder:
+            if kind is None and self._extents:
+                parts = [f"{part}.rrd" for part in range(len(self._extents))]
+                layout = drawing.layout(self._extents, list(self._plotted))
+                with self._writing():
+                    rrd.join(Path(folder), parts, self._application, layout).replace(self._path)
+
+    def _writing(self) -> contextlib.AbstractContextManager[None]:
+        return rrd.errors_as(f"{self._path} could not be written: is the disk full? (--record none does without)")

@@ -1,0 +1,204 @@
+"""What a planner sees."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt
+
+from crowdbench import rng
+from crowdbench.errors import InputError
+
+Part = TypeVar("Part", "Vehicle", "Pedestrians", "Observation")
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The vehicle as its planner sees it.
+
+    Attributes:
+        position: Centre in metres.
+        velocity: Velocity of the last step in m/s.
+        heading: Direction in which it faces, in radians.
+        angular_speed: Change of the heading in the last step over dt, in rad/s.
+        goal: Where it is going, in metres.
+        route: Waypoints on the way to the goal, in metres, NaN beyond the last one.
+        waypoint: Index in `route` of the waypoint that it is heading for; the number of waypoints where it is heading
+            for the goal.
+        radius: Radius in metres.
+        preferred_speed: Preferred and largest speed in m/s.
+    """
+
+    position: Float[np.ndarray, "*world 2"]
+    velocity: Float[np.ndarray, "*world 2"]
+    heading: Float[np.ndarray, "*world"]
+    angular_speed: Float[np.ndarray, "*world"]
+    goal: Float[np.ndarray, "*world 2"]
+    route: Float[np.ndarray, "*world waypoint 2"]
+    waypoint: Int[np.ndarray, "*world"]
+    radius: Float[np.ndarray, "*world"]
+    preferred_speed: Float[np.ndarray, "*world"]
+
+
+@dataclass(frozen=True)
+class Pedestrians:
+    """The pedestrians as the vehicle sees them. Their goals and policies cannot be seen.
+
+    Leave out the pedestrians that are not `seen`: they are padding, or hidden from the vehicle.
+
+    Attributes:
+        position: Centres in metres.
+        velocity: Velocities of the last step in m/s.
+        radius: Radii in metres.
+        seen: Whether the vehicle sees the pedestrian now.
+        history: The last 8 positions in metres, oldest first, the present one last. Positions before the first
+            observed one repeat it.
+        observed: How many of the positions in `history` were really observed.
+        age: Time since the pedestrian was last seen, in seconds: 0 where it is seen now, infinite where it never was.
+    """
+
+    position: Float[np.ndarray, "*world pedestrian 2"]
+    velocity: Float[np.ndarray, "*world pedestrian 2"]
+    radius: Float[np.ndarray, "*world pedestrian"]
+    seen: Bool[np.ndarray, "*world pedestrian"]
+    history: Float[np.ndarray, "*world time pedestrian 2"]
+    observed: Int[np.ndarray, "*world pedestrian"]
+    age: Float[np.ndarray, "*world pedestrian"]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a planner is given at each decision, for every world that is still running.
+
+    Worlds that have ended leave the batch, so a planner with a memory keys it by `case`. A planner for one world at
+    a time sees the same without the world axis.
+
+    Attributes:
+        vehicle: The vehicle's own state and goal.
+        pedestrians: What it sees of the pedestrians.
+        obstacles: Polygons in metres, NaN beyond the last corner and the last polygon; two corners are a wall.
+        case: Number of the case of each row.
+        key: Start of the random streams of the case.
+        step: Steps done so far.
+        dt: Length of a step in seconds.
+        future: The pedestrians' next velocities in m/s; None unless the planner is privileged.
+        record: Keeps what `log` is given; None where nothing is recorded.
+    """
+
+    vehicle: Vehicle
+    pedestrians: Pedestrians
+    obstacles: Float[np.ndarray, "*world polygon corner 2"]
+    case: Int[np.ndarray, "*world"]
+    key: UInt[np.ndarray, "*world"]
+    step: Int[np.ndarray, "*world"]
+    dt: float
+    future: Float[np.ndarray, "*world pedestrian 2"] | None = None
+    record: Callable[[str, np.ndarray], None] | None = None
+
+    def __len__(self) -> int:
+        return len(self.case)
+
+    def take(self, rows: np.ndarray | slice) -> Observation:
+        """The worlds of the given rows (a mask, indices, a slice), as copies; `log` keeps nothing there."""
+        return self.rows(lambda array: array[rows].copy(), record=None)
+
+    def rows(
+        self,
+        chosen: Callable[[np.ndarray], np.ndarray],
+        record: Callable[[str, np.ndarray], None] | None,
+    ) -> Observation:
+        """The observation of some worlds.
+
+        Args:
+            chosen: What is taken of each array `[world, ...]`.
+            record: Keeps what the new observation's `log` is given.
+
+        Returns:
+            An observation in which every array is the chosen part of it.
+        """
+        vehicle, pedestrians = _chosen(self.vehicle, chosen), _chosen(self.pedestrians, chosen)
+        return dataclasses.replace(_chosen(self, chosen), vehicle=vehicle, pedestrians=pedestrians, record=record)
+
+    @property
+    def time(self) -> Float[np.ndarray, "*world"]:
+        """Seconds since the start."""
+        return np.asarray(self.step * self.dt)
+
+    def everybody(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "world agent 2"],
+        Float[np.ndarray, "world agent 2"],
+        Float[np.ndarray, "world agent"],
+        Bool[np.ndarray, "world agent"],
+    ]:
+        """Vehicle and pedestrians in common arrays, the vehicle first. For batches only.
+
+        Returns:
+            Position in metres, velocity in m/s, radius in metres, and whether the agent is seen (the vehicle always).
+        """
+        vehicle, crowd = self.vehicle, self.pedestrians
+        return (
+            np.concatenate([vehicle.position[:, None], crowd.position], axis=1),
+            np.concatenate([vehicle.velocity[:, None], crowd.velocity], axis=1),
+            np.concatenate([vehicle.radius[:, None], crowd.radius], axis=1),
+            np.concatenate([np.ones((len(self), 1), bool), crowd.seen], axis=1),
+        )
+
+    def normal(self, purpose: str, n: int) -> Float[np.ndarray, "*world pedestrian n"]:
+        """Standard normal noise that depends only on seed, case, purpose, step and pedestrian.
+
+        It is the same in any batch, at any padding, however often it is asked for.
+
+        Args:
+            purpose: A name; another name gives other noise.
+            n: Numbers per pedestrian.
+
+        Returns:
+            The noise, without unit.
+        """
+        pedestrians = self.pedestrians.seen.shape[-1]
+        # A prefix of its own, so that no planner can foresee the simulator's noise.
+        own = f"planner: {purpose}"
+        noise = rng.normal(np.atleast_1d(self.key), own, np.atleast_1d(self.step), pedestrians, n)
+        return noise.reshape(*np.shape(self.key), pedestrians, n)
+
+    def true_next(self) -> Float[np.ndarray, "*world pedestrian 2"]:
+        """The velocities in m/s that the pedestrians will really take in this step.
+
+        Raises PermissionError unless the planner is `privileged`.
+        """
+        if self.future is None:
+            raise PermissionError(
+                "true_next() shows what no vehicle can see: only a planner with `privileged = True` may call it"
+            )
+        return self.future
+
+    def log(self, name: str, values: np.ndarray | float) -> None:
+        """Put an array of the planner's own into the recording.
+
+        Args:
+            name: Letters, digits and underscores, a letter first.
+            values: `[world]` or `[world, n]` become curves over time, `[world, n, 2]` points, and
+                `[world, ..., time, n, 2]` lines over time.
+
+        Raises:
+            InputError: The name has other characters.
+        """
+        if not name.isidentifier():
+            raise InputError(
+                f"a log is called {name!r}, but its name must be letters, digits and underscores, a letter first"
+            )
+        if self.record is not None:
+            self.record(name, np.asarray(values))
+
+
+def _chosen(part: Part, chosen: Callable[[np.ndarray], np.ndarray]) -> Part:
+    """A dataclass with the chosen part of each of its own arrays."""
+    fields = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+    arrays = {name: chosen(value) for name, value in fields.items() if isinstance(value, np.ndarray)}
+    return dataclasses.replace(part, **arrays)  # type: ignore[arg-type]

@@ -1,0 +1,70 @@
+"""What a scenario fixes for all its cases, and how an episode can end."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+from crowdbench.errors import InputError
+
+HISTORY = 8
+"""Number of past positions in an observation, the present one included."""
+
+COLLISION_RULES = ("swept", "crowdnav")
+"""The two collision tests, see `crowdbench.sim.episode`."""
+
+DISCOMFORT_GAP = 0.2
+"""A gap to a pedestrian below this, in metres, is uncomfortable (Chen et al. 2019)."""
+
+
+class Outcome(enum.IntEnum):
+    """How an episode ended, or that it is still running.
+
+    `COLLISION` is a collision with a pedestrian, `WALL_COLLISION` one with an obstacle.
+    """
+
+    RUNNING = 0
+    SUCCESS = 1
+    COLLISION = 2
+    TIMEOUT = 3
+    WALL_COLLISION = 4
+
+    @property
+    def label(self) -> str:
+        """The lower-case word used in files and tables."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What a scenario fixes for all its cases.
+
+    Attributes:
+        dt: Length of a step in seconds.
+        time_limit: The first step that starts at or after `time_limit` - 1 s ends in a time-out (as in CrowdNav).
+        collision: `swept` (true relative motion over the step) or `crowdnav` (every pedestrian is moved, for the
+            collision test alone, with its velocity before the step).
+        visible: Whether pedestrians see the vehicle.
+
+    Raises:
+        InputError: `collision` is not one of `COLLISION_RULES`.
+    """
+
+    dt: float = 0.25
+    time_limit: float = 25.0
+    collision: str = "swept"
+    visible: bool = False
+
+    def __post_init__(self) -> None:
+        if self.collision not in COLLISION_RULES:
+            raise InputError(f"collision is {self.collision!r}, but must be one of {', '.join(COLLISION_RULES)}")
+
+    @property
+    def max_steps(self) -> int:
+        """The number of steps after which every episode has ended.
+
+        The first step that starts at or after `time_limit` - 1 s ends in a time-out.
+        """
+        return int(np.ceil((self.time_limit - 1.0) / self.dt - 1e-9)) + 1

@@ -1,0 +1,68 @@
+"""What an episode leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.types.rules import Rules
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The episodes that a rollout leaves; metrics are functions of it.
+
+    The axis `time` counts states from 0 (the start) to `steps`, the axis `step` the steps between them: step t leads
+    from state t to state t + 1. Position, velocity, heading, command and gaps are NaN beyond an episode's end, and
+    positions and velocities of agents that are not `present` are NaN. What does not change in an episode (goals,
+    radii, ...) may be one array shown at all times, so that it must not be written to.
+
+    Attributes:
+        split: The split of the cases.
+        case: Number of each case.
+        outcome: How each episode ended, an `Outcome`.
+        steps: Steps until it ended.
+        position: Centres in metres.
+        velocity: Velocities of the step before each state, in m/s.
+        heading: Direction in which the vehicle faces, in radians.
+        command: What the planner asked for in each step, in m/s.
+        gap: Smallest distance in metres between the rims of the vehicle and any pedestrian during each step, as the
+            simulator's collision check measured it; infinite where there are no pedestrians.
+        wall_gap: The same between the vehicle's rim and the obstacles; infinite where there are none.
+        goal: Where each agent is going, in metres.
+        radius: Radii in metres.
+        preferred_speed: Preferred and largest speed of each agent in m/s.
+        present: Whether the agent exists.
+        person: Who each pedestrian is, a number within the case; -1 in the padding.
+        seen: Whether the vehicle saw the pedestrian.
+        rules: What the scenario fixes.
+        undisturbed: Where the pedestrians would walk without the vehicle, in metres; kept only where they see it.
+        logs: What the planner logged, `[world, step, ...]` by name, NaN in steps at which it was not asked.
+    """
+
+    split: str
+    case: Int[np.ndarray, "world"]
+    outcome: Int[np.ndarray, "world"]
+    steps: Int[np.ndarray, "world"]
+    position: Float[np.ndarray, "world time agent 2"]
+    velocity: Float[np.ndarray, "world time agent 2"]
+    heading: Float[np.ndarray, "world time"]
+    command: Float[np.ndarray, "world step 2"]
+    gap: Float[np.ndarray, "world step"]
+    wall_gap: Float[np.ndarray, "world step"]
+    goal: Float[np.ndarray, "world time agent 2"]
+    radius: Float[np.ndarray, "world time agent"]
+    preferred_speed: Float[np.ndarray, "world agent"]
+    present: Bool[np.ndarray, "world time agent"]
+    person: Int[np.ndarray, "world time pedestrian"]
+    seen: Bool[np.ndarray, "world time pedestrian"]
+    rules: Rules
+    undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None = None
+    logs: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.case)
