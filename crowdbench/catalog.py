@@ -43,7 +43,7 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
 
     It is found as planners are; the path of a file is relative to `folder`. Raises InputError like `load_planner`.
     """
-    if plugins.parts(spec)[0] is not None:
+    if plugins.file_and_function(spec)[0] is not None:
         spec = str(folder / spec)
     name, factory = PEDESTRIANS.find(spec)
     made = plugins.call(name, factory, {})
@@ -70,7 +70,7 @@ def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
     """
     metrics = dict(METRICS)
     for spec in specs:
-        file, function = plugins.parts(spec)
+        file, function = plugins.file_and_function(spec)
         if file is None:
             raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")
         name = function or file.stem
@@ -130,7 +130,7 @@ def _from_here(policy: Any) -> Any:
     """A policy or shares of several; what comes from the command line is relative to where one stands."""
     if isinstance(policy, dict):
         return {_from_here(name): share for name, share in policy.items()}
-    is_file = isinstance(policy, str) and plugins.parts(policy)[0] is not None
+    is_file = isinstance(policy, str) and plugins.file_and_function(policy)[0] is not None
     return str(Path.cwd() / policy) if is_file else policy
 
 

@@ -7,7 +7,6 @@ import contextlib
 import hashlib
 import importlib.metadata
 import importlib.util
-import inspect
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -17,6 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from crowdbench.errors import InputError
+from crowdbench.plugin_options import read_options, takes_any
 
 _PACKAGE = Path(__file__).parent
 
@@ -26,7 +26,14 @@ ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of plug-in: its word, the folder of the built-in ones, the function that their files define."""
+    """A kind of plug-in.
+
+    Attributes:
+        word: What one of them is called.
+        folder: Where the files of the built-in ones are.
+        function: The function that such a file defines.
+        entry_points: The group of entry points by which installed packages offer others.
+    """
 
     word: str
     folder: Path
@@ -35,15 +42,26 @@ class Kind:
 
     def names(self) -> list[tuple[str, str]]:
         """Name and first docstring line of everything that is built in or installed."""
-        built_in = [(path.stem, first_line(path)) for path in sorted(self.folder.glob("*.py"))]
-        return built_in + [(entry.name, _first_line_of(entry)) for entry in self._installed()]
+        built_in = [(path.stem, _first_line(docstring(path))) for path in sorted(self.folder.glob("*.py"))]
+        installed = [
+            (entry.name, _first_line(_installed_docstring(entry)) or f"installed: {entry.value}")
+            for entry in self._installed()
+        ]
+        return built_in + installed
 
     def find(self, spec: str) -> tuple[str, Callable[..., object]]:
-        """Name and function of a plug-in, from a name, `file.py` or `file.py:function`.
+        """A plug-in's name and function.
 
-        Raises InputError where there is none, or where it cannot be loaded.
+        Args:
+            spec: A name, `file.py` or `file.py:function`.
+
+        Returns:
+            The name, and the function that makes what the plug-in offers.
+
+        Raises:
+            InputError: There is none, or it cannot be loaded.
         """
-        file, function = parts(spec)
+        file, function = file_and_function(spec)
         if file is not None:
             return function or file.stem, function_of(file, function or self.function)
         if spec in (path.stem for path in self.folder.glob("*.py")):
@@ -59,11 +77,19 @@ class Kind:
         known = ", ".join(name for name, _ in self.names())
         raise InputError(f"no {self.word} is called {spec!r}; there are {known}, or give a file: ./mine.py")
 
+    def docstring(self, spec: str) -> str:
+        """The docstring of the file of a plug-in that `find` finds, empty if it has none."""
+        file, _ = file_and_function(spec)
+        path = file or self.folder / f"{spec}.py"
+        if path.exists():
+            return docstring(path)
+        return "".join(_installed_docstring(entry) for entry in self._installed() if entry.name == spec)
+
     def _installed(self) -> list[importlib.metadata.EntryPoint]:
         return sorted(importlib.metadata.entry_points(group=self.entry_points))
 
 
-def parts(spec: str) -> tuple[Path | None, str]:
+def file_and_function(spec: str) -> tuple[Path | None, str]:
     """The file and the function, perhaps empty, of `file.py:function`; no file where the spec is a name."""
     match = re.fullmatch(r"(.+\.py)(?::(\w+))?", spec)
     return (Path(match[1]), match[2] or "") if match else (None, "")
@@ -100,18 +126,32 @@ def load_module(path: Path) -> ModuleType:
 
 
 def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) -> object:
-    """What a factory makes with options. Raises InputError where it does not take them, or fails."""
+    """What a function makes with options.
+
+    Args:
+        name: What errors call the function.
+        factory: The function or class.
+        options: Its arguments, as they are written in TOML: see `plugin_options.Option.argument`.
+
+    Returns:
+        What the function returns.
+
+    Raises:
+        InputError: The function does not take the options, or fails.
+    """
     try:
-        parameters = inspect.signature(factory).parameters
+        known = {option.name: option for option in read_options(factory)}
+        any_name = takes_any(factory)
     except (TypeError, ValueError):
         raise InputError(f"{name} is no function whose options can be read") from None
-    takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
     for option in options:
-        if option not in parameters and not takes_any:
-            known = ", ".join(parameters) or "none"
-            raise InputError(f"{name} has no option {option!r}; its options are: {known}")
+        if option not in known and not any_name:
+            raise InputError(f"{name} has no option {option!r}; its options are: {', '.join(known) or 'none'}")
+    arguments = {
+        option: known[option].argument(value) if option in known else value for option, value in options.items()
+    }
     try:
-        return factory(**options)
+        return factory(**arguments)
     except InputError:
         raise
     except (Exception, SystemExit) as error:
@@ -120,20 +160,23 @@ def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) 
 
 def source(spec: str) -> str | None:
     """Twelve hexadecimal digits that change with a user's file, not with what it imports; None for other plug-ins."""
-    file, _ = parts(spec)
+    file, _ = file_and_function(spec)
     return None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()[:12]
 
 
-def first_line(path: Path) -> str:
-    """The first line of a Python file's docstring: read, not run, since running it imports what it imports."""
-    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
-    return (docstring or "").partition("\n")[0]
+def docstring(path: Path) -> str:
+    """A Python file's docstring, empty if it has none. The file is read, not run, which would run its imports."""
+    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
 
 
-def _first_line_of(entry: importlib.metadata.EntryPoint) -> str:
+def _installed_docstring(entry: importlib.metadata.EntryPoint) -> str:
     # Finding a module runs the packages around it, and these may be broken.
     with contextlib.suppress(Exception):
         spec = importlib.util.find_spec(entry.module)
         if spec and spec.origin and spec.origin.endswith(".py"):
-            return first_line(Path(spec.origin)) or f"installed: {entry.value}"
-    return f"installed: {entry.value}"
+            return docstring(Path(spec.origin))
+    return ""
+
+
+def _first_line(text: str) -> str:
+    return text.partition("\n")[0]

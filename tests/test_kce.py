@@ -211,36 +211,56 @@ def test_a_vehicle_that_can_follow_no_command_brakes_as_hard_as_it_can():
 
 
 def test_all_of_kce_keeps_its_limit_in_whole_episodes_and_arrives():
-    planner = load_planner("sarl_cvm", {"kce": "all", "max_velocity_change": 0.8})[1]
-    trace = drive(planner, "val:5")
+    options = {"predictor": "constant_velocity", "limits": {"max_velocity_change": 0.8}}
+    trace = drive(load_planner("sarl_sgan_kce", options)[1], "val:5")
     assert METRICS["success_rate"](trace).mean() >= 0.8
     assert METRICS["max_velocity_change"](trace).max() <= 0.8 + 1e-6
 
 
-@pytest.mark.parametrize("name", ["sarl", "sarl_lin", "sarl_cvm"])
-def test_each_part_of_kce_can_be_had_by_itself(name):
-    def parts(kce, **options):
-        made = load_planner(name, {"kce": kce, **options})[1]
-        return made.limits, made.shaping, made.explore
+def parts(name, **options):
+    """The parts of KCE in a planner that is made with options, as they are written in TOML."""
+    made = load_planner(name, options)[1]
+    return made.limits, made.shaping, made.explore
 
-    assert parts("none") == (None, None, None)
-    assert parts("filter", max_velocity_change=1.0) == (Limits(max_velocity_change=1.0), None, None)
-    assert parts("reward", cost=0.01) == (None, ChangeCost(0.01), None)
-    assert parts("reward", threshold=0.2) == (None, PrintedShaping(0.2), None)
-    assert parts("explore", epsilon=0.2, n=1) == (None, None, Exploration(0.2, 1))
-    assert None not in parts("all")
-    assert parts("filter+explore")[1] is None
+
+@pytest.mark.parametrize("name", ["sarl", "sarl_lin", "sarl_cvm", "sarl_sgan"])
+def test_each_part_of_kce_can_be_had_by_itself(name):
+    assert parts(name) == (None, None, None)
+    assert parts(name, limits={}) == (Limits(), None, None)
+    assert parts(name, limits={"max_velocity_change": 1.0}) == (Limits(max_velocity_change=1.0), None, None)
+    assert parts(name, shaping={"cost": 0.01}) == (None, ChangeCost(0.01), None)
+    assert parts(name, shaping={"threshold": 0.2}) == (None, PrintedShaping(0.2), None)
+    assert parts(name, explore={"epsilon": 0.2, "n": 1}) == (None, None, Exploration(0.2, 1))
+    assert parts(name, limits={}, explore={}) == (Limits(), None, Exploration())
+
+
+def test_of_the_papers_method_each_part_can_be_changed_or_left_out():
+    own = (Limits(max_velocity_change=1.16), ChangeCost(0.006), Exploration(0.1, 2))
+    assert parts("sarl_sgan_kce") == parts("sarl_sgan_kce", limits={}, shaping={}, explore={}) == own
+    assert parts("sarl_sgan_kce", limits=False) == (None, *own[1:])
+    assert parts("sarl_sgan_kce", shaping=False) == (own[0], None, own[2])
+    assert parts("sarl_sgan_kce", explore=False) == (*own[:2], None)
+    slow = Limits(max_acceleration=2.0, max_velocity_change=1.16)
+    assert parts("sarl_sgan_kce", limits={"max_acceleration": 2.0}) == (slow, *own[1:])
+    assert parts("sarl_sgan_kce", shaping={"threshold": 0.05}) == (own[0], PrintedShaping(0.05), own[2])
+    assert parts("sarl_sgan_kce", explore={"epsilon": 0.2}) == (*own[:2], Exploration(0.2, 2))
+    assert load_planner("sarl_sgan_kce", {"shortlist": False})[1].shortlist is None
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"kce": "some"}, "kce is 'some', but must be none, all, or some of explore, filter, reward, joined by"),
-        ({"kce": "explore", "epsilon": 0}, "epsilon is 0, but must be a number above 0"),
-        ({"kce": "explore", "n": 0}, "n is 0, but must be a whole number, 1 or more"),
-        ({"kce": "reward", "cost": -1}, "cost is -1, but must be a number, 0 or more"),
-        ({"kce": "reward", "threshold": math.nan}, "threshold is nan, but must be a number"),
-        ({"kce": "filter", "max_velocity_change": -1.0}, "max_velocity_change is -1.0, but must be a number above 0"),
+        ({"kce": "all"}, "sarl_cvm has no option 'kce'; its options are: .*limits, shaping, explore"),
+        ({"explore": {"epsilon": 0}}, "in explore, epsilon is 0, but must be a number above 0"),
+        ({"explore": {"n": 0}}, "in explore, n is 0, but must be a whole number, 1 or more"),
+        ({"explore": 0.1}, "explore is 0.1, but must be false or a table with epsilon, n"),
+        ({"explore": True}, "explore is True, but must be false or a table with epsilon, n"),
+        ({"shaping": {"cost": -1}}, "in shaping, cost is -1, but must be a number, 0 or more"),
+        ({"shaping": {"threshold": math.nan}}, "in shaping, threshold is nan, but must be a number"),
+        ({"shaping": {}}, "shaping is {}, but must be false or a table with cost or threshold"),
+        ({"shaping": {"cost": 1, "threshold": 1}}, "but must be false or a table with cost or threshold"),
+        ({"limits": {"max_velocity_change": -1.0}}, "in limits, max_velocity_change is -1.0, but must be a number abo"),
+        ({"limits": {"max_speed": 1.0}}, "limits is {'max_speed': 1.0}, but must be false or a table with max_accele"),
         ({"aggregate": "median"}, "aggregate is 'median', but must be one of crowd, mean, worst"),
         ({"shortlist": 0}, "shortlist is 0, but must be a whole number, 1 or more"),
         ({"modes": 5}, "constant_velocity has no option 'modes'"),
@@ -256,14 +276,11 @@ def test_a_turn_of_more_than_half_a_circle_is_refused():
         Limits(max_turn=3.2)
 
 
-def test_the_papers_method_is_all_of_kce_on_twenty_futures():
+def test_the_papers_method_has_twenty_futures():
     method, plain = load_planner("sarl_sgan_kce")[1], load_planner("sarl_sgan")[1]
     assert method.predictor.modes == plain.predictor.modes == 20
-    assert (plain.limits, plain.shaping, plain.explore) == (None, None, None)
-    same = load_planner("sarl_sgan", {"kce": "all", "modes": 20})[1]
-    assert (method.limits, method.shaping, method.explore) == (same.limits, same.shaping, same.explore)
+    assert method.shortlist == plain.shortlist == 8
     assert load_planner("sarl_sgan_kce", {"modes": 5})[1].predictor.modes == 5
-    assert load_planner("sarl_sgan_kce", {"threshold": 0.05})[1].shaping == PrintedShaping(0.05)
     obs = crowded(3)
     assert np.isfinite(method.plan(obs)).all()
     assert np.isfinite(plain.plan(obs)).all()

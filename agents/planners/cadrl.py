@@ -1,9 +1,22 @@
-"""CADRL (Chen et al. 2017), trained among several pedestrians; they are foreseen at constant velocity."""
+"""CADRL (Chen et al. 2017), trained among several pedestrians, which it predicts at constant velocity.
+
+Chen, Liu, Everett and How, "Decentralized Non-communicating Multiagent Collision Avoidance with Deep Reinforcement
+Learning", ICRA 2017, arXiv:1609.07845.
+"""
 
 from crowdbench import load_network, load_predictor
 from crowdbench.planners.lookahead import ValuePlanner
 
 
 def planner(weights: str = "cadrl", predictor: str = "constant_velocity", device: str = "cpu") -> ValuePlanner:
-    """`weights` and `predictor` are names (`crowdbench list`) or files; `device` is cpu or cuda."""
+    """Compose the planner.
+
+    Args:
+        weights: The trained value network: a name (`crowdbench list weights`) or a file.
+        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        device: Where the value network runs: `cpu` or `cuda`.
+
+    Returns:
+        The planner.
+    """
     return ValuePlanner(load_predictor(predictor)[1], load_network("cadrl", weights, device))

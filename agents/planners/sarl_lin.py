@@ -1,4 +1,8 @@
-"""SARL-Lin (Li et al.): pedestrians go on along the line fitted to their last 8 positions."""
+"""SARL-Lin (Li et al. 2020): pedestrians go straight on along a line fitted to their last 8 positions.
+
+Li et al., "Socially Aware Crowd Navigation with Multimodal Pedestrian Trajectory Prediction for Autonomous Vehicles",
+IEEE ITSC 2020, arXiv:2011.11191.
+"""
 
 from functools import partial
 

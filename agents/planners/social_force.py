@@ -1,8 +1,18 @@
-"""The social force model (Helbing and Molnár 1995) driving the vehicle, with the pedestrians' parameters."""
+"""The social force model (Helbing and Molnár 1995) drives the vehicle, with the paper's parameters for pedestrians.
+
+Helbing and Molnár, "Social force model for pedestrian dynamics", Physical Review E 51, 1995.
+"""
 
 from crowdbench.planners.reactive import SocialForcePlanner
 
 
 def planner(safety_space: float = 0.0) -> SocialForcePlanner:
-    """`safety_space`, in metres, is added to every radius."""
+    """Make the planner.
+
+    Args:
+        safety_space: Margin that is added to every radius [m].
+
+    Returns:
+        The planner.
+    """
     return SocialForcePlanner(float(safety_space))

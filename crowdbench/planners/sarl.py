@@ -1,16 +1,18 @@
-"""The family of SARL: one network's lookahead, with this or that predictor and part of KCE."""
+"""SARL with different predictors, and with the parts that turn it into SARL-SGAN-KCE.
+
+SARL is Chen, Liu, Kreiss and Alahi, "Crowd-Robot Interaction: Crowd-aware Robot Navigation with Attention-based Deep
+Reinforcement Learning", ICRA 2019, arXiv:1809.08835. The rest is Li, Shan, Narula, Worrall and Nebot, "Socially Aware
+Crowd Navigation with Multimodal Pedestrian Trajectory Prediction for Autonomous Vehicles", IEEE ITSC 2020,
+arXiv:2011.11191, whose sections and equations are named below.
+"""
 
 from __future__ import annotations
 
-from crowdbench.errors import InputError
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.aggregate import find_aggregate
 from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.predict.load import load_predictor
 from crowdbench.value.networks import load_network
-
-KCE = {"filter", "reward", "explore"}
-"""The parts of KCE: equations 5 and 6, equation 8, and equation 9 of Li et al."""
 
 
 def sarl_planner(
@@ -20,40 +22,42 @@ def sarl_planner(
     modes: int | None = None,
     aggregate: str = "mean",
     shortlist: int | None = None,
-    kce: str = "none",
-    cost: float = 0.006,
-    threshold: float | None = None,
-    epsilon: float = 0.1,
-    n: int = 2,
-    max_velocity_change: float = 1.16,
+    limits: Limits | None = None,
+    shaping: ChangeCost | PrintedShaping | None = None,
+    explore: Exploration | None = None,
 ) -> ValuePlanner:
-    """`weights` and `predictor` are names (`crowdbench list`) or files; `device` is cpu or cuda.
+    """Compose a planner around SARL's value network.
 
-    `modes` is the number of futures, for a predictor that has several, which are valued as `aggregate` says: crowd,
-    mean or worst; see `ValuePlanner` for `shortlist`. `kce` is none, all, or some of filter, reward and explore,
-    joined by "+". The options after it are its parts' (`planners.lookahead.kce`): with a `threshold`, the reward is
-    the printed one, and otherwise each change of velocity has its `cost`; a `max_velocity_change` of twice the
-    preferred speed bounds nothing. Raises InputError where an option is impossible.
+    Args:
+        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        weights: The trained value network: a name (`crowdbench list weights`) or a file.
+        device: Where the value network runs: `cpu` or `cuda`.
+        modes: Number of futures to predict; false for the predictor's own number [1].
+        aggregate: How a command's values under several futures become one: `mean`, `worst` or `crowd`.
+        shortlist: Number of commands to value under all futures, the best under their mean; false for all [1].
+        limits: Commands that the vehicle can follow; false for all.
+        shaping: What a change of velocity adds to the reward; false for nothing.
+        explore: Finer commands to try around the best one; false for none.
+
+    Returns:
+        The planner.
+
+    Raises:
+        InputError: An option is impossible.
     """
-    parts = _parts(kce)
     return ValuePlanner(
+        # III-B.1, equations 1 and 2: several futures of the crowd.
         predictor=load_predictor(predictor, {} if modes is None else {"modes": modes})[1],
+        # III-B.2, equations 3 and 4: the value V_s of the state that a command leads to ...
         value=load_network("sarl", weights, device),
-        shaping=shaping(cost, threshold) if "reward" in parts else None,
+        # ... under each future by itself, or under all at once.
         aggregate=find_aggregate(aggregate),
-        limits=Limits(max_velocity_change=max_velocity_change) if "filter" in parts else None,
-        explore=Exploration(epsilon, n) if "explore" in parts else None,
+        # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out.
+        limits=limits,
+        # III-C, equations 7 and 8: changes of velocity change the reward.
+        shaping=shaping,
+        # III-D, equation 9: finer commands around the best one.
+        explore=explore,
+        # Not in the paper: all futures only for the commands that look best, which is faster.
         shortlist=shortlist,
     )
-
-
-def shaping(cost: float, threshold: float | None) -> ChangeCost | PrintedShaping:
-    """The reward's shaping: equation 8 to the letter if it is given its `threshold`."""
-    return ChangeCost(cost) if threshold is None else PrintedShaping(threshold)
-
-
-def _parts(kce: str) -> set[str]:
-    parts = {"none": set(), "all": KCE}.get(kce, set(str(kce).split("+")))
-    if not parts <= KCE:
-        raise InputError(f"kce is {kce!r}, but must be none, all, or some of {', '.join(sorted(KCE))}, joined by +")
-    return parts

@@ -25,7 +25,7 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
     Raises:
         InputError: There is no such predictor, it does not take the options, or its file is broken.
     """
-    file, function = plugins.parts(spec)
+    file, function = plugins.file_and_function(spec)
     if file is not None:
         name, factory = function or file.stem, plugins.function_of(file, function or "predictor")
     elif spec in PREDICTORS:

@@ -1,6 +1,8 @@
-"""KCE, kinematic constraints and action-space exploration: sections III-C and III-D of Li et al.
+"""KCE, kinematic constraints and action-space exploration (Li et al. 2020, sections III-C and III-D).
 
-A command is a velocity, and its change is |a_t - a_{t-1}|, the length of the difference to the vehicle's velocity.
+Li, Shan, Narula, Worrall and Nebot, "Socially Aware Crowd Navigation with Multimodal Pedestrian Trajectory Prediction
+for Autonomous Vehicles", IEEE ITSC 2020, arXiv:2011.11191. Their action a_t is the command, a velocity. The change of
+velocity, |a_t - a_{t-1}|, is the length of the difference between a command and the vehicle's velocity before the step.
 """
 
 from __future__ import annotations
@@ -18,17 +20,24 @@ from crowdbench.toml_section import is_integer, is_number
 from crowdbench.types import DISCOMFORT_GAP, Outcome
 
 ROUNDING = 1e-9
-"""What a command may be beyond a limit, in m/s or, where speeds are multiplied, m^2/s^2."""
+"""How far a command may be beyond a limit by rounding, in m/s or, where speeds are multiplied, m^2/s^2."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Which commands the vehicle can follow: equations 5 and 6, which bound speed and heading by themselves.
+    """Which commands the vehicle can follow: equations 5 and 6, which bound speed and heading separately.
 
-    The speed changes by at most `max_acceleration` (m/s^2) times dt and the heading by at most `max_turn` (rad, up
-    to pi) in a step. Standing still has no heading, so that it may follow any and any may follow it. Not in the
-    paper is a bound on the change of velocity, `max_velocity_change` (m/s in a step). Raises InputError where one is
-    not positive.
+    A vehicle that stands still has no heading: it may start in any direction, and stop from any. The defaults are the
+    paper's limits (section V-A, experiment 3).
+
+    Attributes:
+        max_acceleration: Largest change of speed, per second [m/s^2].
+        max_turn: Largest change of heading in a step, pi at most [rad].
+        max_velocity_change: Largest change of velocity in a step, which is not in the paper. From twice the preferred
+            speed on it excludes nothing [m/s].
+
+    Raises:
+        InputError: A limit is not positive, or `max_turn` is above pi.
     """
 
     max_acceleration: float = 6.4
@@ -41,7 +50,15 @@ class Limits:
         _check("max_turn", self.max_turn, self.max_turn <= math.pi, "pi at most")
 
     def allow(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> Bool[np.ndarray, "world action"]:
-        """Whether the vehicle can follow each command, in m/s, with its velocity before the step."""
+        """Which commands the vehicle can follow, from its velocity before the step.
+
+        Args:
+            scene: The vehicles before the step.
+            commands: Velocities in m/s.
+
+        Returns:
+            True for each command within all limits.
+        """
         velocity = scene.velocity[:, None]
         before, after = norm(velocity), norm(commands)
         # The cosine of the turn times both speeds: it bounds nothing where one of them is 0.
@@ -53,7 +70,10 @@ class Limits:
         )
 
     def brake(self, scene: Scene) -> Float[np.ndarray, "world 2"]:
-        """The velocity, in m/s, after braking as hard as is allowed, which always is: standing still, if possible."""
+        """The velocity in m/s after braking as hard as the limits allow: zero if that is possible.
+
+        It keeps its heading, and so it is always within the limits.
+        """
         speed = norm(scene.velocity)
         slower = np.maximum(speed - min(self.max_acceleration * scene.dt, self.max_velocity_change), 0.0)
         share = np.divide(slower, speed, out=np.zeros_like(speed), where=speed > 0.0)
@@ -61,35 +81,17 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class PrintedShaping:
-    """Equation 8 to the letter: f = `threshold` - |a_t - a_{t-1}| (m/s) on collision, in discomfort and at the goal.
-
-    What else equation 8 has is `crowdbench.reward.reward`. There it prints -0.1 - d_min/2, which would punish a
-    larger gap more; CrowdNav, where it comes from, has (d_min - 0.2) / 2 = -0.1 + d_min/2, times dt, and so have we.
-
-    To be used with care: a collision costs 0.25, beside which neither threshold nor changes are small. Above 0.025 it
-    pays to stay in discomfort and above 0.25 to collide, as long as the velocity is kept; below 0, arriving is worth
-    less than waiting beside the goal. In between, too, swerving near a pedestrian costs more than hitting them.
-    """
-
-    threshold: float
-
-    def __post_init__(self) -> None:
-        _check("threshold", self.threshold, is_number(self.threshold), "a number")
-
-    def __call__(
-        self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
-    ) -> Float[np.ndarray, "row mode"]:
-        """What is added to the rewards of steps with these outcomes, gaps (m) and changes of velocity (m/s)."""
-        acts = (outcome != Outcome.RUNNING) | (gap < DISCOMFORT_GAP)
-        return np.where(acts, self.threshold - change[:, None], 0.0)
-
-
-@dataclass(frozen=True)
 class ChangeCost:
-    """Differs from equation 8, because that is blind to hard changes where nobody is near: each has its `cost`.
+    """A cost of every change of velocity.
 
-    It is per m/s of change, so that a way costs the same whatever dt is.
+    Differs from equation 8, which ignores hard changes where nobody is near: see `PrintedShaping`. The cost is per m/s
+    of change, and so the same for the same path whatever the time step is.
+
+    Attributes:
+        cost: What a change of velocity by 1 m/s subtracts from the reward [s/m].
+
+    Raises:
+        InputError: The cost is negative.
     """
 
     cost: float
@@ -100,29 +102,86 @@ class ChangeCost:
     def __call__(
         self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
     ) -> Float[np.ndarray, "row mode"]:
-        """See `PrintedShaping`."""
+        """What is added to the rewards of steps.
+
+        Args:
+            outcome: How each step ends, an `Outcome`.
+            gap: The smallest distance to a pedestrian's rim during the step, in m.
+            change: The change of velocity, in m/s.
+
+        Returns:
+            The addition for each step in each mode.
+        """
         return np.broadcast_to(-self.cost * change[:, None], outcome.shape)
 
 
 @dataclass(frozen=True)
-class Exploration:
-    """The refined set of equation 9 around a command a: a plus and minus m `epsilon`, m = 0 to `n`.
+class PrintedShaping:
+    """Equation 8 as printed: `threshold` - |a_t - a_{t-1}|, added on collision, in discomfort and at the goal.
 
-    Speed (m/s) and heading (rad) are refined by themselves, which gives (2n + 1)^2 commands, a among them. Raises
-    InputError where `epsilon` is not positive or `n` no number to count with.
+    The rest of the reward, equation 7, is `crowdbench.reward.reward`. Differs from equation 7 in discomfort because
+    the paper prints -0.1 - d_min/2, which would punish a larger gap more. CrowdNav (Chen et al. 2019), where it comes
+    from, has (d_min - 0.2) / 2 = -0.1 + d_min/2, times dt, and so has crowdbench.
+
+    Use it with care: a collision costs 0.25, and neither thresholds nor changes of velocity are small beside that.
+    With a threshold above 0.025 staying in discomfort can pay, and above 0.25 colliding can, as long as the velocity
+    is kept. With one below 0, waiting beside the goal can be worth more than arriving. Whatever the threshold, a swerve
+    near a pedestrian can cost more than a collision.
+
+    Attributes:
+        threshold: The change of velocity above which the addition is negative [m/s].
+
+    Raises:
+        InputError: The threshold is not a number.
     """
 
-    epsilon: float
-    n: int
+    threshold: float
+
+    def __post_init__(self) -> None:
+        _check("threshold", self.threshold, is_number(self.threshold), "a number")
+
+    def __call__(
+        self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
+    ) -> Float[np.ndarray, "row mode"]:
+        """See `ChangeCost`."""
+        acts = (outcome != Outcome.RUNNING) | (gap < DISCOMFORT_GAP)
+        return np.where(acts, self.threshold - change[:, None], 0.0)
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """Finer commands around a command a: a plus and minus m `epsilon`, m = 0 to `n` (equation 9).
+
+    Speed and heading are varied separately, which gives (2n + 1)^2 commands, a among them. The paper gives no values;
+    the defaults are ours.
+
+    Attributes:
+        epsilon: Distance from one speed, and from one heading, to the next [m/s and rad].
+        n: Number of finer speeds, and of finer headings, on either side of the command [1].
+
+    Raises:
+        InputError: `epsilon` is not positive, or `n` is not a whole number above 0.
+    """
+
+    epsilon: float = 0.1
+    n: int = 2
 
     def __post_init__(self) -> None:
         _check("epsilon", self.epsilon, is_number(self.epsilon) and self.epsilon > 0.0, "a number above 0")
         _check("n", self.n, is_integer(self.n) and self.n >= 1, "a whole number, 1 or more")
 
     def __call__(self, scene: Scene, command: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world action 2"]:
-        """The commands around one for each world, in m/s, at speeds from 0 to the preferred one.
+        """The commands around one command for each world.
 
-        Around standing still they head where the vehicle does, and if it stands, for its goal.
+        Around standing still the headings are around the vehicle's heading, or where it stands, around the direction
+        of its goal.
+
+        Args:
+            scene: The vehicles before the step.
+            command: The command to refine, in m/s.
+
+        Returns:
+            Commands in m/s, at speeds from 0 to the preferred speed.
         """
         offset = self.epsilon * np.arange(-self.n, self.n + 1)
         limit = scene.preferred_speed[:, None]

@@ -1,0 +1,123 @@
+"""The options of a plug-in's function: read from its signature, and given to it as they are written in TOML."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import types
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from crowdbench.errors import InputError
+
+REQUIRED = inspect.Parameter.empty
+"""The default of an option that has none."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """A parameter of a plug-in's function.
+
+    Some options are parts of what the function makes: dataclasses, which are written as tables of their parameters.
+
+    Attributes:
+        name: Its name.
+        default: Its value where it is not given, or `REQUIRED`.
+        types: The types that its annotation allows; none where there is no annotation.
+    """
+
+    name: str
+    default: Any
+    types: tuple[Any, ...]
+
+    @property
+    def parts(self) -> list[type]:
+        """The dataclasses among its types."""
+        return [kind for kind in self.types if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
+
+    @property
+    def can_be_off(self) -> bool:
+        """Whether it may be None, which is written as false."""
+        return types.NoneType in self.types and bool not in self.types
+
+    def argument(self, value: Any) -> Any:
+        """What the function is given for a value.
+
+        Args:
+            value: As it is written in TOML, or the argument itself. A table of some of a part's parameters leaves
+                the others as in the default, if that is such a part, and otherwise as the dataclass has them.
+
+        Returns:
+            The argument: None for false, a part for a table, and else the value.
+
+        Raises:
+            InputError: The value should be a table and is not, or has other parameters, or one of them is impossible.
+        """
+        if self.can_be_off and (value is None or value is False):
+            return None
+        if not self.parts or isinstance(value, tuple(self.parts)):
+            return value
+        if isinstance(value, dict):
+            for make, names, needed in self._makers():
+                if needed <= value.keys() <= names:
+                    try:
+                        return make(**value)
+                    except InputError as error:
+                        raise InputError(f"in {self.name}, {error}") from error
+        right = "a table with " + " or ".join(", ".join(parameters(part)) for part in self.parts)
+        raise InputError(f"{self.name} is {value!r}, but must be {'false or ' * self.can_be_off}{right}")
+
+    def _makers(self) -> list[tuple[Callable[..., object], set[str], set[str]]]:
+        """What makes a part from a table, the parameters that it takes, and those that it needs: the default first."""
+        makers: list[tuple[Callable[..., object], set[str], set[str]]] = []
+        own = self.default
+        if type(own) in self.parts:
+            makers.append((functools.partial(dataclasses.replace, own), set(parameters(type(own))), set()))
+        for part in self.parts:
+            defaults = parameters(part)
+            needed = {name for name, default in defaults.items() if default is REQUIRED}
+            makers.append((part, set(defaults), needed))
+        return makers
+
+
+def parameters(part: type) -> dict[str, Any]:
+    """The parameters of a dataclass, with their defaults."""
+    return {name: parameter.default for name, parameter in inspect.signature(part).parameters.items()}
+
+
+def read_options(factory: Callable[..., object]) -> list[Option]:
+    """The options of a function or class, without `*args` and `**kwargs`.
+
+    Raises TypeError or ValueError where it has no signature that can be read.
+    """
+    hints = _hints(factory)
+    return [
+        Option(name, parameter.default, _alternatives(hints.get(name)))
+        for name, parameter in inspect.signature(factory).parameters.items()
+        if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+    ]
+
+
+def takes_any(factory: Callable[..., object]) -> bool:
+    """Whether a function takes options of any name, `**kwargs`."""
+    return any(each.kind is each.VAR_KEYWORD for each in inspect.signature(factory).parameters.values())
+
+
+def _hints(factory: Callable[..., object]) -> dict[str, Any]:
+    while isinstance(factory, functools.partial):
+        factory = factory.func
+    called = factory.__init__ if inspect.isclass(factory) else factory
+    try:
+        return typing.get_type_hints(called)
+    except (AttributeError, NameError, TypeError):
+        # Annotations may name what is imported for type checkers alone.
+        return {}
+
+
+def _alternatives(hint: Any) -> tuple[Any, ...]:
+    if hint is None:
+        return ()
+    return typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
