@@ -1,0 +1,93 @@
+"""Draws docs/run.svg, the way of one run: python docs/run_figure.py.
+
+All text stands in filled boxes, so that the figure can be read on a light and on a dark page.
+"""
+
+from html import escape
+from pathlib import Path
+
+FIGURE = Path(__file__).with_name("run.svg")
+
+RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), what it gives back
+    (0, "cli/run.py", ""),
+    (1, "catalog.py", "Planner and Scenario"),
+    (2, "agents/planners/sarl_sgan_kce.py", "its parts"),
+    (2, "planners/sarl.py", "Planner"),
+    (2, "scenario/file.py", "Scenario"),
+    (1, "evaluate/run.py", "result.json"),
+    (2, "evaluate/rollout.py", "Trace"),
+    (3, "scenario/scenario.py", "World at the start"),
+    (3, "sim/sensor.py", "Observation"),
+    (3, "evaluate/driver.py", "checked commands"),
+    (4, "planners/lookahead/planner.py", "commands"),
+    (3, "sim/simulator.py", "next World"),
+    (4, "sim/pedestrians.py", "velocities"),
+    (4, "sim/episode.py", "outcome, gaps"),
+    (2, "evaluate/results.py", "episodes.csv"),
+    (3, "evaluate/metrics.py", "value per episode"),
+    (3, "evaluate/summary.py", "means, intervals"),
+    (2, "record/write.py", "run.rrd"),
+    (1, "cli/tables.py", "the table"),
+]
+EVERY_STEP = slice(8, 14)
+"""The files that are entered anew at every step."""
+
+COLOURS = {  # by folder; white text can be read on each
+    "agents": "#6b46a3",
+    "catalog.py": "#6b46a3",
+    "cli": "#4a5568",
+    "evaluate": "#23704f",
+    "planners": "#ab3b38",
+    "record": "#1a6a7a",
+    "scenario": "#2b62a8",
+    "sim": "#8a5a12",
+}
+LINE = "#8b949e"
+WIDTH, ROW, BOX, INDENT, TAG = 470, 38, 30, 20, 26
+
+
+def figure() -> str:
+    """The figure in SVG."""
+    first, last = EVERY_STEP.start, EVERY_STEP.stop - 1
+    tops = [4 + i * ROW + (TAG if i >= first else 0) + (8 if i > last else 0) for i in range(len(RUN))]
+    lines, boxes = [], []
+    for i, (depth, file, gives) in enumerate(RUN):
+        x, y = 6 + depth * INDENT, tops[i]
+        if depth:
+            caller = max(j for j in range(i) if RUN[j][0] == depth - 1)
+            lines.append(f'<path d="M{x - INDENT + 6} {tops[caller] + BOX}V{y + BOX // 2}H{x}"/>')
+        folder = file.removeprefix("").split("/")[0]
+        boxes.append(
+            f'<rect x="{x}" y="{y}" width="{WIDTH - 12 - x}" height="{BOX}" rx="5" fill="{COLOURS[folder]}"/>'
+            f'<text x="{x + 10}" y="{y + 20}"><tspan class="number">{i + 1}</tspan> {escape(file)}</text>'
+            f'<text x="{WIDTH - 22}" y="{y + 20}" class="gives">{escape(gives)}</text>'
+        )
+    x, y = 6 + RUN[first][0] * INDENT - 6, tops[first]
+    height = tops[last] + BOX - y
+    loop = (
+        f'<rect x="{x}" y="{y - TAG}" width="{WIDTH - x - 2}" height="{height + TAG + 7}" rx="8" class="loop"/>'
+        f'<rect x="{WIDTH - 164}" y="{y - TAG + 4}" width="152" height="18" rx="9" fill="#57606a"/>'
+        f'<text x="{WIDTH - 22}" y="{y - TAG + 17}" class="gives">every step, all worlds</text>'
+    )
+    size = f'width="{WIDTH}" height="{tops[-1] + BOX + 6}" viewBox="0 0 {WIDTH} {tops[-1] + BOX + 6}"'
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" {size}>',
+            "<title>The way of one run through the files, and what each gives back</title>",
+            "<style>",
+            "text { font: 13px ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace; fill: #fff; }",
+            ".number { font-weight: 700; }",
+            ".gives { font: 12px system-ui, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif; text-anchor: end; }",
+            f"path {{ fill: none; stroke: {LINE}; stroke-width: 1.5; }}",
+            f".loop {{ fill: none; stroke: {LINE}; stroke-width: 1.5; stroke-dasharray: 5 4; }}",
+            "</style>",
+            *lines,
+            loop,
+            *boxes,
+            "</svg>\n",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    FIGURE.write_text(figure(), encoding="utf-8")

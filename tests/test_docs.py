@@ -1,0 +1,144 @@
+"""The pages of docs/ say what is there: the map of the folders, the way of one run, the API pages, the references."""
+
+import inspect
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import crowdbench
+from crowdbench.cli import app
+from crowdbench.plugins import load_module
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+ARCHITECTURE = (DOCS / "architecture.md").read_text()
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+FIGURE = load_module(DOCS / "run_figure.py")
+
+MODULES = {path.parent.name for path in ROOT.glob("crowdbench/*/__init__.py")} | {
+    path.stem for path in ROOT.glob("crowdbench/*.py") if not path.stem.startswith("__")
+}
+"""The folders and files directly under crowdbench/."""
+
+
+def under_crowdbench(name):
+    """The file of an entry of the figure."""
+    return name if name.startswith("agents/") else f"crowdbench/{name}"
+
+
+def rows(heading):
+    """The first cells of the first table under a heading."""
+    table = ARCHITECTURE.split(f"## {heading}\n")[1].split("|---|\n")[1].split("\n\n")[0]
+    return re.findall(r"^\| (.+?) \|", table, re.MULTILINE)
+
+
+def test_every_path_that_the_architecture_names_exists():
+    named = [
+        name for name in re.findall(r"`([\w./]+)`", ARCHITECTURE) if "/" in name or name.endswith((".py", ".toml"))
+    ]
+    assert len(named) > 60
+    assert [name for name in named if not (ROOT / name).exists() and not (ROOT / "crowdbench" / name).exists()] == []
+
+
+def test_every_folder_and_module_is_on_the_map_once():
+    mapped = [name for row in rows("The folders") for name in re.findall(r"`(\w+)(?:/|\.py)`", row)]
+    assert sorted(mapped) == sorted(MODULES)
+
+
+def test_the_map_stands_in_the_order_of_the_imports():
+    layers = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
+    layer_of = {name: i for i, layer in enumerate(layers) for name in re.findall(r"crowdbench\.(\w+)", layer)}
+    order = [layer_of[name] for row in rows("The folders") for name in re.findall(r"`(\w+)(?:/|\.py)`", row)]
+    assert order == sorted(order)
+
+
+def test_the_list_and_the_figure_have_the_same_files_each_once():
+    listed = re.findall(r"^\| (\d+) \| `(.+?)` \|", ARCHITECTURE, re.MULTILINE)
+    drawn = [under_crowdbench(file) for _, file, _ in FIGURE.RUN]
+    assert listed == [(str(i), file) for i, file in enumerate(drawn, 1)]
+    assert len(set(drawn)) == len(drawn)
+
+
+def test_the_figure_is_drawn_from_its_script():
+    assert FIGURE.FIGURE.read_text() == FIGURE.figure()
+
+
+def test_a_run_goes_the_way_of_the_figure(tmp_path):
+    """Each file is entered from the one that it is indented under."""
+    files = [str(ROOT / under_crowdbench(file)) for _, file, _ in FIGURE.RUN]
+    calls = set()
+
+    def profile(frame, event, argument):
+        code = frame.f_code
+        called = code.co_flags & inspect.CO_OPTIMIZED or "/agents/" in code.co_filename  # no import, but of a plug-in
+        if event != "call" or not called or code.co_filename not in files:
+            return
+        caller = frame.f_back
+        while caller is not None and caller.f_code.co_filename not in files:
+            caller = caller.f_back
+        calls.add((caller and caller.f_code.co_filename, code.co_filename))
+
+    command = ["run", "--planner", "sarl_sgan_kce", "--cases", "val:2", "--out", str(tmp_path / "run")]
+    sys.setprofile(profile)
+    try:
+        result = CliRunner().invoke(app, command)
+    finally:
+        sys.setprofile(None)
+    assert result.exit_code == 0, result.output
+    for i, (depth, _, _) in enumerate(FIGURE.RUN):
+        caller = next((files[j] for j in reversed(range(i)) if FIGURE.RUN[j][0] == depth - 1), None)
+        assert (caller, files[i]) in calls
+
+
+def test_every_module_has_its_place_in_the_api_pages():
+    pages = [path.read_text() for path in (DOCS / "api").glob("*.md")]
+    described = re.findall(r"^::: crowdbench\.(\w+)$", "\n".join(pages), re.MULTILINE)
+    assert sorted(described) == sorted(MODULES)
+
+
+def test_every_public_name_is_on_the_first_api_page():
+    page = (DOCS / "api" / "index.md").read_text()
+    assert sorted(re.findall(r"^\| \[?`(\w+)`", page, re.MULTILINE)) == sorted(crowdbench.__all__)
+
+
+CITATION = re.compile(
+    r"(?P<first>[A-Z]\w+|van den Berg) et al\.,? \(?(?P<year>\d{4})"
+    r"|(?<!\w, )\b(?P<one>[A-Z]\w+) and (?P<two>[A-Z]\w+),? \(?(?P<pair>\d{4})"
+    r"|\((?P<single>[A-Z]\w+),? (?P<alone>(?:19|20)\d{2})\)"
+)
+
+
+def citations(text):
+    """The works that a text cites, as the list of references names them."""
+    for found in CITATION.finditer(re.sub(r"\s+(?:# )?", " ", text)):
+        if found["first"]:
+            yield f"{found['first']} et al. ({found['year']})"
+        elif found["one"]:
+            yield f"{found['one']} and {found['two']} ({found['pair']})"
+        else:
+            yield f"{found['single']} ({found['alone']})"
+
+
+@pytest.mark.parametrize("folder", ["crowdbench", "agents", "docs", "scenarios", "examples", "."])
+def test_every_work_that_is_cited_is_among_the_references(folder):
+    pattern = "*.md" if folder == "." else "**/*.*"
+    files = [path for path in (ROOT / folder).glob(pattern) if path.suffix in (".py", ".md", ".toml")]
+    cited = {work for path in files for work in citations(path.read_text())}
+    known = re.findall(r"^- \*\*(.+?)\.?\*\*", (DOCS / "references.md").read_text(), re.MULTILINE)
+    assert files
+    assert cited - set(known) == set()
+
+
+def test_a_missing_reference_would_be_seen():
+    text = "(Nobody et al. 1999), Ada and Bob (2001), (Hall\n# 1966)"
+    assert list(citations(text)) == ["Nobody et al. (1999)", "Ada and Bob (2001)", "Hall (1966)"]
+
+
+def test_the_citation_file_has_the_version_of_the_project():
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert re.findall(r"^version: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["version"]]
+    assert re.findall(r"^license: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["license"]]
