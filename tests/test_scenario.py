@@ -1,9 +1,16 @@
+import json
+
 import numpy as np
 import pytest
 
-from crowdbench.catalog import PEDESTRIANS, load_scenario
+from crowdbench.catalog import PEDESTRIANS, load_policy, load_scenario, scenarios
 from crowdbench.errors import InputError
+from crowdbench.scenario import schema
 from crowdbench.scenario.cases import Cases, parse_case
+from crowdbench.scenario.digest import BUILT_IN, digest_of
+from crowdbench.scenario.layouts import LAYOUTS, circle_crossing
+from crowdbench.sim.pedestrians import ORCA
+from crowdbench.toml_file import number
 from crowdbench.types import World
 
 ARRAYS = ("key", "position", "goal", "radius", "preferred_speed", "present", "policy")
@@ -85,13 +92,100 @@ def test_policies_share_a_crowd_as_asked():
     assert place.draw("val", np.arange(400)).policy.mean() == pytest.approx(0.25, abs=0.04)
 
 
-def test_the_digest_tells_scenarios_apart():
-    changes = ({}, {"dt": 0.2}, {"vehicle.radius": 0.4})
-    digests = {load_scenario("circle_crossing_5", change).digest for change in changes}
-    assert len(digests) == 3
-    same = ({"dt": 0.25}, {"time_limit": 25}, {"pedestrians.radius": 0.3}, {"description": ""}, {"vehicle.radius": 0.3})
-    one = load_scenario("circle_crossing_5").digest
-    assert {load_scenario("circle_crossing_5", change).digest for change in same} == {one}
+def flat(table, prefix=""):
+    """The values of a scenario's table by their dotted keys; a Gaussian is one value."""
+    values = {}
+    for key, value in table.items():
+        is_table = isinstance(value, dict) and "mean" not in value and key != "policy"
+        values |= flat(value, f"{prefix}{key}.") if is_table else {f"{prefix}{key}": value}
+    return values
+
+
+def all_defaults(changes):
+    """A scenario in which every key but these has its default."""
+    return load_scenario("circle_crossing_mixed", {"pedestrians.number": 5, **changes})
+
+
+DEFAULTS = {key: value for key, value in flat(all_defaults({}).table).items() if key != "description"}
+
+OTHERS = {
+    "collision": "crowdnav",
+    "dt": 0.2,
+    "layout.generator": "square_crossing",
+    "vehicle.visible": True,
+    "pedestrians.number": [4, 6],
+    "pedestrians.policy": {"orca": 0.5, "social_force": 0.5},
+}
+
+
+def other(key):
+    """Another value than the default."""
+    if key in OTHERS:
+        return OTHERS[key]
+    value = DEFAULTS[key]
+    return {**value, "std": 1e-9, "high": value["high"] + 0.25} if isinstance(value, dict) else value + 1
+
+
+@pytest.mark.parametrize("key", DEFAULTS)
+def test_a_default_that_is_written_out_changes_no_digest(key):
+    assert all_defaults({key: DEFAULTS[key]}).digest == all_defaults({}).digest
+
+
+def test_every_other_value_than_a_default_has_a_digest_of_its_own():
+    changes = [{}, *({key: other(key)} for key in DEFAULTS)]
+    changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
+    assert len(changes) == 21
+    assert len({all_defaults(change).digest for change in changes}) == len(changes)
+
+
+def test_a_new_key_with_a_default_changes_no_digest(monkeypatch):
+    class Later(schema.ScenarioSpec):
+        sight: float = number(10.0, above=0.0, below=100.0)
+
+    def later(rng, radius, preferred_speed, *, circle_radius=4.0, perturbation=0.0, walls=0.0):
+        return circle_crossing(rng, radius, preferred_speed, circle_radius=circle_radius, perturbation=perturbation)
+
+    scenarios = ("circle_crossing_5", "circle_crossing_5_gaussian", "circle_crossing_5_social_force")
+    before = [load_scenario(name) for name in scenarios]
+    digests = [scenario.digest for scenario in before]
+    monkeypatch.setattr("crowdbench.scenario.file.ScenarioSpec", Later)
+    monkeypatch.setattr("crowdbench.scenario.digest.ScenarioSpec", Later)
+    monkeypatch.setitem(LAYOUTS, "circle_crossing", later)
+    monkeypatch.setattr(ORCA, "parameters", {**ORCA.parameters, "patience": 1.0})
+    after = [load_scenario(name) for name in scenarios]
+    assert {"sight", "layout.walls", "pedestrians.orca.patience"} < set(flat(after[0].table))
+    assert [scenario.digest for scenario in after] == digests
+    assert [digest_of(scenario.table) for scenario in before] == digests
+    for change in ({"sight": 9.0}, {"layout.walls": 1.0}, {"pedestrians.orca.patience": 2.0}):
+        assert load_scenario("circle_crossing_5", change).digest != digests[0]
+
+
+def test_a_results_table_has_the_digest_of_its_scenario_whatever_it_says_of_it():
+    for change in ({}, {"pedestrians.policy": {"orca": 2, "social_force": 1}}, {"pedestrians.number": [1, 3]}):
+        scenario = load_scenario("circle_crossing_5", change)
+        result = {"name": "mine", "digest": "of version 1", **scenario.table, "description": "another"}
+        assert digest_of(json.loads(json.dumps(result))) == scenario.digest
+
+
+DIGESTS = {
+    "circle_crossing_10": "99db7ad6d68a",
+    "circle_crossing_5": "62b37e5ddf61",
+    "circle_crossing_5_gaussian": "158d2409960c",
+    "circle_crossing_5_social_force": "bb7bd7ef9d67",
+    "circle_crossing_5_visible": "95bdfee2e846",
+    "circle_crossing_mixed": "ba5dc8813c51",
+    "square_crossing_5": "53f7c8ebd351",
+}
+
+
+def test_the_digests_of_the_built_in_scenarios_stay():
+    """Where this fails because a default is another one, `crowdbench.scenario.digest.VERSION` must be raised."""
+    assert {name: load_scenario(name).digest for name, _ in scenarios()} == DIGESTS
+
+
+def test_the_digest_knows_all_built_in_policies():
+    built_in = {path.stem: load_policy(path.stem)[1].parameters for path in PEDESTRIANS.folder.glob("*.py")}
+    assert {name: policy.parameters for name, policy in BUILT_IN.items()} == built_in
 
 
 def test_the_digest_changes_with_a_policys_file(tmp_path):
@@ -141,6 +235,21 @@ BROKEN = {
     "[vehicle]\nvisible = 1": ["vehicle.visible", "true or false"],
     "vehicle = 3": ["vehicle", "table"],
     "time_limit = ": ["TOML"],
+    "seed = 1.0": ["seed is 1.0", "whole number from 0"],
+    "dt = true": ["dt is True", "number above 0"],
+    "time_limit = nan": ["time_limit is nan", "number above 1"],
+    "description = 3": ["description is 3", "text in quotes"],
+    "[pedestrians]\nnumber = true": ["pedestrians.number is True", "whole number"],
+    "[pedestrians]\nnumber = [1, 2, 3]": ["pedestrians.number is [1, 2, 3]", "least, most"],
+    "[pedestrians]\nradius = 0": ["pedestrians.radius is 0", "at least 0.001"],
+    "[pedestrians]\nradius = {men = 1, std = 0, low = 1, high = 1}": [
+        "unknown key pedestrians.radius.men",
+        "mean, std",
+    ],
+    "[pedestrians]\nradius = {mean = 1, std = 1, low = 1, high = 1}": ["pedestrians.radius is {'mean'", "tenth of std"],
+    "[pedestrians.orca]\ntime_horizon = -3": ["pedestrians.orca.time_horizon is -3", "at least 0"],
+    "[pedestrians]\norca = 3": ["pedestrians.orca is 3", "a table [pedestrians.orca]"],
+    "[vehicle]\nradus = 1\nradius = 'x'": ["unknown key vehicle.radus", "visible, radius, preferred_speed"],
 }
 
 

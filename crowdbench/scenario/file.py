@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.scenario import Quantity, Scenario
+from crowdbench.scenario.schema import PedestriansSpec, ScenarioSpec, layout_spec, pedestrians_spec
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.toml_section import Section, is_number, read_toml
-from crowdbench.types import COLLISION_RULES, Rules
+from crowdbench.toml_file import Location, parsed, read_toml
+from crowdbench.types import Rules
 
-MAX_PEDESTRIANS = 1000
 MAX_STEPS = 100_000
 PolicyLoader = Callable[[str], tuple[str, PedestrianPolicy, str | None]]
 
@@ -24,131 +23,80 @@ def read_table(path: Path) -> dict[str, Any]:
 
 
 def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyLoader) -> Scenario:
-    """The scenario that a table describes; `load_policy` turns what the table says into a policy's
-    name, the policy, and the digest of its file.
+    """Make a scenario from a table.
 
-    Raises InputError, naming `source` and the key, for unknown keys, wrong types and impossible values.
+    Args:
+        table: As read from a file, perhaps with changes.
+        name: What the scenario is called.
+        source: What its file is called, for errors.
+        load_policy: Turns what the table says of a pedestrian policy into its name, the policy, and the digest of its
+            file, None where it has none.
+
+    Returns:
+        The scenario.
+
+    Raises:
+        InputError: A key is unknown, or a value is of the wrong type or impossible; `source` and the key are named.
     """
-    top = Section(dict(table), source)
-    top.text("description")
-    rules = _rules(top)
-    seed = top.integer("seed", 0, 0, 2**63 - 1)
-    crowdnav_cases = top.integer("crowdnav_cases", 0, 0, 500)
-    generator, layout = _layout(top.section("layout"))
-    vehicle = top.section("vehicle")
-    vehicle_radius = vehicle.number("radius", 0.3, above=0.0, below=100.0)
-    vehicle_speed = vehicle.number("preferred_speed", 1.0, above=0.0, below=100.0)
-    vehicle.close()
-    pedestrians = top.section("pedestrians")
-    number = pedestrians.interval("number", 5, 0, MAX_PEDESTRIANS)
-    radius = _quantity(pedestrians, "radius", 0.3, least=1e-3)
-    preferred_speed = _quantity(pedestrians, "preferred_speed", 1.0, least=1e-3)
-    shares, policies = _policies(pedestrians, load_policy)
-    parameters = {policy: _parameters(pedestrians.section(policy), made) for policy, made in policies.items()}
-    pedestrians.close()
-    top.close()
+    file = Location(source)
+    top = parsed(ScenarioSpec, table, file)
+    rules = Rules(dt=top.dt, time_limit=top.time_limit, collision=top.collision, visible=top.vehicle.visible)
+    if rules.max_steps > MAX_STEPS:
+        right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
+        raise file.at("dt").wrong(repr(top.dt), right)
+    layout = parsed(layout_spec(top.layout.generator), table.get("layout", {}), file.at("layout")).complete()
+    policies = _policies(top.pedestrians.policy, load_policy, file.at("pedestrians", "policy"))
+    kind = pedestrians_spec({policy: each.made.parameters for policy, each in policies.items()})
+    pedestrians = parsed(kind, table.get("pedestrians", {}), file.at("pedestrians")).complete()
     return Scenario(
         name=name,
         source=source,
         rules=rules,
-        seed=seed,
-        crowdnav_cases=crowdnav_cases,
-        generator=generator,
-        layout=layout,
-        vehicle_radius=vehicle_radius,
-        vehicle_speed=vehicle_speed,
-        number=number,
-        radius=radius,
-        preferred_speed=preferred_speed,
-        shares=shares,
-        policies=policies,
-        parameters=parameters,
-        table=top.complete,
+        seed=top.seed,
+        crowdnav_cases=top.crowdnav_cases,
+        generator=top.layout.generator,
+        layout={option: value for option, value in layout.items() if option != "generator"},
+        vehicle_radius=top.vehicle.radius,
+        vehicle_speed=top.vehicle.preferred_speed,
+        number=top.pedestrians.number,
+        radius=Quantity(**pedestrians["radius"]),
+        preferred_speed=Quantity(**pedestrians["preferred_speed"]),
+        shares={policy: each.share for policy, each in policies.items()},
+        policies={policy: each.made for policy, each in policies.items()},
+        parameters={
+            policy: {
+                parameter: Quantity(**pedestrians[policy][parameter], whole=isinstance(default, int))
+                for parameter, default in each.made.parameters.items()
+            }
+            for policy, each in policies.items()
+        },
+        table=top.complete() | {"layout": layout, "pedestrians": pedestrians | _written(policies)},
     )
 
 
-def _rules(top: Section) -> Rules:
-    rules = Rules(
-        dt=top.number("dt", 0.25, above=0.0, below=1.0),
-        time_limit=top.number("time_limit", 25.0, above=1.0, below=1e6),
-        collision=top.choice("collision", "swept", COLLISION_RULES),
-        visible=top.section("vehicle").flag("visible", False),
-    )
-    if rules.max_steps > MAX_STEPS:
-        raise top.wrong("dt", f"large enough for an episode of time_limit to end within {MAX_STEPS} steps")
-    return rules
+@dataclass(frozen=True)
+class _Policy:
+    """A pedestrian policy of a crowd, the share of the pedestrians that follow it, and the digest of its file."""
+
+    made: PedestrianPolicy
+    share: float
+    digest: str | None
 
 
-def _layout(layout: Section) -> tuple[str, dict[str, float]]:
-    generator = layout.choice("generator", "circle_crossing", tuple(LAYOUTS))
-    options = {
-        option: layout.number(option, parameter.default, least=0.0, below=1e6)
-        for option, parameter in inspect.signature(LAYOUTS[generator]).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY
-    }
-    layout.close()
-    return generator, options
+def _policies(shares: Mapping[str, float], load_policy: PolicyLoader, location: Location) -> dict[str, _Policy]:
+    """The policies by their names, in the order of these: who follows which must not depend on the file's order."""
+    policies: dict[str, _Policy] = {}
+    for spec, share in shares.items():
+        name, made, digest = load_policy(spec)
+        if name in policies or name in PedestriansSpec.model_fields:
+            right = f"of policies that are not both called {name}, nor as another key here"
+            raise location.wrong(", ".join(shares), right)
+        policies[name] = _Policy(made, share, digest)
+    return dict(sorted(policies.items()))
 
 
-def _policies(pedestrians: Section, load_policy: PolicyLoader) -> tuple[dict[str, float], dict[str, PedestrianPolicy]]:
-    """Share and policy by name; in the complete table the names stand for themselves, files by their digests."""
-    shares: dict[str, float] = {}
-    policies: dict[str, PedestrianPolicy] = {}
-    files: dict[str, str] = {}
-    for spec, share in _shares(pedestrians, "policy", "orca").items():
-        name, policy, digest = load_policy(spec)
-        if name in pedestrians.complete or name in policies:
-            raise pedestrians.wrong("policy", f"of policies that are not both called {name}, nor as another key here")
-        shares[name], policies[name] = share, policy
-        if digest is not None:
-            files[name] = digest
-    # In the order of their names: who follows which must not depend on the order in the file.
-    shares, policies = dict(sorted(shares.items())), dict(sorted(policies.items()))
-    pedestrians.complete["policy"] = shares if len(shares) > 1 else next(iter(shares))
-    if files:
-        pedestrians.complete["policy_files"] = files
-    return shares, policies
-
-
-def _parameters(section: Section, policy: PedestrianPolicy) -> dict[str, Quantity]:
-    quantities = {
-        parameter: _quantity(section, parameter, default, least=0.0) for parameter, default in policy.parameters.items()
-    }
-    section.close()
-    return quantities
-
-
-def _shares(section: Section, key: str, default: str) -> dict[str, float]:
-    value = section.read(key, default)
-    shares = {value: 1.0} if isinstance(value, str) else value
-    if (
-        not isinstance(shares, dict)
-        or not shares
-        or not all(is_number(share) and 0 < share < 1e9 for share in shares.values())
-    ):
-        raise section.wrong(
-            key, "the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }"
-        )
-    total = sum(shares.values())
-    return {name: share / total for name, share in shares.items()}
-
-
-def _quantity(section: Section, key: str, default: float, *, least: float) -> Quantity:
-    """A number or a Gaussian; whole where the default is."""
-    value = section.read(key, default)
-    table = {"mean": value, "std": 0.0, "low": value, "high": value} if is_number(value) else value
-    if (
-        not isinstance(table, dict)
-        or set(table) != {"mean", "std", "low", "high"}
-        or not all(map(is_number, table.values()))
-        or not least <= table["low"] <= table["mean"] <= table["high"] < 1e6
-        or not 0 <= table["std"] < 1e6
-        or (table["std"] > 0 and table["high"] - table["low"] < 0.1 * table["std"])
-    ):
-        raise section.wrong(
-            key,
-            f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
-            f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std",
-        )
-    section.complete[key] = {name: float(number) for name, number in table.items()}
-    return Quantity(**section.complete[key], whole=isinstance(default, int))
+def _written(policies: Mapping[str, _Policy]) -> dict[str, Any]:
+    """What a result says of the policies: names, whatever the file calls them, and the digests of their files."""
+    shares = {name: policy.share for name, policy in policies.items()}
+    files = {name: policy.digest for name, policy in policies.items() if policy.digest is not None}
+    return {"policy": shares if len(shares) > 1 else next(iter(shares))} | ({"policy_files": files} if files else {})

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +12,7 @@ from jaxtyping import Float, Int
 from crowdbench import rng
 from crowdbench.errors import InputError
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.digest import digest_of
 from crowdbench.scenario.layouts import LAYOUTS, Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import HISTORY, Rules, World
@@ -75,9 +74,8 @@ class Scenario:
 
     @property
     def digest(self) -> str:
-        """Twelve hexadecimal digits that change whenever the scenario does, whatever its description says."""
-        text = json.dumps({key: value for key, value in self.table.items() if key != "description"}, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:12]
+        """Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.digest.digest_of`."""
+        return digest_of(self.table)
 
     @property
     def max_agents(self) -> int:

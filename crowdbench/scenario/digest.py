@@ -1,0 +1,72 @@
+"""The digest of a scenario: twelve hexadecimal digits that two scenarios share if all their cases are the same."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.schema import ScenarioSpec, layout_spec, parameters_spec
+from crowdbench.sim.pedestrians import ORCA, SocialForce
+
+VERSION = 2
+"""To be raised when a default changes, or what a key means: then no digest of before is the digest of a scenario now.
+
+Version 1 was over all keys, so that every new key changed every digest.
+"""
+
+BUILT_IN = {"orca": ORCA, "social_force": SocialForce}
+"""The pedestrian policies whose parameters' defaults are known here, by their names."""
+
+_NAMES = ("name", "digest", "description")
+"""What a result has beside the keys that make the cases."""
+
+
+def digest_of(table: Mapping[str, Any]) -> str:
+    """The digest of a scenario.
+
+    It is over the keys whose values differ from their defaults, and over the digests of policies' files. A key that
+    comes new, with a default that means what was the case before, changes no digest.
+
+    Args:
+        table: The scenario in full, `Scenario.table`, or the table `scenario` of a `result.json` of any version.
+
+    Returns:
+        Twelve hexadecimal digits.
+    """
+    changed = _changed({key: value for key, value in table.items() if key not in _NAMES}, _defaults(table))
+    text = json.dumps({"version": VERSION, **changed}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
+    """All keys of a scenario of the same layout and policies with their defaults, as far as these are known.
+
+    The parameters of a policy from elsewhere count in full.
+    """
+    top = ScenarioSpec()
+    defaults = top.complete()
+    # Written as the name of one policy, where all pedestrians follow the same.
+    (defaults["pedestrians"]["policy"],) = top.pedestrians.policy
+    generator = table.get("layout", {}).get("generator", top.layout.generator)
+    if generator in LAYOUTS:
+        defaults["layout"] = layout_spec(generator)().complete()
+    files = table.get("pedestrians", {}).get("policy_files", {})
+    for name, policy in BUILT_IN.items():
+        if name not in files:
+            defaults["pedestrians"][name] = parameters_spec(policy.parameters)().complete()
+    return defaults
+
+
+def _changed(table: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """What of a table differs from its defaults; a table within it counts if anything in it does."""
+    changed = {}
+    for key, value in table.items():
+        default = defaults.get(key)
+        if isinstance(value, dict) and isinstance(default, dict):
+            value, default = _changed(value, default), {}
+        if key not in defaults or value != default:
+            changed[key] = value
+    return changed

@@ -1,0 +1,181 @@
+"""What a scenario's TOML file may hold: its tables, their keys, and the default of each key.
+
+The options of a layout are the keyword-only parameters of its function, and those of a pedestrian policy its
+`parameters`; the tables that hold them are made for the layout and the policies that a scenario names.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BeforeValidator, Field, create_model, field_validator, model_validator
+
+from crowdbench.numbers import is_integer, is_number
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.toml_file import Flag, Text, TomlTable, choice, integer, number, table
+from crowdbench.types import COLLISION_RULES
+
+Spec = TypeVar("Spec", bound=TomlTable)
+
+MAX_PEDESTRIANS = 1000
+MIN_SIZE = 1e-3
+"""Pedestrians' radii in metres and preferred speeds in m/s are no smaller than this."""
+
+
+class Gaussian(TomlTable):
+    """A quantity that differs between pedestrians; a number stands for one that does not.
+
+    Values beyond `low` and `high` are drawn again, so these must not be too close for that.
+    """
+
+    mean: float
+    std: float = Field(ge=0, lt=1e6)
+    low: float
+    high: float = Field(lt=1e6)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _written_out(cls, value: Any) -> Any:
+        return {"mean": value, "std": 0.0, "low": value, "high": value} if is_number(value) else value
+
+    @model_validator(mode="after")
+    def _can_be_drawn(self) -> Gaussian:
+        if not self.low <= self.mean <= self.high or (self.std > 0 and self.high - self.low < 0.1 * self.std):
+            raise ValueError
+        return self
+
+
+def quantity(default: float, least: float) -> Any:
+    """A field for a `Gaussian` or a number; its table checks that `low` is at least `least`."""
+    return Field(
+        default=default,
+        validate_default=True,
+        description=f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
+        f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std",
+    )
+
+
+def _as_pair(value: Any) -> Any:
+    return (value, value) if is_integer(value) else tuple(value) if isinstance(value, list) else value
+
+
+def _ordered(pair: tuple[int, int]) -> tuple[int, int]:
+    if pair[0] > pair[1]:
+        raise ValueError
+    return pair
+
+
+def _as_shares(value: Any) -> Any:
+    return {value: 1.0} if isinstance(value, str) else value
+
+
+def _of_one(shares: dict[str, float]) -> dict[str, float]:
+    total = sum(shares.values())
+    return {name: share / total for name, share in shares.items()}
+
+
+class LayoutSpec(TomlTable, extra="allow"):
+    """`[layout]`, whose further keys are the options of the layout; see `layout_spec`."""
+
+    generator: str = choice(LAYOUTS, default="circle_crossing")
+
+
+class VehicleSpec(TomlTable):
+    """`[vehicle]`: radius in metres, preferred speed in m/s, and whether pedestrians see it."""
+
+    visible: Flag = False
+    radius: float = number(0.3, above=0.0, below=100.0)
+    preferred_speed: float = number(1.0, above=0.0, below=100.0)
+
+
+class PedestriansSpec(TomlTable, extra="allow"):
+    """`[pedestrians]`, with a table for each policy besides; see `pedestrians_spec`.
+
+    `number` is the least and the largest number of pedestrians, `policy` the share of each policy.
+    """
+
+    number: Annotated[
+        tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(le=MAX_PEDESTRIANS)]],
+        BeforeValidator(_as_pair),
+        AfterValidator(_ordered),
+    ] = Field(
+        default=(5, 5),
+        description=f"a whole number from 0 to {MAX_PEDESTRIANS}, or a pair of them, [least, most]",
+    )
+    radius: Gaussian = quantity(0.3, MIN_SIZE)
+    preferred_speed: Gaussian = quantity(1.0, MIN_SIZE)
+    policy: Annotated[
+        dict[str, Annotated[float, Field(gt=0, lt=1e9)]],
+        Field(min_length=1),
+        BeforeValidator(_as_shares),
+        AfterValidator(_of_one),
+    ] = Field(
+        default={"orca": 1.0},
+        description="the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }",
+    )
+
+    @field_validator("radius", "preferred_speed")
+    @classmethod
+    def _large_enough(cls, value: Gaussian) -> Gaussian:
+        return _at_least(value, MIN_SIZE)
+
+
+class ParametersSpec(TomlTable):
+    """`[pedestrians.NAME]`: the parameters of a policy, none negative; see `parameters_spec`."""
+
+    @field_validator("*")
+    @classmethod
+    def _not_negative(cls, value: Gaussian) -> Gaussian:
+        return _at_least(value, 0.0)
+
+
+class ScenarioSpec(TomlTable):
+    """The whole file. `dt` and `time_limit` are in seconds."""
+
+    description: Text = ""
+    dt: float = number(0.25, above=0.0, below=1.0)
+    time_limit: float = number(25.0, above=1.0, below=1e6)
+    collision: str = choice(COLLISION_RULES, default="swept")
+    seed: int = integer(0, least=0, most=2**63 - 1)
+    crowdnav_cases: int = integer(0, least=0, most=500)
+    layout: LayoutSpec = table("layout")
+    vehicle: VehicleSpec = table("vehicle")
+    pedestrians: PedestriansSpec = table("pedestrians")
+
+
+def layout_spec(generator: str) -> type[LayoutSpec]:
+    """`[layout]` with the options of one layout."""
+    options = {
+        name: (float, number(parameter.default, least=0.0, below=1e6))
+        for name, parameter in inspect.signature(LAYOUTS[generator]).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY
+    }
+    return _extended(LayoutSpec, options)
+
+
+def pedestrians_spec(parameters: Mapping[str, Mapping[str, float]]) -> type[PedestriansSpec]:
+    """`[pedestrians]` with a table for each policy; `parameters` has the defaults of each by the policy's name."""
+    specs = {name: parameters_spec(defaults) for name, defaults in parameters.items()}
+    return _extended(PedestriansSpec, {name: (spec, table(f"pedestrians.{name}")) for name, spec in specs.items()})
+
+
+def parameters_spec(defaults: Mapping[str, float]) -> type[ParametersSpec]:
+    """`[pedestrians.NAME]` of a policy whose parameters have these defaults."""
+    return _extended(ParametersSpec, {name: (Gaussian, quantity(value, 0.0)) for name, value in defaults.items()})
+
+
+def _extended(base: type[Spec], fields: Mapping[str, tuple[type, Any]]) -> type[Spec]:
+    """A table with further keys, given as types and fields, and no others."""
+    # Keys are aliases: as names of attributes, some would be in the way of pydantic's own.
+    keys: dict[str, Any] = {
+        f"key_{i}": (Annotated[kind, Field(alias=key)], field) for i, (key, (kind, field)) in enumerate(fields.items())
+    }
+    return create_model(base.__name__, __base__=base, __cls_kwargs__={"extra": "forbid"}, **keys)
+
+
+def _at_least(value: Gaussian, least: float) -> Gaussian:
+    if value.low < least:
+        raise ValueError
+    return value
