@@ -1,32 +1,126 @@
+"""Each point of the contract is examined by itself: there is a planner that breaks it and nothing else."""
+
+import time
+
 import numpy as np
+import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.evaluate.check import check
+from crowdbench.cli.tables import check_table
+from crowdbench.errors import InputError
+from crowdbench.evaluate.check import Point, check
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 
+POINTS = [
+    "exceptions",
+    "decision time",
+    "dtype",
+    "shape",
+    "finite",
+    "speed",
+    "observation",
+    "deterministic",
+    "batch",
+]
 
-def broken_points(make, cases="val:6"):
-    points = check(make, "mine", load_scenario("circle_crossing_5"), Cases.parse(cases), 60.0)
-    return {point.name: point.seen for point in points if not point.kept}
+
+def examined(make, cases="val:12", limit=60.0):
+    points = check(make, "mine", load_scenario("circle_crossing_5"), Cases.parse(cases), limit)
+    assert [point.name for point in points] == POINTS
+    return {point.name: point for point in points}
+
+
+def broken(points):
+    return {name: point.seen for name, point in points.items() if point.kept is False}
+
+
+def not_examined(points):
+    return {name for name, point in points.items() if point.kept is None}
 
 
 class Straight(Planner):
+    """Drives to the goal, as seen from a copy: what it is shown is left to those who change it."""
+
     def plan(self, obs):
         offset = obs.vehicle.goal - obs.vehicle.position
         return 0.9 * offset / np.linalg.norm(offset, axis=1, keepdims=True)
 
 
-class Meddler(Straight):
+class Breaks(Straight):
+    """Answers otherwise at step 3: as a function of the observation and the command says."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
     def plan(self, obs):
         command = super().plan(obs)
-        obs.pedestrians.velocity[:] += 1e-3
-        return command
+        return self.answer(obs, command) if obs.step[0] == 3 else command
 
 
-class Dice(Straight):
-    def plan(self, obs):
-        return super().plan(obs) * np.random.default_rng().uniform(0.9, 1.0, (len(obs), 1))
+def with_case_2(command, obs, value):
+    command[obs.case == 2] = value
+    return command
+
+
+def meddle(obs, command):
+    obs.pedestrians.velocity[:] += 1e-3
+    return command
+
+
+def late(obs, command):
+    time.sleep(0.5)
+    return command
+
+
+def late_and_deaf(obs, command):
+    """Catches what interrupts it, and answers after the limit."""
+    try:
+        time.sleep(0.5)
+    except BaseException:
+        time.sleep(0.1)
+    return command
+
+
+def dice_for_case_2(obs, command):
+    return with_case_2(command, obs, np.random.default_rng().uniform(0.0, 0.5, 2))
+
+
+OFFENCES = {
+    "an exception": (lambda obs, command: 1 / 0, "exceptions", "raised ZeroDivisionError: division by zero"),
+    "a way out": (lambda obs, command: exit(), "exceptions", "raised SystemExit"),
+    "late": (late, "decision time", "took longer than the limit of 0.2 s (case 0, step 3)"),
+    "late and deaf": (late_and_deaf, "decision time", "took longer than the limit of 0.2 s (case 0, step 3)"),
+    "a list": (lambda obs, command: command.tolist(), "dtype", "returned a list instead of a float array"),
+    "integers": (lambda obs, command: np.zeros((len(obs), 2), int), "dtype", "returned a int64 array"),
+    "a third number": (
+        lambda obs, command: np.pad(command, ((0, 0), (0, 1))),
+        "shape",
+        "returned shape [11, 3] instead of [11, 2]",
+    ),
+    "not a number": (
+        lambda obs, command: with_case_2(command, obs, np.nan),
+        "finite",
+        "returned [nan, nan], but a velocity must be finite (case 2, step 3)",
+    ),
+    "infinite": (lambda obs, command: with_case_2(command, obs, np.inf), "finite", "returned [inf, inf]"),
+    "too fast": (
+        lambda obs, command: with_case_2(command, obs, 9.0),
+        "speed",
+        "asked for 12.7279 m/s, but the vehicle's maximum is 1 m/s (case 2, step 3)",
+    ),
+    "meddling": (meddle, "observation", "changes obs.pedestrians.velocity (case 0, step 3)"),
+    "dice": (dice_for_case_2, "deterministic", "of commands differ when the same episodes are driven again"),
+}
+
+
+@pytest.mark.parametrize("name", OFFENCES)
+def test_an_offence_against_one_point_breaks_that_point_alone(name):
+    answer, point, expected = OFFENCES[name]
+    points = examined(lambda: Breaks(answer), limit=0.2 if point == "decision time" else 60.0)
+    assert set(broken(points)) == {point}
+    assert expected in points[point].seen
+    assert not_examined(points) == set()
 
 
 class Herd(Straight):
@@ -34,6 +128,55 @@ class Herd(Straight):
 
     def plan(self, obs):
         return super().plan(obs) * (0.5 + 0.5 / len(obs))
+
+
+def test_a_planner_that_lets_the_batch_decide_breaks_that_point_alone():
+    points = examined(Herd)
+    assert set(broken(points)) == {"batch"}
+    assert not_examined(points) == set()
+
+
+def test_every_point_has_a_planner_that_breaks_it_alone():
+    assert {point for _, point, _ in OFFENCES.values()} | {"batch"} == set(POINTS)
+
+
+class Always(Planner):
+    """Answers the same way at each step."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def plan(self, obs):
+        return self.answer(obs)
+
+
+def test_what_cannot_be_examined_is_said():
+    after_shape = {"finite", "speed", "deterministic", "batch"}
+    points = examined(lambda: Always(lambda obs: np.zeros(len(obs))))
+    assert (set(broken(points)), not_examined(points)) == ({"shape"}, after_shape)
+    points = examined(lambda: Always(lambda obs: "north"))
+    assert (set(broken(points)), not_examined(points)) == ({"dtype"}, {"shape"} | after_shape)
+    points = examined(lambda: Always(lambda obs: 1 / 0))
+    assert (set(broken(points)), not_examined(points)) == ({"exceptions"}, set(POINTS) - {"exceptions"})
+    assert points["speed"].seen == "not examined: the planner returned no array of velocities"
+
+
+def test_several_offences_are_all_found():
+    def answer(obs):
+        meddle(obs, None)
+        return np.full((len(obs), 2), 9)
+
+    assert set(broken(examined(lambda: Always(answer)))) == {"dtype", "speed", "observation"}
+
+
+def test_a_planner_that_breaks_at_its_reset_is_told_so():
+    class Mine(Straight):
+        def reset(self, cases):
+            raise KeyError("weights")
+
+    points = examined(Mine)
+    assert broken(points) == {"exceptions": "planner mine raised KeyError in reset(): 'weights'"}
+    assert not_examined(points) == set(POINTS) - {"exceptions"}
 
 
 class Remembers(Straight):
@@ -52,6 +195,26 @@ class Remembers(Straight):
         return super().plan(obs) * slower[:, None]
 
 
+class SinglePrecision(Straight):
+    def plan(self, obs):
+        return super().plan(obs).astype(np.float32)
+
+
+def test_good_planners_keep_every_point():
+    for make in (lambda: load_planner("orca")[1], lambda: load_planner("social_force")[1], Straight, Remembers):
+        points = examined(make)
+        assert all(point.kept for point in points.values())
+    assert examined(SinglePrecision)["dtype"].seen.startswith("float32")
+
+
+def test_commands_that_differ_each_time_break_both_repetitions():
+    class Dice(Straight):
+        def plan(self, obs):
+            return super().plan(obs) * np.random.default_rng().uniform(0.9, 1.0, (len(obs), 1))
+
+    assert set(broken(examined(Dice))) == {"deterministic", "batch"}
+
+
 class Lonely(Straight):
     """Answers otherwise from the third planner on, when each case has one of its own."""
 
@@ -63,25 +226,39 @@ class Lonely(Straight):
         return self.answer(obs)
 
 
-class Races(Planner):
-    def plan(self, obs):
-        return np.full((len(obs), 2), 9.0)
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (
+            lambda obs: np.full((1, 2), np.nan),
+            "planner mine returned [nan, nan], but a velocity must be finite (case 3",
+        ),
+        (lambda obs: 1 / 0, "planner mine raised ZeroDivisionError"),
+        (lambda obs: np.zeros(2), "planner mine returned shape [2] instead of [1, 2]"),
+        (lambda obs: meddle(obs, np.zeros((1, 2))), "planner mine changes obs.pedestrians.velocity (case 3"),
+    ],
+)
+def test_what_breaks_only_alone_is_found(answer, expected):
+    made = []
+    points = examined(lambda: Lonely(made, answer), "val:3:6")
+    assert set(broken(points)) == {"batch"}
+    assert points["batch"].seen.startswith(f"when a case runs alone: {expected}")
 
 
-def test_good_planners_keep_every_point():
-    for make in (lambda: load_planner("orca")[1], lambda: load_planner("social_force")[1], Straight, Remembers):
-        assert broken_points(make) == {}
+def test_a_broken_pedestrian_policy_is_not_blamed_on_the_planner(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from crowdbench import PedestrianPolicy\n"
+        "class Mine(PedestrianPolicy):\n"
+        "    parameters = {}\n"
+        "    def velocities(self, world, parameters):\n"
+        "        return None\n"
+        "policy = Mine\n"
+    )
+    place = load_scenario("circle_crossing_5", pedestrians=str(tmp_path / "mine.py"))
+    with pytest.raises(InputError, match="pedestrian policy mine returned None"):
+        check(Straight, "mine", place, Cases.parse("val:2"), 60.0)
 
 
-def test_each_offence_is_found():
-    assert "obs.pedestrians.velocity" in broken_points(Meddler)["observation"]
-    assert set(broken_points(Dice)) == {"deterministic", "batch"}
-    assert set(broken_points(Herd)) == {"batch"}
-    assert "asked for 12.7279 m/s" in broken_points(Races)["commands"]
-
-
-def test_what_breaks_only_alone_is_found():
-    for answer in (lambda obs: np.full((1, 2), np.nan), lambda obs: 1 / 0, lambda obs: np.zeros(2)):
-        made = []
-        points = broken_points(lambda made=made, answer=answer: Lonely(made, answer), "val:3:6")
-        assert set(points) == {"batch"}
+def test_the_table_tells_what_is_kept_what_is_broken_and_what_was_not_examined():
+    points = [Point("dtype", False, "a list"), Point("shape", None, "not examined"), Point("finite", True, "all")]
+    assert [str(cell) for cell in check_table("mine", points).columns[0].cells] == ["broken", "?", "kept"]

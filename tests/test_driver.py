@@ -62,8 +62,8 @@ BROKEN = {
     "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (case 0, step 2)"),
     "peeking": (lambda obs: obs.true_next(), "raised PermissionError: true_next()"),
     "a way out": (lambda obs: sys.exit(0), "raised SystemExit: 0 (case 0, step 2)"),
-    "deaf": (deaf, "thought longer than the limit of 0.2 s (case 0, step 2)"),
-    "no end": (forever, "thought longer than the limit of 0.2 s (case 0, step 2)"),
+    "deaf": (deaf, "took longer than the limit of 0.2 s (case 0, step 2)"),
+    "no end": (forever, "took longer than the limit of 0.2 s (case 0, step 2)"),
 }
 
 
@@ -112,7 +112,7 @@ BROKEN_AHEAD = {
     "time first": (lambda obs: np.zeros((8, len(obs), 2)), "returned shape [8, 5, 2] instead of [5, 8, 2]"),
     "a list": (lambda obs: [], "returned a list instead of a float array of shape [world, time, 2]"),
     "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (case 0, step 8)"),
-    "no end": (forever, "thought longer than the limit of 0.2 s (case 0, step 8)"),
+    "no end": (forever, "took longer than the limit of 0.2 s (case 0, step 8)"),
 }
 
 
@@ -190,6 +190,16 @@ def test_a_planner_cannot_move_the_world():
             return super().plan(obs)
 
     assert same(drive(Cheats(), "5"), drive(Still(), "5"))
+
+
+def test_a_planner_cannot_raise_its_own_maximum():
+    class Cheats(Still):
+        def plan(self, obs):
+            obs.vehicle.preferred_speed[:] = 9.0
+            return super().plan(obs) + 2.0
+
+    with pytest.raises(InputError, match="asked for 2.82843 m/s, but the vehicle's maximum is 1 m/s"):
+        drive(Cheats(), "2")
 
 
 def test_a_planner_that_breaks_at_its_reset_is_told_so():

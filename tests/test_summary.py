@@ -1,16 +1,23 @@
+import subprocess
+import sys
+from statistics import NormalDist
+
 import numpy as np
 import pytest
-from scipy import stats
 
-from crowdbench.evaluate.summary import bootstrap, summarize, wilson
+from crowdbench.evaluate import summary
+from crowdbench.evaluate.summary import Estimate, bootstrap, summarize, weighted_mean, wilson
 
 
-@pytest.mark.parametrize(("hits", "n"), [(0, 10), (7, 10), (500, 500), (212, 500)])
-def test_wilsons_interval_is_scipys(hits, n):
+@pytest.mark.parametrize(("hits", "n"), [(0, 10), (7, 10), (500, 500), (212, 500), (1, 1)])
+def test_a_rate_has_wilsons_interval(hits, n):
     estimate = wilson(np.arange(n) < hits)
-    interval = stats.binomtest(hits, n).proportion_ci(0.95, method="wilson")
-    assert (estimate.low, estimate.high) == pytest.approx((interval.low, interval.high), abs=1e-12)
-    assert estimate.mean == hits / n
+    # The rates p from which hits / n is no further than z standard errors of p (Wilson 1927).
+    z = NormalDist().inv_cdf(0.975)
+    rate = hits / n
+    low, high = np.sort(np.roots([n + z * z, -(2 * n * rate + z * z), n * rate**2]).real)
+    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=1e-12)
+    assert 0.0 <= estimate.low <= estimate.mean == rate <= estimate.high <= 1.0
     assert estimate.n == n
 
 
@@ -23,11 +30,27 @@ def test_the_bootstrap_covers_the_mean_as_often_as_it_says():
     assert 0.89 <= hits / 300 <= 0.98
 
 
-def test_the_bootstrap_agrees_with_scipys():
-    values = np.random.default_rng(1).normal(3.0, 2.0, 400)
-    ours = bootstrap(values, np.ones(400))
-    theirs = stats.bootstrap((values,), np.mean, n_resamples=5000, method="percentile", rng=2).confidence_interval
-    assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=0.02)
+def bootstrapped_slowly(values, weights):
+    rng = np.random.default_rng(0)
+    rows = rng.integers(len(values), size=(2000, len(values)))
+    means = [np.average(values[row], weights=weights[row]) for row in rows]
+    return np.quantile(means, [0.025, 0.975])
+
+
+@pytest.mark.parametrize("n", [1, 2, 40, 1500])
+def test_the_interval_is_that_of_2000_resampled_weighted_means(n, monkeypatch):
+    rng = np.random.default_rng(1)
+    values, weights = rng.normal(3.0, 2.0, n), rng.integers(1, 50, n).astype(float)
+    found = bootstrap(values, weights)
+    np.testing.assert_allclose((found.low, found.high), bootstrapped_slowly(values, weights), rtol=1e-12)
+    assert found.mean == weighted_mean(values, weights)
+    # However few rows are drawn at once, they are the same.
+    monkeypatch.setattr(summary, "_MOST_DRAWN", 1000)
+    assert bootstrap(values, weights) == found
+
+
+def test_one_episode_has_an_interval_without_width():
+    assert bootstrap(np.array([0.5]), np.array([3.0])) == Estimate(0.5, 0.5, 0.5, 1, 0.5)
 
 
 def test_undefined_values_are_left_out_and_counted():
@@ -46,3 +69,11 @@ def test_a_pooled_metric_weighs_episodes_by_their_steps():
 def test_the_same_episodes_have_the_same_interval():
     values = np.random.default_rng(1).normal(size=3000)
     assert bootstrap(values, np.ones(3000)) == bootstrap(values, np.ones(3000))
+
+
+def test_scipys_statistics_are_imported_only_when_something_is_summarized():
+    code = (
+        "import sys, crowdbench.evaluate.run, crowdbench.evaluate.compare, crowdbench.evaluate.prediction_errors\n"
+        "print('scipy.stats' in sys.modules)"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "False\n"

@@ -82,8 +82,9 @@ def changed_cases(found: Comparison) -> str:
 def check_table(name: str, points: list[Point]) -> Table:
     """The points of the contract."""
     table = _table(f"The contract, as {name} keeps it", ("", "left"), ("point", "left"), ("seen", "left"))
+    verdicts = {True: Text("kept", "green"), False: Text("broken", "red"), None: Text("?", "yellow")}
     for point in points:
-        table.add_row(Text("kept", "green") if point.kept else Text("broken", "red"), point.name, point.seen)
+        table.add_row(verdicts[point.kept], point.name, point.seen)
     return table
 
 

@@ -1,21 +1,27 @@
-"""Holds a planner to its contract, point by point, on real episodes."""
+"""Checks what a planner keeps of its contract, point by point, on real episodes."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Callable
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.contract import Fault, examine
+from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
 from crowdbench.evaluate.rollout import rollout
+from crowdbench.geometry import norm
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.types import Observation, Pedestrians, Vehicle
+from crowdbench.types import Observation
 
 ROUNDING = 1e-6
 """Commands that differ by no more than this, in m/s, are the same up to rounding."""
@@ -24,122 +30,219 @@ TIES = 0.01
 """Share of commands that may depend on the batch: ties between a network's commands fall either way."""
 
 
+NO_COMMAND = "not examined: the planner returned no array of velocities"
+
+
 @dataclass(frozen=True)
 class Point:
-    """One point of the contract: whether it is kept, and what was seen."""
+    """One point of the contract: whether it is kept, None where it could not be examined, and what was seen."""
 
     name: str
-    kept: bool
+    kept: bool | None
     seen: str
 
 
 def check(
     make: Callable[[], Planner], name: str, scenario: Scenario, cases: Cases, decision_limit: float
 ) -> list[Point]:
-    """Drive planners made by `make` through `cases` and say what they keep of the contract.
+    """Drive planners through cases and examine each point of the contract by itself.
 
-    A planner that breaks it at once (shape, type, speed, ...) is not examined further.
+    Commands that break the contract are replaced by ones that keep it, so that the episodes go on.
+
+    Args:
+        make: Makes a new planner.
+        name: What the planner is called in errors.
+        scenario: The scenario of the cases.
+        cases: The cases.
+        decision_limit: Seconds that the planner may take for a decision, for all worlds together.
+
+    Raises:
+        InputError: Something other than the planner breaks its contract.
     """
     witness = _Witness(make())
-    driver = Driver(witness, name, decision_limit)
+    late = raised = ""
     try:
-        trace = rollout(driver, scenario, cases)
+        rollout(Driver(witness, name, decision_limit), scenario, cases)
+    except DecisionLimitExceeded as error:
+        late = str(error)
     except InputError as error:
-        return [Point("commands", False, str(error))]
-    steps = int(trace.steps.sum())
-    points = [
-        Point("shape", True, f"[world, 2] in {len(witness.commands)} calls"),
-        Point("dtype", True, f"{witness.dtype}"),
-        Point("finite", True, f"all of {steps} commands"),
-        Point("speed", True, "never above the vehicle's preferred speed"),
-        Point(
-            "decision time",
-            True,
-            f"{1e3 * driver.seconds / steps:.3g} ms per command, limit {decision_limit:g} s a call",
-        ),
-        Point(
-            "observation", not witness.changed, f"changes {witness.changed}" if witness.changed else "left as it was"
-        ),
+        if not witness.raised:
+            raise
+        raised = str(error)
+    again = _Replay(make, name, decision_limit, witness)
+    alone = [cases.indices[row : row + 1] for row in range(len(cases))]
+    return [
+        Point("exceptions", not raised, raised or f"none in {len(witness.calls)} calls"),
+        _decision_time(witness, late, decision_limit),
+        *_answers(witness),
+        again.point("deterministic", "when the same episodes are driven again", [cases.indices], most=0.0),
+        again.point("batch", "when a case runs alone", alone, most=TIES),
     ]
 
-    def fresh() -> Driver:
-        return Driver(make(), name, decision_limit)
 
-    commands = np.concatenate(witness.commands)
-    for point, most, when, replay in (
-        ("deterministic", 0.0, "when the same episodes are driven again", _replay),
-        ("batch", TIES, "when a case runs alone", _alone),
-    ):
-        try:
-            share = _share_changed(commands, replay(fresh, witness.observations, cases.indices))
-            seen = f"{share:.2%} of commands differ {when} (at most {most:.0%} may)"
-            points.append(Point(point, share <= most, seen))
-        except InputError as error:
-            points.append(Point(point, False, f"{when}: {error}"))
-    return points
+@dataclass(frozen=True)
+class _Call:
+    """What a planner was shown, what it answered where that is velocities in m/s, and how many seconds it took."""
+
+    obs: Observation
+    command: Float[np.ndarray, "world 2"] | None
+    seconds: float
 
 
 class _Witness(Planner):
-    """Passes a planner's commands on, and keeps what it was shown, what it said, and whether it touched anything."""
+    """Keeps all that a planner is shown and answers, and passes on commands that keep the contract.
+
+    Attributes:
+        raised: Whether the planner raised an exception.
+        calls: Its answers.
+        dtypes: The types that they had.
+        examined: At how many commands each point could be examined.
+        faults: The first fault found at each point, with case and step.
+    """
 
     def __init__(self, planner: Planner) -> None:
         self.planner = planner
         self.privileged = planner.privileged
-        self.observations: list[Observation] = []
-        self.commands: list[Float[np.ndarray, "world 2"]] = []
-        self.changed = ""
-        self.dtype = ""
+        self.raised = False
+        self.calls: list[_Call] = []
+        self.dtypes: set[str] = set()
+        self.examined: Counter[str] = Counter()
+        self.faults: dict[str, str] = {}
 
     def reset(self, cases: Int[np.ndarray, "world"]) -> None:
-        self.planner.reset(cases)
+        with self._noticing():
+            self.planner.reset(cases)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        before = obs.take(slice(None))
-        self.observations.append(before)
-        command = self.planner.plan(obs)
-        for part, field, seen in _arrays(before):
-            if not np.array_equal(seen, getattr(getattr(obs, part) if part else obs, field)):
-                self.changed = f"obs.{part}{'.' if part else ''}{field}"
-        if isinstance(command, np.ndarray):
-            self.dtype = str(command.dtype)
-            self.commands.append(command.copy())
-        return command
+        shown = obs.take(slice(None))
+        start = time.perf_counter()
+        with self._noticing():
+            answer = self.planner.plan(obs)
+        seconds = time.perf_counter() - start
+        self.dtypes.add(str(answer.dtype) if isinstance(answer, np.ndarray) else type(answer).__name__)
+        examined = examine(answer, shown.vehicle.preferred_speed)
+        self.calls.append(_Call(shown, None if examined.commands is None else examined.commands.copy(), seconds))
+        for point, fault in examined.points.items():
+            self._note(point, fault, shown)
+        self._note("observation", _changed(shown, obs), shown)
+        return _legal(examined.commands, shown.vehicle.preferred_speed)
+
+    @contextlib.contextmanager
+    def _noticing(self) -> Iterator[None]:
+        try:
+            yield
+        except (Exception, SystemExit):
+            self.raised = True
+            raise
+
+    def _note(self, point: str, fault: Fault | None, shown: Observation) -> None:
+        self.examined[point] += len(shown)
+        if fault is not None:
+            self.faults.setdefault(point, fault.at(shown))
 
 
-def _replay(make: Callable[[], Driver], observations: list[Observation], cases: Int[np.ndarray, "world"]) -> np.ndarray:
-    """The commands of a new planner that is shown the same observations."""
-    driver = make()
-    driver.reset(cases)
-    return np.concatenate([driver.decide(obs.take(slice(None))) for obs in observations])
+def _decision_time(witness: _Witness, late: str, limit: float) -> Point:
+    commands = sum(len(call.obs) for call in witness.calls)
+    if late or not commands:
+        return Point("decision time", False if late else None, late or NO_COMMAND)
+    seconds = [call.seconds for call in witness.calls]
+    seen = (
+        f"{1e3 * sum(seconds) / commands:.3g} ms per command, at most {max(seconds):.3g} s per call (limit {limit:g} s)"
+    )
+    return Point("decision time", True, seen)
 
 
-def _alone(make: Callable[[], Driver], observations: list[Observation], cases: Int[np.ndarray, "world"]) -> np.ndarray:
-    """The commands for the same observations, each case shown to a planner of its own."""
-    commands = [np.empty((len(obs), 2)) for obs in observations]
-    for case in cases:
-        driver = make()
-        driver.reset(np.array([case]))
-        for obs, command in zip(observations, commands, strict=True):
-            rows = np.flatnonzero(obs.case == case)
+def _answers(witness: _Witness) -> Iterator[Point]:
+    """The points that are examined at every answer."""
+    for point, kept in (
+        ("dtype", ", ".join(sorted(witness.dtypes))),
+        ("shape", "[world, 2]"),
+        ("finite", "no NaN, no infinity"),
+        ("speed", "never above the vehicle's maximum speed"),
+        ("observation", "left unchanged"),
+    ):
+        if point in witness.faults:
+            yield Point(point, False, witness.faults[point])
+        elif witness.examined[point]:
+            yield Point(point, True, f"{kept} ({witness.examined[point]} commands)")
+        else:
+            yield Point(point, None, NO_COMMAND)
+
+
+class _Replay:
+    """Shows new planners what the first one was shown, and compares their commands with its own."""
+
+    def __init__(self, make: Callable[[], Planner], name: str, decision_limit: float, first: _Witness) -> None:
+        self.make, self.name, self.decision_limit, self.first = make, name, decision_limit, first
+        in_time = [call for call in first.calls if call.seconds <= decision_limit]
+        self.shown = [(call.obs, call.command) for call in in_time if call.command is not None]
+
+    def point(self, name: str, when: str, groups: Sequence[Int[np.ndarray, "case"]], most: float) -> Point:
+        """Whether new planners give the same commands.
+
+        Args:
+            name: Name of the point.
+            when: When they might not, as said to people.
+            groups: The cases that each new planner is shown.
+            most: Share of the commands that may differ.
+        """
+        if not self.shown:
+            return Point(name, None, NO_COMMAND)
+        again = [np.full_like(command, np.nan) for _, command in self.shown]
+        try:
+            for cases in groups:
+                self._drive(cases, again)
+        except InputError as error:
+            return Point(name, False, f"{when}: {error}")
+        before = np.concatenate([command for _, command in self.shown])
+        same = np.isclose(np.concatenate(again), before, rtol=0.0, atol=ROUNDING, equal_nan=True).all(axis=1)
+        share = float(1.0 - same.mean())
+        return Point(name, share <= most, f"{share:.2%} of commands differ {when} (at most {most:.0%} may)")
+
+    def _drive(self, cases: Int[np.ndarray, "case"], again: list[np.ndarray]) -> None:
+        """Write into `again` what a new planner answers in the given cases.
+
+        Raises InputError where it raises, takes too long, or breaks a point that the first one has kept.
+        """
+        witness = _Witness(self.make())
+        driver = Driver(witness, self.name, self.decision_limit)
+        driver.reset(cases)
+        for (obs, _), commands in zip(self.shown, again, strict=True):
+            rows = np.flatnonzero(np.isin(obs.case, cases))
             if len(rows):
-                command[rows] = driver.decide(obs.take(rows))
-    return np.concatenate(commands)
+                driver.decide(obs.take(rows))
+                if (answer := witness.calls[-1].command) is not None:
+                    commands[rows] = answer
+        for point, fault in witness.faults.items():
+            if point not in self.first.faults:
+                raise InputError(f"planner {self.name} {fault}")
 
 
-def _share_changed(a: Float[np.ndarray, "command 2"], b: Float[np.ndarray, "command 2"]) -> float:
-    return float((np.abs(a - b).max(axis=1) > ROUNDING).mean())
+def _legal(
+    commands: Float[np.ndarray, "world 2"] | None, max_speed: Float[np.ndarray, "world"]
+) -> Float[np.ndarray, "world 2"]:
+    """Commands in m/s that keep the contract: slowed down, or standing still where nothing else can be made of them."""
+    if commands is None:
+        return np.zeros((len(max_speed), 2))
+    finite = np.where(np.isfinite(commands).all(axis=1, keepdims=True), commands, 0.0)
+    speed = norm(finite)
+    fast = speed > max_speed
+    return finite * np.where(fast, max_speed / np.where(fast, speed, 1.0), 1.0)[:, None]
 
 
-def _arrays(obs: Observation) -> list[tuple[str, str, np.ndarray]]:
-    """Every array of an observation as (part, field, array); the part is empty for the observation's own."""
-    parts: dict[str, Observation | Vehicle | Pedestrians] = {
-        "": obs,
-        "vehicle": obs.vehicle,
-        "pedestrians": obs.pedestrians,
-    }
-    return [
-        (part, field.name, getattr(owner, field.name))
-        for part, owner in parts.items()
-        for field in dataclasses.fields(owner)
-        if isinstance(getattr(owner, field.name), np.ndarray)
-    ]
+def _changed(before: Observation, after: Observation) -> Fault | None:
+    """Which array of an observation is another after the planner has seen it."""
+    for (path, array), (_, now) in zip(_arrays("obs", before), _arrays("obs", after), strict=True):
+        same = (array == now) | ((array != array) & (now != now))
+        if not same.all():
+            return Fault(f"changes {path}", int(np.argwhere(~same)[0, 0]))
+    return None
+
+
+def _arrays(path: str, part: Any) -> Iterator[tuple[str, np.ndarray]]:
+    for field in dataclasses.fields(part):
+        value, name = getattr(part, field.name), f"{path}.{field.name}"
+        if isinstance(value, np.ndarray):
+            yield name, value
+        elif dataclasses.is_dataclass(value):
+            yield from _arrays(name, value)

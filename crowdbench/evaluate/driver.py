@@ -1,4 +1,7 @@
-"""Calls a planner, times it and holds it to its contract. The only place that asks planners for commands."""
+"""Asks planners for commands, measures how long they take, and refuses what breaks their contract.
+
+The only place that calls `plan` and `plan_ahead`.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +16,34 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.errors import InputError
-from crowdbench.geometry import norm
+from crowdbench.evaluate.contract import Fault, examine
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.settings import DECISION_LIMIT
-from crowdbench.sim.simulator import SPEED_TOLERANCE
 from crowdbench.types import Observation
 
 
-class Driver:
-    """Asks a planner for commands. `seconds` is the time that it has taken for them so far.
+class DecisionLimitExceeded(InputError):
+    """A planner took longer than its decision limit."""
 
-    `decision_limit`, in seconds, is for all worlds of a batch together. Raises InputError where it is not positive.
+
+class Driver:
+    """Asks a planner for commands.
+
+    Attributes:
+        planner: The planner.
+        name: What it is called in errors.
+        decision_limit: Seconds that it may take for a decision, for all worlds of a batch together.
+        seconds: Time that it has taken for its decisions so far.
+
+    Raises:
+        InputError: The decision limit is not positive.
     """
 
     def __init__(self, planner: Planner, name: str, decision_limit: float = DECISION_LIMIT) -> None:
         if not 0.0 < decision_limit < 1e6:
-            raise InputError(f"a decision limit of {decision_limit:g} s is none: it must be above 0 s and below 1e6 s")
+            raise InputError(
+                f"a decision limit of {decision_limit:g} s is not possible: give more than 0 s and less than 1e6 s"
+            )
         self.planner = planner
         self.name = name
         self.decision_limit = decision_limit
@@ -44,24 +59,35 @@ class Driver:
     def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """The planner's commands in m/s.
 
-        Raises InputError, naming planner, case and step, where the planner raises, takes longer than
-        `decision_limit` seconds, or returns what is not a finite command per world within its speed.
+        Raises:
+            InputError: The planner raises, or returns anything but a finite velocity per world within the vehicle's
+                maximum speed. The sentence names planner, case and step.
+            DecisionLimitExceeded: It takes longer than the decision limit.
         """
         return self._asked(obs, self.planner.plan)
 
     def decide_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        """The planner's commands for the next `steps` steps, in m/s.
+        """The planner's commands for several steps.
 
-        Raises InputError as `decide` does, naming the step that a command is for, and where the planner has no
-        `plan_ahead`.
+        Args:
+            obs: What the planner sees before the first of them.
+            steps: The number of steps.
+
+        Returns:
+            The commands in m/s.
+
+        Raises:
+            InputError: As in `decide`, naming the step that the command is for; or the planner has no `plan_ahead`.
+            DecisionLimitExceeded: The planner takes longer than the decision limit.
         """
         return self._asked(obs, self.planner.plan_ahead, steps)
 
     def _asked(self, obs: Observation, plan: Callable[..., object], *steps: int) -> Float[np.ndarray, "world *time 2"]:
+        max_speed = obs.vehicle.preferred_speed.copy()  # as it was before the planner could change it
         start = time.perf_counter()
         try:
             with _interrupted_after(self.decision_limit):
-                command = plan(obs, *steps)
+                answer = plan(obs, *steps)
         except InputError:
             raise
         except OneStepOnly:
@@ -72,52 +98,34 @@ class Driver:
         except _TimeLimit as error:
             raise self._too_slow(obs, getattr(error, "row", 0)) from None
         except (Exception, SystemExit) as error:
-            row = getattr(error, "row", 0)
-            raise self._wrong(obs, row, f"raised {type(error).__name__}: {error}") from error
+            fault = Fault(f"raised {type(error).__name__}: {error}", getattr(error, "row", 0))
+            raise InputError(self._sentence(fault, obs)) from error
         seconds = time.perf_counter() - start
         self.seconds += seconds
-        # Nobody interrupts a planner in another thread, or one that swallows what interrupts it.
+        # Nobody interrupts a planner in another thread, or one that catches the interrupt.
         if seconds > self.decision_limit:
             raise self._too_slow(obs, 0)
-        return self._checked(command, obs, *steps)
+        examined = examine(answer, max_speed, *steps)
+        if examined.fault is not None:
+            raise InputError(self._sentence(examined.fault, obs))
+        assert examined.commands is not None  # or else there is a fault
+        return examined.commands
 
-    def _checked(self, command: object, obs: Observation, *steps: int) -> Float[np.ndarray, "world *time 2"]:
-        shape = [len(obs), *steps, 2]
-        if not isinstance(command, np.ndarray) or command.dtype.kind != "f":
-            found = f"{command.dtype} array" if isinstance(command, np.ndarray) else type(command).__name__
-            wanted = "[world, time, 2]" if steps else "[world, 2]"
-            raise self._wrong(obs, 0, f"returned a {found} instead of a float array of shape {wanted}")
-        if list(command.shape) != shape:
-            meant = "a velocity per world and step" if steps else "a velocity per world"
-            raise self._wrong(obs, 0, f"returned shape {list(command.shape)} instead of {shape}, {meant}")
-        command = command.astype(np.float64)
-        each = command.reshape(-1, *(steps or (1,)), 2)
-        if len(wrong := np.argwhere(~np.isfinite(each).all(axis=2))):
-            row, ahead = wrong[0].tolist()
-            found = each[row, ahead].tolist()
-            raise self._wrong(obs, row, f"returned {found}, but a velocity must be finite", ahead)
-        speed, limit = norm(each), obs.vehicle.preferred_speed
-        legal = speed <= limit[:, None] * (1 + SPEED_TOLERANCE)
-        if len(wrong := np.argwhere(~legal)):
-            row, ahead = wrong[0].tolist()
-            found = f"{speed[row, ahead]:.6g} m/s"
-            raise self._wrong(obs, row, f"asked for {found}, but the vehicle's maximum is {limit[row]:g} m/s", ahead)
-        return command
+    def _too_slow(self, obs: Observation, row: int) -> DecisionLimitExceeded:
+        fault = Fault(f"took longer than the limit of {self.decision_limit:g} s", row)
+        return DecisionLimitExceeded(self._sentence(fault, obs))
 
-    def _too_slow(self, obs: Observation, row: int) -> InputError:
-        return self._wrong(obs, row, f"thought longer than the limit of {self.decision_limit:g} s")
-
-    def _wrong(self, obs: Observation, row: int, what: str, ahead: int = 0) -> InputError:
-        return InputError(f"planner {self.name} {what} (case {obs.case[row]}, step {obs.step[row] + ahead})")
+    def _sentence(self, fault: Fault, obs: Observation) -> str:
+        return f"planner {self.name} {fault.at(obs)}"
 
 
 class _TimeLimit(BaseException):
-    """Raised inside a planner that thinks too long; no Exception, so that it cannot swallow it."""
+    """Raised inside a planner that takes too long; no Exception, which planners may catch."""
 
 
 @contextlib.contextmanager
 def _interrupted_after(seconds: float) -> Iterator[None]:
-    # Signals reach the main thread alone; elsewhere (a user's own threads) nothing can interrupt a planner.
+    # Signals reach the main thread only; in a user's own threads nothing can interrupt a planner.
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
         yield
         return
@@ -126,7 +134,7 @@ def _interrupted_after(seconds: float) -> Iterator[None]:
         raise _TimeLimit
 
     handler = signal.signal(signal.SIGALRM, interrupt)
-    # Again and again, for planners that catch everything and go on.
+    # Repeated, for planners that catch everything and go on.
     timer = signal.setitimer(signal.ITIMER_REAL, seconds, 0.5)
     try:
         yield
