@@ -210,6 +210,7 @@ METRICS: dict[str, Metric] = {
         deflection,
     )
 }
+"""The built-in metrics by name."""
 
 OVER_ALL = frozenset({"navigation_time_or_limit", "spl", "discounted_return"})
 """Metrics that count failures, so that two planners are compared in all cases, not only in those both solve."""
