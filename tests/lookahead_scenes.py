@@ -8,7 +8,7 @@ import torch
 from test_joint_state import slow_joint_states
 
 from crowdbench.planners.lookahead.kce import Limits
-from crowdbench.planners.lookahead.outlook import Scene
+from crowdbench.planners.lookahead.one_step import Scene
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle
 from crowdbench.value.networks import NETWORKS, ValueNetwork, alone

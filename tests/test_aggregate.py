@@ -8,7 +8,7 @@ from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.aggregate import AGGREGATES, mean_future
 from crowdbench.planners.lookahead.kce import Exploration
-from crowdbench.planners.lookahead.outlook import Scene
+from crowdbench.planners.lookahead.one_step import Scene
 from crowdbench.sim.sensor import observe
 from crowdbench.types import Observation
 from crowdbench.value.networks import NETWORKS
@@ -18,7 +18,7 @@ VALUES = np.array([[0.5, -0.25, 1.0], [0.1, 0.1, 0.4]])
 
 @pytest.mark.parametrize(("name", "expected"), [("mean", [1.25 / 3, 0.2]), ("worst", [-0.25, 0.1])])
 def test_values_under_several_futures_become_one(name, expected):
-    np.testing.assert_allclose(AGGREGATES[name].over_modes(VALUES), expected)
+    np.testing.assert_allclose(AGGREGATES[name].combine(VALUES), expected)
 
 
 def by_hand(seen):

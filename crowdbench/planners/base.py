@@ -1,4 +1,4 @@
-"""What decides the vehicle's velocity."""
+"""What every planner is: it maps an observation to the vehicle's velocity."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Planner(abc.ABC):
     """Decides the vehicle's velocity in every world of a batch. Complete once it is constructed."""
 
     privileged: bool = False
-    """Whether it calls `Observation.true_next`, which no vehicle could see: shown, never ranked."""
+    """Whether it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
 
     facts: Mapping[str, str] = MappingProxyType({})
     """What results say of it beyond its name and options, such as the digest of its weights."""
@@ -30,22 +30,32 @@ class Planner(abc.ABC):
         """The velocity command for each world, in m/s, no faster than `obs.vehicle.preferred_speed`."""
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        """The velocity commands for the next `steps` steps, in m/s, no faster than `obs.vehicle.preferred_speed`.
+        """The velocity commands for the next steps.
 
-        Called instead of `plan`, at every `steps`-th step, in runs with `replan_every` above 1: the vehicle carries
-        them out without looking in between. Raises OneStepOnly in planners that decide one step at a time.
+        Called instead of `plan` in runs with `replan_every` above 1, at every `steps`-th step. The vehicle executes
+        the commands without another observation in between.
+
+        Args:
+            obs: What the planner sees before the first of the steps.
+            steps: How many steps.
+
+        Returns:
+            Commands in m/s, no faster than `obs.vehicle.preferred_speed`.
+
+        Raises:
+            OneStepOnly: The planner decides one step at a time.
         """
         raise OneStepOnly
 
     def reset(self, cases: Int[np.ndarray, "world"]) -> None:  # noqa: B027 (a hook, empty unless wanted)
-        """Called once before a batch of cases starts; for planners that remember something by case."""
+        """Called once before a batch of cases starts, for planners with a memory of each case."""
 
 
 class OneWorldPlanner(Planner):
-    """Lifts a function written for one world at a time to batches.
+    """Makes a planner of a function that is written for one world at a time.
 
-    `decide(obs)` is given an `Observation` of a single world, whose arrays have no world axis, and returns
-    its command (vx, vy) in m/s.
+    Args:
+        decide: Returns the command (vx, vy), in m/s, for an `Observation` whose arrays have no world axis.
     """
 
     def __init__(self, decide: Callable[[Observation], Float[np.ndarray, "2"]]) -> None:

@@ -1,4 +1,4 @@
-"""Planners that drive the vehicle with a pedestrian's kernel."""
+"""Planners that drive the vehicle with a model of pedestrians."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from crowdbench.types import Observation
 
 
 class ORCAPlanner(Planner):
-    """Optimal reciprocal collision avoidance, with CrowdNav's parameters for its robot.
+    """Optimal reciprocal collision avoidance (van den Berg et al. 2011), with the parameters of CrowdNav's robot.
 
-    `safety_space`, in metres, is added to every radius.
+    Args:
+        safety_space: Margin that is added to every radius [m].
     """
 
     def __init__(self, safety_space: float = 0.0) -> None:
@@ -43,8 +44,11 @@ class ORCAPlanner(Planner):
 class SocialForcePlanner(Planner):
     """The social force model with the parameters of Helbing and Molnár (1995).
 
-    The other agents go on with their velocities, as far as it can see. `safety_space`, in metres, is added
-    to every radius. It does not fluctuate.
+    It assumes that the other agents keep their velocities. Differs from the pedestrians' model because it adds no
+    fluctuation: a planner's command is not noisy.
+
+    Args:
+        safety_space: Margin that is added to every radius [m].
     """
 
     def __init__(self, safety_space: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""One-step lookahead: every command is tried on the predicted crowd, and the best is taken."""
+"""One-step lookahead: every command is tried against the predicted crowd, and the best one is taken."""
 
 from crowdbench.planners.lookahead.planner import ValuePlanner
 

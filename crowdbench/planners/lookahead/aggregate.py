@@ -1,4 +1,4 @@
-"""What the values of a command under several predicted futures are together."""
+"""How a command's values under several predicted futures become one value."""
 
 from __future__ import annotations
 
@@ -10,34 +10,42 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.errors import InputError
-from crowdbench.planners.lookahead.outlook import Scene
+from crowdbench.planners.lookahead.one_step import Scene
 
 
 @dataclass(frozen=True)
 class Aggregate:
-    """How futures become one value: `shown` makes the scene that is valued, `over_modes` one of its modes' values."""
+    """How a command's values under several futures become one.
 
-    shown: Callable[[Scene], Scene]
-    over_modes: Callable[[Float[np.ndarray, "row mode"]], Float[np.ndarray, "row"]]
+    Attributes:
+        arrange: Makes the scene whose modes are valued one by one.
+        combine: Makes one value of the values of its modes.
+    """
+
+    arrange: Callable[[Scene], Scene]
+    combine: Callable[[Float[np.ndarray, "row mode"]], Float[np.ndarray, "row"]]
 
 
 def mean_over_modes(values: Float[np.ndarray, "row mode"]) -> Float[np.ndarray, "row"]:
-    """Every predicted future counts alike."""
+    """The mean: every predicted future counts alike."""
     return values.mean(axis=1)
 
 
 def worst_over_modes(values: Float[np.ndarray, "row mode"]) -> Float[np.ndarray, "row"]:
-    """The future that is worst for the command counts."""
+    """The smallest value: the worst predicted future counts."""
     return values.min(axis=1)
 
 
-def as_it_is(scene: Scene) -> Scene:
-    """Each future by itself."""
+def separate_futures(scene: Scene) -> Scene:
+    """The scene as it is, each future by itself."""
     return scene
 
 
-def as_one_crowd(scene: Scene) -> Scene:
-    """The one future in which all pedestrians of all modes walk at once: w_t of Li et al., equation 2."""
+def one_crowd(scene: Scene) -> Scene:
+    """The scene with a single future, in which the pedestrians of all futures walk at once.
+
+    It is the predicted state of Li et al. 2020, equation 2, which holds every future of every pedestrian.
+    """
     worlds, modes, pedestrians = scene.crowd.shape[:3]
     everybody = (worlds, 1, modes * pedestrians, 2)
     return dataclasses.replace(
@@ -51,7 +59,7 @@ def as_one_crowd(scene: Scene) -> Scene:
 
 
 def mean_future(scene: Scene) -> Scene:
-    """The one future in which everybody is at the mean of the predicted places, with the mean velocity."""
+    """The scene with a single future: everybody at the mean of the predicted positions, with the mean velocity."""
     return dataclasses.replace(
         scene,
         crowd=scene.crowd.mean(axis=1, keepdims=True),
@@ -60,18 +68,18 @@ def mean_future(scene: Scene) -> Scene:
     )
 
 
-MEAN = Aggregate(as_it_is, mean_over_modes)
+MEAN = Aggregate(separate_futures, mean_over_modes)
 
 AGGREGATES = {
-    "crowd": Aggregate(as_one_crowd, mean_over_modes),
+    "crowd": Aggregate(one_crowd, mean_over_modes),
     "mean": MEAN,
-    "worst": Aggregate(as_it_is, worst_over_modes),
+    "worst": Aggregate(separate_futures, worst_over_modes),
 }
-"""By name. `crowd` is the letter of equations 2 to 4 of Li et al., whose value network is given all futures at once."""
+"""By name. `crowd` is the literal reading of equations 2 to 4 of Li et al. 2020: all futures in one joint state."""
 
 
 def find_aggregate(name: str) -> Aggregate:
-    """One of `AGGREGATES`. Raises InputError where there is none of that name."""
+    """One of `AGGREGATES`. Raises InputError where none has that name."""
     if name not in AGGREGATES:
         raise InputError(f"aggregate is {name!r}, but must be one of {', '.join(AGGREGATES)}")
     return AGGREGATES[name]

@@ -1,4 +1,4 @@
-"""Work on many rows, cut into chunks that threads share."""
+"""Work on many rows in chunks, which threads share."""
 
 from __future__ import annotations
 
@@ -9,10 +9,15 @@ import torch
 
 
 def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
-    """Call `work` with slices that cover so many rows, in as many threads as torch has.
+    """Work on all rows, in as many threads as torch uses.
 
-    Each chunk is one thread's alone. So its bits do not depend on how many there are, and threads wait for each other
-    once, not after every operation of a network, which takes ages on a machine that is busy with other things.
+    Each chunk is worked on by a single thread, so its bits do not depend on the number of threads. The threads also
+    wait for each other only once, and not after every operation of a network, which is slow on a busy machine.
+
+    Args:
+        work: Called with slices that together cover every row once.
+        rows: Number of rows.
+        chunk: Number of rows of a slice; the last may have fewer.
     """
     slices = [slice(start, start + chunk) for start in range(0, rows, chunk)]
     threads = torch.get_num_threads()
@@ -23,7 +28,7 @@ def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
                 work(each)
         else:
             with ThreadPoolExecutor(threads) as pool:
-                # Fetched, since a result that nobody asks for hides what was raised.
+                # The results are read, because an exception is raised only when its result is read.
                 list(pool.map(work, slices))
     finally:
         torch.set_num_threads(threads)

@@ -1,4 +1,4 @@
-"""What a planner believes will happen in the next step under each command: compiled."""
+"""One step into a predicted future: how each command would end it, and the state that it would lead to."""
 
 from __future__ import annotations
 
@@ -10,13 +10,29 @@ from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 
 from crowdbench.geometry import nearest_in_step
+from crowdbench.predict import Prediction
 from crowdbench.sim.episode import step_outcome
+from crowdbench.types import Observation, Vehicle
 from crowdbench.value.joint_state import SIZE, write_joint_state
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The vehicle and the crowd before a step, and the crowd after it in each mode of a prediction."""
+    """The vehicle and the pedestrians before a step, and the pedestrians after it in each mode of a prediction.
+
+    Attributes:
+        position: The vehicle's centre in metres.
+        velocity: Its velocity in m/s.
+        goal: Where it is going, in metres.
+        radius: Its radius in metres.
+        preferred_speed: Its preferred and largest speed in m/s.
+        crowd: The pedestrians' centres before the step, in metres.
+        next_crowd: Their predicted centres after the step, in metres.
+        next_velocity: Their predicted velocities after the step, in m/s.
+        crowd_radius: Their radii in metres.
+        present: Which pedestrians there are. The others change nothing.
+        dt: Length of the step in seconds.
+    """
 
     position: Float[np.ndarray, "world 2"]
     velocity: Float[np.ndarray, "world 2"]
@@ -31,28 +47,72 @@ class Scene:
     dt: float
 
 
+def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehicle) -> Scene:
+    """The scene of one step of a prediction.
+
+    Args:
+        obs: What the planner sees now.
+        prediction: The pedestrians' next steps.
+        step: Which of them, 0 for the next one.
+        vehicle: The vehicle as it is before that step.
+
+    Returns:
+        The scene.
+    """
+    after = prediction.position[:, :, step]
+    before = prediction.position[:, :, step - 1] if step else obs.pedestrians.position[:, None]
+    return Scene(
+        position=vehicle.position,
+        velocity=vehicle.velocity,
+        goal=vehicle.goal,
+        radius=vehicle.radius,
+        preferred_speed=vehicle.preferred_speed,
+        # Always in the same memory layout, since numba compiles a function again for each layout.
+        crowd=np.broadcast_to(before, after.shape).copy(),
+        next_crowd=np.ascontiguousarray(after),
+        next_velocity=np.ascontiguousarray(prediction.velocity[:, :, step]),
+        crowd_radius=obs.pedestrians.radius,
+        present=obs.pedestrians.seen,
+        dt=obs.dt,
+    )
+
+
 @dataclass(frozen=True)
-class Outlook:
-    """Some commands' next step: outcome and gap as the judge's sweep would see it, and the state it leads to."""
+class StepResult:
+    """How a step would go under some commands. A row is one command in one world.
+
+    Attributes:
+        outcome: An `Outcome`, never a time-out.
+        gap: Smallest distance in metres to a pedestrian's rim during the step.
+        joint: The joint states after the step, see `crowdbench.value.joint_state`.
+    """
 
     outcome: Int[np.ndarray, "row mode"]
     gap: Float[np.ndarray, "row mode"]
     joint: Float32[np.ndarray, "row mode pedestrian 13"]
 
 
-def look(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]) -> Outlook:
-    """What each command, in m/s, leads to in its world.
+def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]) -> StepResult:
+    """Find out how a step would go under some commands, if the prediction is right.
 
-    Everybody moves straight and evenly from where the planner sees it to where the prediction has it. It
-    never knows of a time-out.
+    During the step everybody moves straight and at constant speed, the pedestrians from where the planner sees them
+    to where they are predicted. The rule for collisions and the goal is the simulator's.
+
+    Args:
+        scene: The vehicles and the pedestrians.
+        commands: Velocities in m/s.
+        world: The world of each command.
+
+    Returns:
+        The result of each command in each mode.
     """
     rows, (modes, pedestrians) = len(commands), scene.crowd.shape[1:3]
-    outlook = Outlook(
+    result = StepResult(
         np.empty((rows, modes), np.int64),
         np.empty((rows, modes)),
         np.empty((rows, modes, max(pedestrians, 1), SIZE), np.float32),
     )
-    _look(
+    _try_commands(
         scene.position,
         scene.goal,
         scene.radius,
@@ -65,16 +125,16 @@ def look(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarr
         scene.dt,
         commands,
         world,
-        outlook.outcome,
-        outlook.gap,
-        outlook.joint,
+        result.outcome,
+        result.gap,
+        result.joint,
     )
-    return outlook
+    return result
 
 
 @no_type_check
 @njit(cache=True, nogil=True)
-def _look(
+def _try_commands(
     position,
     goal,
     radius,
