@@ -8,7 +8,7 @@ from crowdbench.sim.episode import check_step
 from crowdbench.sim.pedestrians import ORCA, PedestrianPolicy
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import advance, crowd_velocities
-from crowdbench.types import HISTORY, Outcome, Rules
+from crowdbench.types import HISTORY, Outcome, Rules, World
 
 POLICIES = {"orca": ORCA()}
 
@@ -45,6 +45,20 @@ def test_absent_agents_do_not_move_collide_or_count():
     assert after.position[0, 1].tolist() == [0.1, 0.0]
     outcome, gap, _ = check_step(before, after)
     assert (outcome[0], gap[0]) == (Outcome.RUNNING, np.inf)
+    pedestrians = observe(after).pedestrians
+    assert (pedestrians.seen[0, 0], pedestrians.observed[0, 0], pedestrians.age[0, 0]) == (False, 0, np.inf)
+
+
+def test_a_world_after_a_step_is_a_world():
+    after = advance(world([[0, 0], [3, 0]]), np.ones((1, 2, 2)))
+    # Shapes are checked where a World is made from its fields.
+    again = World(**vars(after))
+    assert vars(again).keys() == vars(world([[0, 0], [3, 0]])).keys()
+
+
+def test_a_world_has_no_fields_but_its_own():
+    with pytest.raises(TypeError, match="a World has no field positoin"):
+        world([[0, 0]]).replace(positoin=np.zeros((1, 1, 2)))
 
 
 def test_history_holds_the_last_positions_and_says_how_many_are_real():

@@ -48,7 +48,7 @@ def check_step(before: World, after: World) -> StepCheck:
         The outcome and the gaps of the step.
     """
     worlds = len(before)
-    check = StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.full(worlds, np.inf))
+    check = StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds))
     _check(
         before.position,
         swept_motion(before.position, after.position, before.velocity, before.rules),
@@ -111,5 +111,6 @@ def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
 def _check(position, motion, end, goal, radius, present, step, max_steps, outcome, gap, wall_gap):
     for w in range(len(radius)):
         gap[w], _ = nearest_in_step(0, position[w], motion[w], radius[w], present[w])
+        wall_gap[w] = np.inf
         dx, dy = goal[w, 0, 0] - end[w, 0, 0], goal[w, 0, 1] - end[w, 0, 1]
         outcome[w] = step_outcome(gap[w], wall_gap[w], dx, dy, radius[w, 0], step[w] + 1 >= max_steps)

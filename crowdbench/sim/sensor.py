@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 
 from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle, World
 
@@ -25,7 +28,9 @@ def observe(
     Returns:
         The observation, in arrays of its own: what a planner does to them does not reach the world.
     """
-    present = world.present[:, 1:]
+    seen = world.present[:, 1:].copy()
+    observed, age = np.empty(seen.shape, np.int64), np.empty(seen.shape)
+    _see(seen, world.step, observed, age)
     return Observation(
         vehicle=Vehicle(
             position=world.position[:, 0].copy(),
@@ -42,10 +47,10 @@ def observe(
             position=world.position[:, 1:].copy(),
             velocity=world.velocity[:, 1:].copy(),
             radius=world.radius[:, 1:].copy(),
-            seen=present.copy(),
+            seen=seen,
             history=world.history.copy(),
-            observed=np.where(present, np.minimum(world.step + 1, HISTORY)[:, None], 0),
-            age=np.where(present, 0.0, np.inf),
+            observed=observed,
+            age=age,
         ),
         obstacles=world.obstacles.copy(),
         case=world.case.copy(),
@@ -55,3 +60,23 @@ def observe(
         future=future,
         record=record,
     )
+
+
+@no_type_check
+@njit(cache=True)
+def _see(seen, step, observed, age):
+    """Fill in how many positions of each pedestrian were observed, and how many seconds ago it was seen.
+
+    Compiled, because NumPy takes longer for this in one world than for all the rest of an observation.
+
+    Args:
+        seen: `[world, pedestrian]`, whether the pedestrian is seen now.
+        step: `[world]`, steps done so far.
+        observed: `[world, pedestrian]`, filled: positions that were really observed, at most `HISTORY`.
+        age: `[world, pedestrian]`, filled: 0 s where the pedestrian is seen, infinite where it never was.
+    """
+    for w in range(len(step)):
+        positions = min(step[w] + 1, HISTORY)
+        for p in range(seen.shape[1]):
+            observed[w, p] = positions if seen[w, p] else 0
+            age[w, p] = 0.0 if seen[w, p] else math.inf

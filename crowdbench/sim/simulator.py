@@ -68,9 +68,9 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
     Returns:
         The worlds after the step.
     """
-    position, limited = np.empty_like(world.position), np.empty_like(world.velocity)
-    heading, angular_speed = np.empty_like(world.heading), np.empty_like(world.angular_speed)
-    history = np.empty_like(world.history)
+    position, limited = np.empty(world.position.shape), np.empty(world.velocity.shape)
+    heading, angular_speed = np.empty(len(world)), np.empty(len(world))
+    history = np.empty(world.history.shape)
     _advance(
         world.position,
         np.ascontiguousarray(velocity),
@@ -85,29 +85,13 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
         angular_speed,
         history,
     )
-    # Named one by one, because `dataclasses.replace` takes as long as the rest of a step of one world.
-    return World(
-        case=world.case,
-        key=world.key,
+    return world.replace(
         step=world.step + 1,
         position=position,
         velocity=limited,
         heading=heading,
         angular_speed=angular_speed,
-        goal=world.goal,
-        route=world.route,
-        waypoint=world.waypoint,
-        radius=world.radius,
-        preferred_speed=world.preferred_speed,
-        present=world.present,
-        person=world.person,
-        group=world.group,
         history=history,
-        obstacles=world.obstacles,
-        policy=world.policy,
-        parameters=world.parameters,
-        memory=world.memory,
-        rules=world.rules,
     )
 
 

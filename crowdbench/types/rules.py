@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from crowdbench.errors import InputError
 
@@ -67,4 +66,4 @@ class Rules:
 
         The first step that starts at or after `time_limit` - 1 s ends in a time-out.
         """
-        return int(np.ceil((self.time_limit - 1.0) / self.dt - 1e-9)) + 1
+        return math.ceil((self.time_limit - 1.0) / self.dt - 1e-9) + 1
