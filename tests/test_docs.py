@@ -68,8 +68,17 @@ def test_the_figure_is_drawn_from_its_script():
 
 
 def test_a_run_goes_the_way_of_the_figure(tmp_path):
-    """Each file is entered from the one that it is indented under."""
-    files = [str(ROOT / under_crowdbench(file)) for _, file, _ in FIGURE.RUN]
+    """Each file is entered from the one that it is indented under, and those of a decision from the planner."""
+    tree = [(depth, str(ROOT / under_crowdbench(file))) for depth, file, _ in FIGURE.RUN]
+    expected = {
+        (next((caller for above, caller in reversed(tree[:i]) if above == depth - 1), None), file)
+        for i, (depth, file) in enumerate(tree)
+    }
+    planner = str(ROOT / "crowdbench" / "planners" / "lookahead" / "planner.py")
+    inside = re.findall(r"^\d+\. `(.+?)`:", ARCHITECTURE, re.MULTILINE)
+    assert len(inside) > 5
+    expected |= {(planner, str(ROOT / file)) for file in inside}
+    files = {file for _, file in expected}
     calls = set()
 
     def profile(frame, event, argument):
@@ -82,16 +91,24 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
             caller = caller.f_back
         calls.add((caller and caller.f_code.co_filename, code.co_filename))
 
-    command = ["run", "--planner", "sarl_sgan_kce", "--cases", "val:2", "--out", str(tmp_path / "run")]
+    command = [
+        "run",
+        "--planner",
+        "sarl_sgan_kce",
+        "--cases",
+        "val:2",
+        "--threads",
+        "1",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     sys.setprofile(profile)
     try:
         result = CliRunner().invoke(app, command)
     finally:
         sys.setprofile(None)
     assert result.exit_code == 0, result.output
-    for i, (depth, _, _) in enumerate(FIGURE.RUN):
-        caller = next((files[j] for j in reversed(range(i)) if FIGURE.RUN[j][0] == depth - 1), None)
-        assert (caller, files[i]) in calls
+    assert expected - calls == set()
 
 
 def test_every_module_has_its_place_in_the_api_pages():
