@@ -1,4 +1,4 @@
-"""Files are written whole: under another name first, then renamed."""
+"""Files that appear under their name only once they are complete."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A place to write to, which becomes `path` if all goes well, and vanishes otherwise."""
+    """A path to write to: the file is renamed to `path` if all goes well, and removed otherwise."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         yield partial

@@ -1,4 +1,4 @@
-"""Ctrl-C and kill, let through only where nothing can be left half-done."""
+"""Ctrl-C (SIGINT) and SIGTERM, handled only where nothing is left half-written."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ from types import FrameType
 
 
 class Interrupts:
-    """In a `with` statement, notes Ctrl-C (SIGINT) and SIGTERM in `asked` instead of raising KeyboardInterrupt.
+    """Delays interrupts: in a `with` statement they are noted, and KeyboardInterrupt is raised in `let_through` only.
 
-    Inside `let_through` they raise it. Outside the main thread, where no signal arrives, it does nothing.
+    Outside the main thread, where no signal arrives, it does nothing.
+
+    Attributes:
+        asked: Whether an interrupt has arrived.
     """
 
     def __init__(self) -> None:
@@ -32,7 +35,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def let_through(self) -> Iterator[None]:
-        """Raise KeyboardInterrupt as usual, at once if it was asked for before."""
+        """Where an interrupt raises KeyboardInterrupt, at once if it arrived before."""
         self._open = True
         try:
             if self.asked:

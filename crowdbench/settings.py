@@ -1,19 +1,19 @@
-"""Defaults that the command line shows and others use: kept apart, because it starts without what they import."""
+"""Defaults that the command line shows: apart, because it starts without the modules that use them."""
 
 DECISION_LIMIT = 60.0
-"""Seconds that a planner may think about one step of a batch."""
+"""Seconds that a planner may take for one decision, for all worlds of a batch together."""
 
 BATCH = 500
-"""Cases that run in lock-step: enough to keep all cores busy, few enough for memory."""
+"""Cases that run in lock-step: enough for all cores, few enough for the memory."""
 
 HORIZON = 8
-"""Steps for which a predictor is measured."""
+"""Number of steps for which predictors are measured."""
 
 RECORD = ("failures", "all", "none")
 """Which episodes are recorded: see `MOST_FAILURES` and `FIRST_RECORDED`."""
 
 FIRST_RECORDED = 10
-"""Of `failures`: so many first cases, whatever their outcome."""
+"""With "failures": so many of the first cases are recorded, whatever their outcome."""
 
 MOST_FAILURES = 1000
-"""Of `failures`: no more than this, because Rerun needs a quarter of a megabyte of memory for each."""
+"""With "failures": no more failures than this are recorded, because Rerun needs 0.25 MB of memory for each."""

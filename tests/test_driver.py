@@ -198,7 +198,7 @@ def test_a_planner_cannot_raise_its_own_maximum():
             obs.vehicle.preferred_speed[:] = 9.0
             return super().plan(obs) + 2.0
 
-    with pytest.raises(InputError, match="asked for 2.82843 m/s, but the vehicle's maximum is 1 m/s"):
+    with pytest.raises(InputError, match=r"asked for 2\.82843 m/s, but the vehicle's maximum is 1 m/s"):
         drive(Cheats(), "2")
 
 

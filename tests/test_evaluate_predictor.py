@@ -9,7 +9,7 @@ from crowdbench import load_scenario
 from crowdbench.errors import InputError
 from crowdbench.evaluate import prediction_errors
 from crowdbench.evaluate.prediction_errors import MEAN, displacement, on_scenario, on_tracks
-from crowdbench.evaluate.rollout import _walk_alone
+from crowdbench.evaluate.rollout import _without_vehicle
 from crowdbench.predict import (
     ConstantVelocity,
     ConstantVelocitySampled,
@@ -121,7 +121,7 @@ class LeaveOneOut(ConstantVelocity):
     """Is off by as many metres as the scene's name has letters."""
 
     def unseen(self, scene):
-        return Off(lambda obs: np.full((len(obs), 1, HORIZON, obs.pedestrians.present.shape[1]), float(len(scene))))
+        return Off(lambda obs: np.full((len(obs), 1, HORIZON, obs.pedestrians.seen.shape[1]), float(len(scene))))
 
 
 def test_each_scene_is_scored_by_the_predictor_that_has_not_seen_it():
@@ -132,7 +132,7 @@ def test_each_scene_is_scored_by_the_predictor_that_has_not_seen_it():
 def test_more_steps_ahead_take_longer_windows():
     found = on_tracks("cvm", ConstantVelocity(), [recording([21, 22], step=1.0)], ahead=12)["mine"]
     assert len(found.first.ade) == len(found.each.fde) == 12
-    with pytest.raises(InputError, match="the same 20 frames on end"):
+    with pytest.raises(InputError, match="the same 20 consecutive frames"):
         on_tracks("cvm", ConstantVelocity(), [recording([19, 19])], ahead=12)
 
 
@@ -151,7 +151,7 @@ def test_windows_of_one_pedestrian_are_no_independent_samples():
 
 
 def test_each_scene_weighs_the_same_in_the_mean():
-    step = Off(lambda obs: np.arange(8.0)[:, None] * obs.pedestrians.present[:, None, None])
+    step = Off(lambda obs: np.arange(8.0)[:, None] * obs.pedestrians.seen[:, None, None])
     found = on_tracks("step", step, [recording([16, 16], "one"), recording([30, 30, 30], "two", step=1.0)])
     assert list(found) == ["one", "two", MEAN]
     assert means(found["one"].first.fde) == pytest.approx(np.arange(8.0))
@@ -170,7 +170,7 @@ def test_scenes_are_resampled_apart_from_each_other():
 def slowly(predict, scenario, cases, ahead):
     """ADE and FDE `[ahead]`: one pedestrian after the other, until it comes near its goal."""
     world = scenario.worlds(cases)
-    track = _walk_alone(scenario, world)
+    track = _without_vehicle(scenario, world)
     errors = []
     for w in range(len(world)):
         for p in np.flatnonzero(world.present[w, 1:]):
@@ -285,9 +285,9 @@ def test_where_nothing_can_be_predicted_it_is_told():
         on_scenario("cvm", ConstantVelocity(), short, CASES)
     with pytest.raises(InputError, match="the recording mine has no window"):
         on_tracks("cvm", ConstantVelocity(), [recording([15, 15])])
-    with pytest.raises(InputError, match="for training alone"):
+    with pytest.raises(InputError, match="for training only"):
         on_tracks("cvm", ConstantVelocity(), [recording([20, 20], "uni_examples")])
-    with pytest.raises(InputError, match="predictor oracle looks into the simulator"):
+    with pytest.raises(InputError, match="predictor oracle is privileged"):
         on_tracks("oracle", Oracle(), [recording([20, 20])])
 
 

@@ -17,7 +17,7 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes, read_result
 from crowdbench.evaluate.run import directory_name, run
 from crowdbench.planners.base import Planner
-from crowdbench.record.record import read
+from crowdbench.record.read import read
 from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome
 

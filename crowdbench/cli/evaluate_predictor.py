@@ -26,13 +26,13 @@ DataOption = Annotated[
     Path | None, typer.Option(help="A folder of recorded tracks: *.txt with frame, pedestrian, x, y, as ETH/UCY has.")
 ]
 
-MEASURES = "ADE is the mean error over the steps up to the one named, FDE the error at that step."
+MEASURES = "ADE is the mean error over the steps up to the horizon, FDE the error at the horizon."
 MODES = (
-    "Best of 1 is the first mode; together, the best for a whole crowd or window; each, the best for each pedestrian.\n"
-    "So many guesses compare with as many."
+    "best of 1: the first mode. best of n together: the mode that is best for the whole crowd or window.\n"
+    "best of n each: the best mode of each pedestrian. Compare best-of-20 only with best-of-20."
 )
-ON_SCENARIO = "A pedestrian counts until it reaches its goal, and the vehicle is not there."
-ON_TRACKS = "8 frames are seen, in all windows with 2 pedestrians or more."
+ON_SCENARIO = "Errors are measured without a vehicle, until each pedestrian reaches its goal."
+ON_TRACKS = "8 frames are observed, in all windows with 2 pedestrians or more."
 
 
 def evaluate_predictor(
@@ -42,10 +42,10 @@ def evaluate_predictor(
     cases: Annotated[str | None, typer.Option(help="Of the scenario, such as val:100; val:200 if not given.")] = None,
     overrides: SetOption = None,
     data: DataOption = None,
-    ahead: Annotated[int, typer.Option(min=1, help="Steps that are predicted.")] = HORIZON,
+    ahead: Annotated[int, typer.Option(min=1, help="Number of steps that are predicted.")] = HORIZON,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure errors of predictors, on the crowds of a scenario or on recorded tracks; several share a table."""
+    """Measure the errors of predictors on the crowds of a scenario or on recorded tracks."""
     from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation
 
@@ -87,14 +87,14 @@ def _on_scenario(scenario: str, cases: str, overrides: list[str], ahead: int) ->
     from crowdbench.scenario.cases import Cases
 
     settings = catalog.assignments(overrides, "--set")
-    place, wanted = catalog.load_scenario(scenario, settings), Cases.parse(cases)
+    found, wanted = catalog.load_scenario(scenario, settings), Cases.parse(cases)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
         with progress(len(wanted), "cases") as tell:
-            return {place.name: prediction_errors.on_scenario(name, predictor, place, wanted, ahead, tell)}
+            return {found.name: prediction_errors.on_scenario(name, predictor, found, wanted, ahead, tell)}
 
-    about = {"scenario": place.name, "overrides": settings, "digest": place.digest, "cases": str(wanted)}
-    return about | {"dt": place.rules.dt, "ahead": ahead}, measure
+    about = {"scenario": found.name, "overrides": settings, "digest": found.digest, "cases": str(wanted)}
+    return about | {"dt": found.rules.dt, "ahead": ahead}, measure
 
 
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
@@ -114,26 +114,26 @@ def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
 def _plain(
     made: Mapping[str, Predictor], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, Any]:
-    """What JSON tells of each predictor."""
+    """What `--json` prints of each predictor: its errors on each dataset, the scenario or the scenes."""
     return {
         name: {
             "options": options,
             "privileged": made[name].privileged,
-            "errors": {place: dataclasses.asdict(errors) for place, errors in places.items()},
+            "errors": {dataset: dataclasses.asdict(errors) for dataset, errors in measured.items()},
         }
-        for name, places in found.items()
+        for name, measured in found.items()
     }
 
 
 def _print(about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]) -> None:
-    """One predictor at every horizon with intervals, or several side by side, and what the numbers mean."""
+    """Print the table, and below it what its numbers mean."""
     recorded = "data" in about
     changed = "".join(f", {key}={value}" for key, value in about.get("overrides", {}).items())
     where = about["data"] if recorded else f"{about['scenario']}{changed}, cases {about['cases']}"
     notes = [MEASURES, ON_TRACKS if recorded else ON_SCENARIO]
     if len(found) == 1:
         notes[-1] += f" Intervals are over {'pedestrians' if recorded else 'cases'}."
-    if any(errors.modes > 1 for places in found.values() for errors in places.values()):
+    if any(errors.modes > 1 for measured in found.values() for errors in measured.values()):
         notes.insert(1, MODES)
     print_table(_table(where, about, options, found))
     print("", *notes, sep="\n")
@@ -145,12 +145,12 @@ def _table(
     from crowdbench.cli.tables import prediction_table, predictors_table
     from crowdbench.evaluate.results import planner_label
 
-    name, places = next(iter(found.items()))
+    name, measured = next(iter(found.items()))
     ahead, dt = about["ahead"], about["dt"]
     if len(found) == 1:
-        return prediction_table(f"{planner_label(name, options)} on {where}", dt, places)
+        return prediction_table(f"{planner_label(name, options)} on {where}", dt, measured)
     if "data" in about:
-        columns = {place: (place, ahead) for place in places}
+        columns = {scene: (scene, ahead) for scene in measured}
     else:
         steps = sorted({1, (ahead + 1) // 2, ahead})
         columns = {f"{n} {'step' if n == 1 else 'steps'}": (about["scenario"], n) for n in steps}

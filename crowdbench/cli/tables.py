@@ -18,7 +18,13 @@ from crowdbench.types import Outcome
 
 
 def result_table(title: str, estimates: Mapping[str, Mapping[str, Any]], metrics: Mapping[str, Metric]) -> Table:
-    """Every estimate, as in `result.json`, with its interval and the unit that its metric names."""
+    """The metrics of a run with their intervals.
+
+    Args:
+        title: Title of the table.
+        estimates: The metrics, as in `result.json`.
+        metrics: Their functions, whose docstrings name the units.
+    """
     table = _table(
         title, ("metric", "left"), ("mean", "right"), ("95 % interval", "left"), ("max", "right"), ("n", "right")
     )
@@ -33,8 +39,13 @@ def result_table(title: str, estimates: Mapping[str, Mapping[str, Any]], metrics
 
 
 def episodes_table(cases: int, episodes: Episodes) -> Table:
-    """The episodes of a recording that does not have them all: no means, which would mislead."""
-    title = f"{len(episodes)} of {cases} cases are recorded; the rates of these alone would mislead"
+    """The episodes of a recording that lacks some: no means, which would be biased.
+
+    Args:
+        cases: The number of cases of the run.
+        episodes: The recorded ones.
+    """
+    title = f"{len(episodes)} of {cases} cases are recorded; rates over these alone would be biased"
     shown = ["navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk"]
     shown += [name for name in episodes.columns if name not in METRICS]
     table = _table(title, ("case", "right"), ("outcome", "left"), *((name, "right") for name in shown))
@@ -45,7 +56,7 @@ def episodes_table(cases: int, episodes: Episodes) -> Table:
 
 
 def comparison_table(found: Comparison) -> Table:
-    """Both runs side by side, with the paired difference."""
+    """Two runs side by side, with their paired differences."""
     a, b = found.names
     title = f"{a} and {b}: {found.cases} shared cases, {found.both_solved} solved by both"
     table = _table(
@@ -68,7 +79,7 @@ def comparison_table(found: Comparison) -> Table:
 
 
 def changed_cases(found: Comparison) -> str:
-    """One line for every pair of outcomes that differ, with the cases."""
+    """A line for each pair of different outcomes, with the cases that ended so."""
     groups: dict[tuple[int, int], list[int]] = {}
     for case, one, two in found.changed:
         groups.setdefault((one, two), []).append(case)
@@ -80,7 +91,12 @@ def changed_cases(found: Comparison) -> str:
 
 
 def check_table(name: str, points: list[Point]) -> Table:
-    """The points of the contract."""
+    """What a planner keeps of its contract, and what was seen.
+
+    Args:
+        name: The planner's name.
+        points: The points of the contract.
+    """
     table = _table(f"The contract, as {name} keeps it", ("", "left"), ("point", "left"), ("seen", "left"))
     verdicts = {True: Text("kept", "green"), False: Text("broken", "red"), None: Text("?", "yellow")}
     for point in points:
@@ -88,13 +104,19 @@ def check_table(name: str, points: list[Point]) -> Table:
     return table
 
 
-def prediction_table(title: str, dt: float, places: Mapping[str, Errors]) -> Table:
-    """ADE and FDE in metres of one predictor at every horizon, with their intervals, place by place."""
+def prediction_table(title: str, dt: float, measured: Mapping[str, Errors]) -> Table:
+    """ADE and FDE in metres of one predictor at every horizon, with their intervals.
+
+    Args:
+        title: Title of the table.
+        dt: Length of a step in seconds.
+        measured: The predictor's errors on each dataset.
+    """
     intervals = [(name, "left") for name in ("ADE [m]", "95 % interval", "FDE [m]", "95 % interval")]
     table = _table(title, ("", "left"), ("steps", "right"), ("time [s]", "right"), *intervals)
-    for place, errors in places.items():
+    for dataset, errors in measured.items():
         for choice, curves in errors.choices().items():
-            label = place if errors.modes == 1 else f"{place}, {choice}"
+            label = dataset if errors.modes == 1 else f"{dataset}, {choice}"
             for steps, pair in enumerate(zip(curves.ade, curves.fde, strict=True), 1):
                 values = [(_number(e.mean), f"{_number(e.low)} to {_number(e.high)}") for e in pair]
                 table.add_row(label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *values[0], *values[1])
@@ -105,22 +127,28 @@ def prediction_table(title: str, dt: float, places: Mapping[str, Errors]) -> Tab
 def predictors_table(
     title: str, columns: Mapping[str, tuple[str, int]], predictors: Mapping[str, Mapping[str, Errors]]
 ) -> Table:
-    """ADE / FDE in metres of several predictors side by side; each column is a place and a number of steps."""
+    """ADE / FDE in metres of several predictors.
+
+    Args:
+        title: Title of the table.
+        columns: Dataset and horizon in steps of each column, by its heading.
+        predictors: The errors of each predictor on each dataset.
+    """
     table = _table(title, ("predictor", "left"), ("", "left"), *((heading, "right") for heading in columns))
-    for name, places in predictors.items():
-        curves = {place: errors.choices() for place, errors in places.items()}
+    for name, measured in predictors.items():
+        curves = {dataset: errors.choices() for dataset, errors in measured.items()}
         for row, choice in enumerate(curves[next(iter(curves))]):
             cells = [
-                f"{_number(curves[place][choice].ade[steps - 1].mean)} / "
-                f"{_number(curves[place][choice].fde[steps - 1].mean)}"
-                for place, steps in columns.values()
+                f"{_number(curves[dataset][choice].ade[steps - 1].mean)} / "
+                f"{_number(curves[dataset][choice].fde[steps - 1].mean)}"
+                for dataset, steps in columns.values()
             ]
             table.add_row(name if row == 0 else "", choice, *cells)
     return table
 
 
 def bench_table(rows: list[Row]) -> Table:
-    """What was measured; the ratio says how many times quicker than elsewhere."""
+    """Measured speeds; the ratio says how many times faster crowdbench is than the other simulator."""
     table = _table(
         "Speed", ("work", "left"), ("here", "right"), ("elsewhere", "right"), ("", "left"), ("ratio", "right")
     )
@@ -133,7 +161,12 @@ def bench_table(rows: list[Row]) -> Table:
 
 
 def ways_table(title: str, measured: Ways) -> Table:
-    """How long the ways to decide take, how many times quicker than the first they are, and what they change."""
+    """How long each way to decide takes, how many times faster than the first it is, and what it changes.
+
+    Args:
+        title: Title of the table.
+        measured: What was measured of each way.
+    """
     changes = ("outcomes that differ", "right"), ("commands that differ", "right")
     table = _table(title, ("way", "left"), ("time", "right"), ("ratio", "right"), *changes)
     for way in measured.ways:
@@ -145,7 +178,12 @@ def ways_table(title: str, measured: Ways) -> Table:
 
 
 def listing_table(title: str, rows: list[tuple[str, str]]) -> Table:
-    """Names and what they are."""
+    """Names and their descriptions.
+
+    Args:
+        title: Title of the table.
+        rows: Name and description.
+    """
     table = _table(title, ("name", "left"), ("", "left"))
     for row in rows:
         table.add_row(*row)

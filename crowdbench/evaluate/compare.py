@@ -1,4 +1,4 @@
-"""Two runs of the same cases, side by side and paired by case."""
+"""Two runs of the same cases, compared case by case."""
 
 from __future__ import annotations
 
@@ -18,7 +18,14 @@ from crowdbench.evaluate.summary import NOTHING, Estimate, bootstrap_distributio
 
 @dataclass(frozen=True)
 class MetricDifference:
-    """One metric in both runs, the difference B - A paired by case, and for rates McNemar's p-value."""
+    """One metric in two runs.
+
+    Attributes:
+        a: Its mean in run A.
+        b: Its mean in run B.
+        difference: B - A, paired by case.
+        p: McNemar's p-value of rates, None for other metrics.
+    """
 
     a: float
     b: float
@@ -28,10 +35,14 @@ class MetricDifference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What `compare` found. Rates, and means that count failures, are over all shared `cases`, other means over
-    those `both_solved`.
+    """What `compare` found.
 
-    `changed` has case, outcome in A and outcome in B of every case in which they differ.
+    Attributes:
+        names: What the runs A and B are called.
+        cases: The number of cases that both have driven. Rates, and means that count failures, are over these.
+        both_solved: The number of cases that both have solved. Other means are over these.
+        rows: The metrics, by name.
+        changed: Case, outcome in A and outcome in B, of every case in which the outcomes differ.
     """
 
     names: tuple[str, str]
@@ -42,9 +53,14 @@ class Comparison:
 
 
 def compare(a: Path, b: Path) -> Comparison:
-    """Compare two directories of runs, case by case.
+    """Compare two runs, case by case.
 
-    Raises InputError where they are not runs of the same scenario, or share no case.
+    Args:
+        a: The directory of run A.
+        b: The directory of run B.
+
+    Raises:
+        InputError: They are not runs of the same scenario, or share no case.
     """
     results = read_result(a), read_result(b)
     _same(results, a, b)
@@ -98,7 +114,12 @@ def _mean_difference(
 
 
 def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
-    """The exact two-sided p-value of McNemar's test: 1 where no case differs."""
+    """The exact two-sided p-value of the test of McNemar (1947); 1 if no case differs.
+
+    Args:
+        a: Whether each case was solved in run A.
+        b: The same in run B.
+    """
     from scipy.stats import binomtest
 
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
@@ -127,7 +148,7 @@ def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
 
 
 def _names(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> tuple[str, str]:
-    """What tells the two apart: the planners, or else the directories."""
+    """The planners' names if they differ, or else the directories'."""
     one, two = (
         planner_label(result["planner"], result.get("options", {}), result.get("replan_every", 1)) for result in results
     )

@@ -1,9 +1,9 @@
-"""What is measured: functions `Trace -> one value per episode`, NaN where a metric is undefined.
+"""The metrics: functions of a trace that give one value per episode, NaN where a metric is undefined.
 
 The first line of each docstring is what `crowdbench list metrics` shows; its unit stands in brackets.
 Booleans are averaged as rates. To add a metric, write its function and name it in `METRICS`.
 
-Sums run step by step in the order of time, so that an episode's value does not depend on its batch.
+Sums add one step after the other, so that an episode's value does not depend on its batch.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
 Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
 
 STANDSTILL = 0.05
-"""A speed below this, in m/s, counts as standing."""
+"""Speed in m/s below which the vehicle counts as standing."""
 
 HALL_ZONES = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
-"""Outer bounds in metres of the zones of Hall, The Hidden Dimension (1966)."""
+"""Outer bounds in metres of the zones of Hall (1966)."""
 
 
 def success_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
@@ -59,8 +59,8 @@ def path_length(trace: Trace) -> Float[np.ndarray, "world"]:
 def spl(trace: Trace) -> Float[np.ndarray, "world"]:
     """Success weighted by path length: shortest over real path, 0 for a failure [1].
 
-    Anderson et al. 2018, "On evaluation of embodied navigation agents". The shortest path is the straight
-    line to the rim of the goal, whose radius is the vehicle's; who starts within the goal wastes nothing.
+    Anderson et al. (2018). The shortest path is the straight line to the rim of the goal, whose radius is the
+    vehicle's. It is 1 for a vehicle that starts within its goal.
     """
     shortest = np.maximum(norm(trace.goal[:, 0, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0, 0], 0.0)
     longest = np.maximum(path_length(trace), shortest)
@@ -71,23 +71,23 @@ def spl(trace: Trace) -> Float[np.ndarray, "world"]:
 def max_velocity_change(trace: Trace) -> Float[np.ndarray, "world"]:
     """Largest change of velocity from one step to the next, the start from rest included [m/s].
 
-    Our reading of the "Max Acc" of Li et al., whose figures have this size.
+    We take it for the "Max Acc" of Li et al. (2020), because their figures are of this size.
     """
     return np.nanmax(_velocity_changes(trace), axis=1)
 
 
 def max_acceleration(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Largest change of velocity over the time step, the start from rest included [m/s^2]."""
+    """Largest change of velocity divided by the time step, the start from rest included [m/s^2]."""
     return max_velocity_change(trace) / trace.rules.dt
 
 
 def mean_acceleration(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Mean over steps of the change of velocity over the time step [m/s^2]."""
+    """Mean over steps of the change of velocity divided by the time step [m/s^2]."""
     return _sum(_velocity_changes(trace)) / trace.rules.dt / trace.steps
 
 
 def jerk(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Mean size of the change of acceleration over the time step [m/s^3].
+    """Mean size of the change of acceleration divided by the time step [m/s^3].
 
     Undefined in an episode of one step.
     """
@@ -96,7 +96,7 @@ def jerk(trace: Trace) -> Float[np.ndarray, "world"]:
 
 
 def max_turn(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Largest change of heading between two steps, both driven at 0.05 m/s at least [rad]."""
+    """Largest change of heading between two steps that are both driven at 0.05 m/s or more [rad]."""
     velocity = trace.velocity[:, 1:, 0]
     heading = np.where(norm(velocity) >= STANDSTILL, np.arctan2(velocity[..., 1], velocity[..., 0]), np.nan)
     turn = np.abs(wrap_angle(np.diff(heading, axis=1)))
@@ -104,47 +104,48 @@ def max_turn(trace: Trace) -> Float[np.ndarray, "world"]:
 
 
 def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Smallest distance between the vehicle's rim and a pedestrian's, as the judge measured it [m].
+    """Smallest gap between vehicle and pedestrians, as the simulator's collision check measured it [m].
 
-    Negative where they overlapped; undefined among no pedestrians.
+    The gap is the distance between the rims of two discs: negative where they overlapped. Undefined where there are
+    no pedestrians.
     """
     gap = np.nanmin(trace.gap, axis=1)
     return np.where(np.isfinite(gap), gap, np.nan)
 
 
 def discomfort(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps with a gap below 0.2 m [1]."""
+    """Share of an episode's steps with a gap to a pedestrian below 0.2 m [1]."""
     return _sum(1.0 * (trace.gap < DISCOMFORT_GAP)) / trace.steps
 
 
 def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of all steps with a gap below 0.2 m that did not end the episode, pooled as in CrowdNav [1].
 
-    Differs from CrowdNav in that a time-out counts the steps it took, not those of the whole time limit.
+    Differs from CrowdNav because an episode that times out counts its own steps, not those of the whole time limit.
     """
     before_last = np.arange(trace.gap.shape[1]) < trace.steps[:, None] - 1
     return _sum(1.0 * ((trace.gap < DISCOMFORT_GAP) & before_last)) / trace.steps
 
 
 def intimate_zone(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps with somebody's rim within Hall's intimate distance, 0.45 m of the rim [1]."""
+    """Share of an episode's steps with a gap to a pedestrian within Hall's intimate distance, 0.45 m [1]."""
     return _in_zone(trace, "intimate")
 
 
 def personal_zone(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps with somebody's rim within Hall's personal distance, 1.2 m of the rim [1]."""
+    """Share of an episode's steps with a gap to a pedestrian within Hall's personal distance, 1.2 m [1]."""
     return _in_zone(trace, "personal")
 
 
 def social_zone(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Share of an episode's steps with somebody's rim within Hall's social distance, 3.6 m of the rim [1]."""
+    """Share of an episode's steps with a gap to a pedestrian within Hall's social distance, 3.6 m [1]."""
     return _in_zone(trace, "social")
 
 
 def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Smallest time until the vehicle would touch somebody if both kept their velocities of the step [s].
+    """Smallest time until the vehicle would touch a pedestrian if both kept their velocities of the step [s].
 
-    Undefined in an episode without any such encounter.
+    Undefined in an episode in which they would never touch.
     """
     position = trace.position[:, :-1, 1:] - trace.position[:, :-1, :1]
     velocity = trace.velocity[:, 1:, 1:] - trace.velocity[:, 1:, :1]
@@ -174,7 +175,7 @@ def discounted_return(trace: Trace) -> Float[np.ndarray, "world"]:
 def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
     """Mean distance of pedestrians from where they would be in the same case without the vehicle [m].
 
-    Over pedestrians and steps; undefined where pedestrians do not see the vehicle, or there are none.
+    Over pedestrians and steps. Undefined where pedestrians do not see the vehicle, or there are none.
     """
     if trace.undisturbed is None:
         return np.full(len(trace), np.nan)
@@ -213,10 +214,10 @@ METRICS: dict[str, Metric] = {
 """The built-in metrics by name."""
 
 OVER_ALL = frozenset({"navigation_time_or_limit", "spl", "discounted_return"})
-"""Metrics that count failures, so that two planners are compared in all cases, not only in those both solve."""
+"""Metrics that count failures. Two planners are compared in all cases, not only in those that both solve."""
 
 POOLED = frozenset({"discomfort_frequency"})
-"""Metrics averaged over all steps of all episodes, not over episodes."""
+"""Metrics that are averaged over the steps of all episodes, not over episodes."""
 
 
 def _velocity_changes(trace: Trace) -> Float[np.ndarray, "world step"]:
@@ -228,7 +229,7 @@ def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
 
 
 def _sum(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch"]:
-    # np.sum groups its terms by the shape of the array; a running sum always goes from left to right.
+    # np.sum groups its terms by the shape of the array, which depends on the batch; cumsum goes from left to right.
     if values.shape[-1] == 0:
         return np.zeros(values.shape[:-1])
     return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]

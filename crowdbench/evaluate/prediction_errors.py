@@ -1,9 +1,10 @@
-"""How far predictors are off: on the crowds of a scenario, and on recorded tracks.
+"""Errors of predictors: on the crowds of a scenario, and on recorded tracks.
 
-ADE at a horizon is the mean distance between predicted and true positions over the steps up to it, FDE the distance
-at it. Of several modes the first counts, or the best: the best for everybody in a world or window together, which is
-the protocol of Social GAN (Gupta et al. 2018), or the best for each pedestrian. The best is chosen anew for either
-measure and each horizon.
+ADE (average displacement error) at a horizon is the mean distance between predicted and true positions over the steps
+up to the horizon, FDE (final displacement error) the distance at the horizon. A predictor of several modes has three
+errors: that of its first mode, that of the mode which is best for all pedestrians of a world or window together, as in
+Gupta et al. (2018), and that of the best mode of each pedestrian. The best mode is chosen for ADE and FDE apart, and at
+each horizon.
 """
 
 from __future__ import annotations
@@ -29,16 +30,20 @@ from crowdbench.sim.simulator import advance, crowd_velocities
 from crowdbench.types import HISTORY, Observation
 
 MEAN = "mean over scenes"
-"""What the row of the means over all scenes is called."""
-
+"""The name under which `on_tracks` has the means over all scenes."""
 
 TOGETHER = 1
-"""Where `displacement` has the mode that is best for everybody together."""
+"""Index in the result of `displacement` of the mode that is best for all pedestrians together."""
 
 
 @dataclass(frozen=True)
 class Curves:
-    """ADE and FDE in metres at horizons of 1, 2, ... steps, over cases or over pedestrians."""
+    """Errors in metres at horizons of 1, 2, ... steps.
+
+    Attributes:
+        ade: Average displacement error at each horizon; its interval is over cases or over pedestrians.
+        fde: Final displacement error.
+    """
 
     ade: list[Estimate]
     fde: list[Estimate]
@@ -46,9 +51,13 @@ class Curves:
 
 @dataclass(frozen=True)
 class Errors:
-    """The errors of a predictor with so many modes: of the first, of the best together, of the best for each.
+    """The errors of a predictor. With one mode, all three are the same.
 
-    They are the same where there is one mode.
+    Attributes:
+        modes: The number of its modes.
+        first: Errors of the first mode.
+        together: Errors of the mode that is best for all pedestrians of a world or window together.
+        each: Errors of the best mode of each pedestrian.
     """
 
     modes: int
@@ -57,7 +66,7 @@ class Errors:
     each: Curves
 
     def choices(self) -> dict[str, Curves]:
-        """All that differ, by what people call them."""
+        """The errors that differ, by the names that tables give them."""
         if self.modes == 1:
             return {"best of 1": self.first}
         best = f"best of {self.modes}"
@@ -72,12 +81,22 @@ def on_scenario(
     ahead: int = HORIZON,
     progress: Callable[[int], None] | None = None,
 ) -> Errors:
-    """The errors on a scenario's crowds, which walk as if the vehicle were not there.
+    """Measure a predictor on the crowds of a scenario, without a vehicle.
 
-    Predictions are made at every step from the start, as planners need them, that `ahead` more follow before the
-    time limit. A pedestrian counts until it first comes nearer to its goal than its radius: whoever has arrived is
-    easy to predict. Intervals come from resampled cases. Raises InputError where the predictor breaks its contract,
-    or nobody walks for long enough.
+    It predicts at every step that `ahead` more steps follow before the time limit. A pedestrian counts until it is
+    nearer to its goal than its radius, because pedestrians that have arrived are easy to predict. Intervals come from
+    resampled cases.
+
+    Args:
+        name: What the predictor is called in errors.
+        predictor: The predictor.
+        scenario: The scenario of the cases.
+        cases: The cases.
+        ahead: The number of steps that are predicted.
+        progress: Called with the number of cases that were finished.
+
+    Raises:
+        InputError: The predictor breaks its contract, or no pedestrian walks for long enough.
     """
     clusters = _Clusters.empty(len(cases), ahead)
     for part in cases.batches(BATCH):
@@ -101,26 +120,40 @@ def on_tracks(
     ahead: int = HORIZON,
     progress: Callable[[int], None] | None = None,
 ) -> dict[str, Errors]:
-    """The errors by scene, and under `MEAN` their means over the scenes.
+    """Measure a predictor on recorded tracks.
 
-    They come from all windows of 8 frames seen and `ahead` to come, in every scene by the predictor that has not seen
-    it. Within a scene every pedestrian of every window weighs the same. Windows overlap, so intervals come from
-    resampled pedestrians, each with all its windows. Raises InputError where the predictor breaks its contract or
-    looks into the simulator, or where a recording has no window.
+    It is measured in all windows of 8 observed frames and `ahead` frames after them. A trained predictor predicts each
+    scene by weights that were not trained on it. Every pedestrian of every window of a scene has the same weight.
+    Windows overlap, so intervals come from resampled pedestrians, each with all its windows.
+
+    Args:
+        name: What the predictor is called in errors.
+        predictor: The predictor.
+        recordings: The recorded tracks, of one scene or several.
+        ahead: The number of frames that are predicted.
+        progress: Called with the number of scenes that were finished.
+
+    Returns:
+        The errors by scene, and under `MEAN` their means over the scenes.
+
+    Raises:
+        InputError: The predictor breaks its contract or is privileged, or a recording has no window.
     """
     if predictor.privileged:
-        raise InputError(f"predictor {name} looks into the simulator: evaluate it on a scenario, not on recordings")
-    places = {}
+        raise InputError(
+            f"predictor {name} is privileged, it asks the simulator: evaluate it on a scenario, not on recordings"
+        )
+    found = {}
     for scene, parts in scenes(recordings).items():
         unseen = predictor.unseen(scene)
-        places[scene] = _Clusters.joined([_recorded(name, unseen, tracks, ahead) for tracks in parts])
+        found[scene] = _Clusters.joined([_recorded(name, unseen, tracks, ahead) for tracks in parts])
         if progress is not None:
             progress(1)
-    if not places:
-        raise InputError("these recordings are those of ETH/UCY that are for training alone: give one to test on")
-    modes = max(clusters.modes for clusters in places.values())
-    found = {scene: _estimated([clusters], modes) for scene, clusters in places.items()}
-    return found | {MEAN: _estimated(list(places.values()), modes)}
+    if not found:
+        raise InputError("all of these recordings are those that ETH/UCY has for training only: give one to test on")
+    modes = max(clusters.modes for clusters in found.values())
+    errors = {scene: _estimated([clusters], modes) for scene, clusters in found.items()}
+    return errors | {MEAN: _estimated(list(found.values()), modes)}
 
 
 def displacement(
@@ -128,9 +161,16 @@ def displacement(
     truth: Float[np.ndarray, "world time pedestrian 2"],
     counted: Bool[np.ndarray, "world pedestrian"],
 ) -> Float[np.ndarray, "world pedestrian 3 2 time"]:
-    """ADE (first) and FDE of each pedestrian, in metres, in three modes.
+    """ADE and FDE of each pedestrian at each horizon.
 
-    These are the first mode, the one with the least mean over those `counted`, and the best for the pedestrian alone.
+    Args:
+        prediction: What was predicted.
+        truth: The true positions in metres.
+        counted: Which pedestrians count when the best mode for all of them together is chosen.
+
+    Returns:
+        Errors in metres. Axis 2 is the mode: the first, the best for all together, the best for the pedestrian.
+        Axis 3 is ADE, FDE.
     """
     distance = norm(prediction.position - truth[:, None])
     steps = np.arange(1, distance.shape[2] + 1)
@@ -143,7 +183,7 @@ def displacement(
 def _walks(
     name: str, predictor: Predictor, scenario: Scenario, cases: Cases, ahead: int
 ) -> Iterator[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Float[np.ndarray, "world time pedestrian 2"]]]:
-    """What is predicted at each step, who is still on the way then, and what comes."""
+    """What is predicted at each step, which pedestrians have not arrived then, and their true positions."""
     world = scenario.worlds(cases)
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
     walking = world.present[:, 1:]
@@ -167,8 +207,8 @@ def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _C
     samples = windows(tracks, HISTORY + ahead)
     if not len(samples):
         raise InputError(
-            f"the recording {tracks.name} has no window: nowhere are two pedestrians there in the same "
-            f"{HISTORY + ahead} frames on end"
+            f"the recording {tracks.name} has no window: it needs two pedestrians in the same "
+            f"{HISTORY + ahead} consecutive frames"
         )
     ids, identity = np.unique(samples.pedestrian, return_inverse=True)
     clusters = _Clusters.empty(len(ids), ahead)
@@ -181,7 +221,7 @@ def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _C
 
 
 def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> Prediction:
-    """What a predictor predicts. Raises InputError where it raises, or returns what is no finite prediction."""
+    """What a predictor predicts. Raises InputError where it raises, or returns anything but a finite prediction."""
     try:
         prediction = predictor.predict(obs, ahead)
     except InputError:
@@ -197,7 +237,7 @@ def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> P
 
 def _check(returned: str, values: object, ahead: int, present: Bool[np.ndarray, "world pedestrian"]) -> None:
     if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
-        raise InputError(f"{returned} that are no array of floats")
+        raise InputError(f"{returned} that are not an array of floats")
     worlds, pedestrians = present.shape
     modes = values.shape[1:2]
     if values.shape != (worlds, *modes, ahead, pedestrians, 2) or modes == (0,):
@@ -211,7 +251,13 @@ def _check(returned: str, values: object, ahead: int, present: Bool[np.ndarray, 
 
 @dataclass
 class _Clusters:
-    """Sums of errors over what depends on each other, a case or a pedestrian, and how many are in each."""
+    """Errors summed over each cluster of dependent samples: all of a case, or all of a pedestrian.
+
+    Attributes:
+        total: Sum of the errors in metres, as `displacement` has them.
+        count: The number of samples.
+        modes: The most modes that a prediction had.
+    """
 
     total: Float[np.ndarray, "cluster 3 2 time"]
     count: Float[np.ndarray, "cluster"]
@@ -238,24 +284,24 @@ class _Clusters:
         self.modes = max(self.modes, prediction.position.shape[1])
 
 
-def _estimated(places: Sequence[_Clusters], modes: int) -> Errors:
-    """The mean over places, which all weigh the same, of the means in each."""
-    steps = range(places[0].total.shape[3])
+def _estimated(by_scene: Sequence[_Clusters], modes: int) -> Errors:
+    """The mean over scenes, which have the same weight, of the means in each."""
+    steps = range(by_scene[0].total.shape[3])
     curves = [
-        Curves(*([_estimate(places, choice, measure, step) for step in steps] for measure in (0, 1)))
+        Curves(*([_estimate(by_scene, choice, measure, step) for step in steps] for measure in (0, 1)))
         for choice in range(1 if modes == 1 else 3)
     ]
     return Errors(modes, curves[0], *(curves[1:] or curves * 2))
 
 
-def _estimate(places: Sequence[_Clusters], choice: int, measure: int, step: int) -> Estimate:
+def _estimate(by_scene: Sequence[_Clusters], choice: int, measure: int, step: int) -> Estimate:
     found, resampled = [], []
-    for place, clusters in enumerate(places):
+    for number, clusters in enumerate(by_scene):
         seen = clusters.count > 0
         total, weights = clusters.total[seen, choice, measure, step], clusters.count[seen]
         values = total / weights
         found.append((float(total.sum() / weights.sum()), len(values), float(values.max())))
-        # Shifted, since two places of the same size are resampled alike, as if one depended on the other.
-        resampled.append(np.roll(bootstrap_distribution(weighted_mean, values, weights), place))
+        # Shifted, because two scenes of the same size are resampled alike, which would make them dependent.
+        resampled.append(np.roll(bootstrap_distribution(weighted_mean, values, weights), number))
     means, counts, largest = zip(*found, strict=True)
     return Estimate(sum(means) / len(means), *interval(np.mean(resampled, axis=0)), sum(counts), max(largest))

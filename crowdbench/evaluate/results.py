@@ -26,7 +26,14 @@ RECORDING = "run.rrd"
 
 @dataclass(frozen=True)
 class Episodes:
-    """One row per episode: case, outcome, steps, and a column for each metric (booleans are rates)."""
+    """One row per episode.
+
+    Attributes:
+        case: Number of the case.
+        outcome: How the episode ended, an `Outcome`.
+        steps: Steps until it ended.
+        columns: The values of each metric by its name; booleans are rates, NaN is undefined.
+    """
 
     case: Int[np.ndarray, "case"]
     outcome: Int[np.ndarray, "case"]
@@ -38,7 +45,15 @@ class Episodes:
 
     @classmethod
     def of(cls, trace: Trace, metrics: Mapping[str, Metric]) -> Episodes:
-        """Measure a trace. Raises InputError where a metric fails or does not give one value per episode."""
+        """Measure a trace.
+
+        Args:
+            trace: The trace.
+            metrics: What is measured, by name.
+
+        Raises:
+            InputError: A metric raises, or does not return one value per episode.
+        """
         return cls(
             trace.case,
             trace.outcome,
@@ -48,7 +63,7 @@ class Episodes:
 
     @classmethod
     def joined(cls, parts: list[Episodes]) -> Episodes:
-        """The rows of all parts, one after the other."""
+        """The rows of all parts, in order."""
         return cls(
             np.concatenate([part.case for part in parts]),
             np.concatenate([part.outcome for part in parts]),
@@ -66,7 +81,7 @@ class Episodes:
         return summarize(self.columns, self.steps)
 
     def write(self, path: Path) -> None:
-        """Write as CSV; numbers are written so that they read back to the last bit."""
+        """Write as CSV. Numbers read back to the last bit."""
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["case", "outcome", "steps", *self.columns])
@@ -76,7 +91,7 @@ class Episodes:
 
     @classmethod
     def read(cls, path: Path) -> Episodes:
-        """Read what `write` wrote. Raises InputError where the file is missing or something else."""
+        """Read what `write` wrote. Raises InputError where the file is missing or has other contents."""
         try:
             with path.open(newline="", encoding="utf-8") as file:
                 header, *rows = list(csv.reader(file))
@@ -91,7 +106,7 @@ class Episodes:
 
 
 def read_result(directory: Path) -> dict[str, Any]:
-    """The `result.json` of a run. Raises InputError where there is none or it is broken."""
+    """The contents of a run's `result.json`. Raises InputError where it is missing or has other contents."""
     path = directory / RESULT
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
@@ -107,23 +122,29 @@ def read_result(directory: Path) -> dict[str, Any]:
         or not all(isinstance(result.get(key), kind) for key, kind in expected.items())
         or "digest" not in result["scenario"]
     ):
-        raise InputError(f"{path} is not a result of crowdbench: it lacks {', '.join(expected)}, or has them otherwise")
+        raise InputError(f"{path} is not a result of crowdbench: it must hold {', '.join(expected)}, each of its type")
     return result
 
 
 def planner_label(planner: str, options: Mapping[str, Any], replan_every: int = 1) -> str:
-    """A planner's name with its options, and after how many steps it looks again, as shown to people."""
+    """A planner's name with its settings in brackets, as shown to people.
+
+    Args:
+        planner: The planner's name.
+        options: Its options.
+        replan_every: Steps between two of its observations.
+    """
     given = ", ".join(f"{key}={value}" for key, value in {**options, **replanning(replan_every)}.items())
     return f"{planner} ({given})" if given else planner
 
 
 def replanning(replan_every: int) -> dict[str, int]:
-    """What names and titles say of it: nothing where the planner decides every step."""
+    """The setting as names and titles show it: nothing where the planner observes every step."""
     return {} if replan_every == 1 else {"replan_every": replan_every}
 
 
 def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int | None]]:
-    """A summary as plain numbers; undefined and infinite ones, which JSON does not have, become null."""
+    """A summary as plain numbers; NaN and infinity, which JSON does not have, become null."""
     return {
         name: {
             key: None if isinstance(value, float) and not math.isfinite(value) else value

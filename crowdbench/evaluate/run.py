@@ -1,4 +1,4 @@
-"""One run: a planner through the cases of a scenario, measured and written to a directory."""
+"""One run: a planner drives the cases of a scenario, and what was measured is written to a directory."""
 
 from __future__ import annotations
 
@@ -32,7 +32,12 @@ MEMORY = 256e6
 
 @dataclass(frozen=True)
 class Finished:
-    """What a run left: its result, as in `result.json`, and whether it was interrupted before its last case."""
+    """What a run has written.
+
+    Attributes:
+        result: The contents of `result.json`.
+        interrupted: Whether it was interrupted before its last case.
+    """
 
     result: dict[str, Any]
     interrupted: bool
@@ -52,12 +57,30 @@ def run(
     overwrite: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> Finished:
-    """Drive, measure and write `result.json`, `episodes.csv` and, unless `record` is "none", `run.rrd`.
+    """Drive a planner through cases, measure, and write `result.json`, `episodes.csv` and the recording `run.rrd`.
 
-    `about` goes into the result as it is; `replan_every` is `rollout`'s. An interrupt (Ctrl-C) keeps the batches that
-    are finished, if any, or else raises KeyboardInterrupt: they are the first cases, so their rates are not biased
-    towards short episodes. Raises InputError, leaving nothing behind, where anything breaks its contract or `out`
-    cannot be written.
+    An interrupt (Ctrl-C) keeps the batches that are finished. They are the first cases, so that their rates are not
+    biased towards short episodes.
+
+    Args:
+        driver: Asks the planner for commands.
+        scenario: The scenario of the cases.
+        cases: The cases.
+        out: The directory to write.
+        metrics: What is measured, by name.
+        about: More that `result.json` says of the run.
+        replan_every: Steps between two observations of the planner, as in `rollout`.
+        record: Which episodes are recorded, one of `settings.RECORD`; with "none" there is no recording.
+        batch: Cases that run in lock-step, fewer where their traces would take too much memory.
+        overwrite: Whether an earlier run in `out` is replaced.
+        progress: Called with the number of episodes that ended in a step.
+
+    Returns:
+        The result, which is that of the finished batches where the run was interrupted.
+
+    Raises:
+        InputError: Planner, scenario or a metric break their contract, or `out` cannot be written. Nothing is kept.
+        KeyboardInterrupt: Interrupted before the first batch was finished. Nothing is kept.
     """
     start = time.perf_counter()
     label = planner_label(driver.name, about.get("options", {}), replan_every)
@@ -83,26 +106,39 @@ def run(
                 parts.append(Episodes.of(trace, metrics))
                 recorded += keep(trace, parts[-1], part.start - cases.start)
         episodes = Episodes.joined(parts)
-        result = {
-            "planner": driver.name,
-            "privileged": driver.planner.privileged,
-            "planner_facts": dict(driver.planner.facts),
-            "replan_every": replan_every,
-            **about,
-            "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
-            "cases": str(Cases(cases.split, cases.start, cases.start + len(episodes))),
-            "recorded": recorded,
-            "outcomes": {outcome.label: int((episodes.outcome == outcome).sum()) for outcome in list(Outcome)[1:]},
-            "metrics": to_json(episodes.summary()),
-            "timing": {
-                "decision_ms_per_step": 1e3 * driver.seconds / int(episodes.steps.sum()),
-                "seconds": time.perf_counter() - start,
-            },
-            "versions": _versions(),
-        }
+        driven = Cases(cases.split, cases.start, cases.start + len(episodes))
+        result = _result(driver, scenario, driven, episodes, {"replan_every": replan_every, **about}, recorded, start)
         episodes.write(directory / EPISODES)
         (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return Finished(result, interrupted=len(episodes) < len(cases))
+
+
+def _result(
+    driver: Driver,
+    scenario: Scenario,
+    cases: Cases,
+    episodes: Episodes,
+    about: Mapping[str, Any],
+    recorded: int,
+    start: float,
+) -> dict[str, Any]:
+    """The contents of `result.json`; `start` is when the run began, as `time.perf_counter` counts seconds."""
+    return {
+        "planner": driver.name,
+        "privileged": driver.planner.privileged,
+        "planner_facts": dict(driver.planner.facts),
+        **about,
+        "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
+        "cases": str(cases),
+        "recorded": recorded,
+        "outcomes": {outcome.label: int((episodes.outcome == outcome).sum()) for outcome in list(Outcome)[1:]},
+        "metrics": to_json(episodes.summary()),
+        "timing": {
+            "decision_ms_per_step": 1e3 * driver.seconds / int(episodes.steps.sum()),
+            "seconds": time.perf_counter() - start,
+        },
+        "versions": _versions(),
+    }
 
 
 def _versions() -> dict[str, str]:
@@ -111,7 +147,14 @@ def _versions() -> dict[str, str]:
 
 
 def directory_name(planner: str, scenario: str, cases: Cases, changes: Mapping[str, Any]) -> str:
-    """The name of a run's directory, other for other cases, options and overrides: `orca-circle_crossing_5-500`."""
+    """The name of a run's directory, such as `orca-circle_crossing_5-500`.
+
+    Args:
+        planner: The planner's name.
+        scenario: The scenario's name.
+        cases: The cases.
+        changes: Options and overrides; other ones give another name.
+    """
     count = f"{cases.stop}" if cases.start == 0 else f"{cases.start}-{cases.stop}"
     parts = [planner, scenario, count if cases.split == "test" else f"{cases.split}-{count}"]
     parts += [f"{key}={value}" for key, value in changes.items()]
@@ -130,8 +173,16 @@ Keep = Callable[[Trace, Episodes, int], int]
 
 @contextlib.contextmanager
 def _recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: int) -> Iterator[Keep]:
-    """Gives a function that records the wanted episodes of a batch, whose first case is number `offset` of the run,
-    and tells how many there were.
+    """The recorder of a run: a function that records the wanted episodes of a batch and returns their number.
+
+    The function is given the batch's trace, its measured episodes, and how many cases of the run came before it.
+
+    Args:
+        record: Which episodes are wanted, one of `settings.RECORD`.
+        path: The recording.
+        planner: The planner's name with its options.
+        scenario: The scenario.
+        cases: The number of cases of the run.
     """
     if record == "none":
         yield lambda trace, episodes, offset: 0

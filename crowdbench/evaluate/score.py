@@ -1,4 +1,4 @@
-"""The metrics again, from a recording alone."""
+"""The metrics, computed from a recording alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,14 @@ from crowdbench.types import Outcome
 
 @dataclass(frozen=True)
 class Score:
-    """What a recording says: its episodes, and of how many cases of a run they are."""
+    """What is measured in a recording.
+
+    Attributes:
+        planner: The planner's name with its options.
+        scenario: The scenario's name.
+        cases: The number of cases of the run, of which some or all were recorded.
+        episodes: The recorded ones.
+    """
 
     planner: str
     scenario: str
@@ -25,11 +32,11 @@ class Score:
 
     @property
     def complete(self) -> bool:
-        """Whether every case was recorded: the rates of some alone would mislead."""
+        """Whether every case was recorded: the rates of a part would be biased, because failures are preferred."""
         return len(self.episodes) == self.cases
 
     def to_json(self) -> dict[str, Any]:
-        """Every recorded case, and the metrics' means where all cases were recorded."""
+        """Every recorded case, and the metrics' means if all cases were recorded."""
         rows = [
             {"case": case, "outcome": Outcome(outcome).label, "steps": steps}
             | {name: values[row].item() for name, values in self.episodes.columns.items()}
@@ -49,6 +56,14 @@ class Score:
 
 
 def score(path: Path, metrics: Mapping[str, Metric]) -> Score:
-    """Measure a recording. Raises InputError where the file is none of crowdbench's, or broken."""
+    """Measure a recording.
+
+    Args:
+        path: The recording, an `.rrd` file.
+        metrics: What is measured, by name.
+
+    Raises:
+        InputError: The file is not a recording of crowdbench, or is damaged.
+    """
     recording = read(path)
     return Score(recording.planner, recording.scenario, recording.cases, Episodes.of(recording.trace, metrics))

@@ -57,7 +57,7 @@ def _estimate(name: str, values: Shaped[np.ndarray, "case"], steps: Shaped[np.nd
 
 
 def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
-    """A rate with its score interval (Wilson 1927, doi:10.1080/01621459.1927.10502953)."""
+    """A rate with the score interval of Wilson (1927)."""
     from scipy.stats import binomtest
 
     n = len(values)
@@ -66,7 +66,7 @@ def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
 
 
 def bootstrap(values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"]) -> Estimate:
-    """A weighted mean with its percentile interval over resampled episodes.
+    """A weighted mean with its percentile interval over resampled episodes (Efron 1979).
 
     Args:
         values: One per episode; those that are NaN are left out.
