@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from crowdbench.cli import evaluate_predictor, listing, run, study, train
+from crowdbench.cli import bench, check, evaluate_predictor, listing, results, run, study, train
 from crowdbench.cli.options import INTERRUPTED
 from crowdbench.errors import InputError
 
@@ -22,14 +22,14 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "run": run.run,
     "train": train.train,
     "list": listing.list_,
-    "check": listing.check,
-    "compare": run.compare,
+    "check": check.check,
+    "compare": results.compare,
     "study": study.study,
     "reproduce": study.reproduce,
-    "view": run.view,
-    "score": run.score,
+    "view": results.view,
+    "score": results.score,
     "evaluate-predictor": evaluate_predictor.evaluate_predictor,
-    "bench": listing.bench,
+    "bench": bench.bench,
 }
 """The commands, in the order in which --help shows them."""
 

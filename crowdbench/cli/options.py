@@ -13,31 +13,46 @@ from crowdbench.errors import InputError
 INTERRUPTED = 130
 """The exit status after Ctrl-C."""
 
-PlannerOption = Annotated[str, typer.Option(help="A name, ./mine.py or ./mine.py:factory.")]
+PlannerOption = Annotated[
+    str, typer.Option(help="Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.")
+]
 OptionOption = Annotated[
-    list[str] | None, typer.Option("--option", help="key=value for the planner or predictor; repeatable.")
+    list[str] | None, typer.Option("--option", help="An option of the planner or predictor: key=value. Repeatable.")
 ]
-ScenarioOption = Annotated[str, typer.Option(help="A name or ./mine.toml.")]
-CasesOption = Annotated[str, typer.Option(help="500 (the first 500 test cases), 2000:2500, val:100, 37:38.")]
+ScenarioOption = Annotated[str, typer.Option(help="Name of a scenario, or a file of your own: ./mine.toml.")]
+CasesOption = Annotated[
+    str,
+    typer.Option(help="500 (the first 500 test cases), 2000:2500, 37:38 (case 37 alone), val:100 (validation cases)."),
+]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", help="key=value in the scenario, such as vehicle.visible=true; repeatable.")
+    list[str] | None,
+    typer.Option("--set", help="Change a key of the scenario, such as vehicle.visible=true. Repeatable."),
 ]
-PedestriansOption = Annotated[str | None, typer.Option(help="The policy of all pedestrians: a name or ./mine.py.")]
+PedestriansOption = Annotated[
+    str | None,
+    typer.Option(help="Move all pedestrians by one policy: a name or ./mine.py.", show_default="as the scenario says"),
+]
 MetricOption = Annotated[
-    list[str] | None, typer.Option("--metric", help="A metric of your own: ./mine.py; repeatable.")
+    list[str] | None, typer.Option("--metric", help="A file with a metric of your own: ./mine.py. Repeatable.")
 ]
 LimitOption = Annotated[
-    float, typer.Option(help="Seconds that a planner may think each time it is asked, about a whole batch.")
+    float, typer.Option(help="Longest time in seconds that the planner may take for one decision of a whole batch.")
 ]
-ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Threads to use. All cores unless told.")]
+ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Number of threads.", show_default="one per core")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
 
 
 def use_threads(threads: int | None) -> None:
-    """Let the simulator and networks use that many threads, or all. Raises InputError where there are fewer.
+    """Set the number of threads of the simulator and of the networks.
 
-    To be called before numba and torch are imported, which read it then: they share a pool of threads, and each would
-    undo what the other is told later.
+    Call it before numba and torch are imported: they read the number when they are imported. They share one pool of
+    threads, so that setting it later in one of them would change it in the other.
+
+    Args:
+        threads: The number, or None for one per core.
+
+    Raises:
+        InputError: The machine has fewer cores.
     """
     if threads is not None:
         available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -47,11 +62,11 @@ def use_threads(threads: int | None) -> None:
 
 
 def print_table(table: Any) -> None:
-    """Print a table, its title by itself, as wide as it needs where there is no terminal."""
+    """Print a table of rich under its title."""
     from rich.console import Console
 
-    # By itself, since a table breaks its title at its own width.
+    # On a line of its own, because a table wraps its title at the table's width.
     print(table.title)
     table.title = None
-    # Without a terminal there is no width to fit; brackets are units, not markup.
+    # A file or a pipe has no width to fit. Brackets are units, not rich's markup.
     Console(width=None if sys.stdout.isatty() else 200, markup=False).print(table)

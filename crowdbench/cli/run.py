@@ -1,4 +1,4 @@
-"""The commands that drive a planner, and look at what a run left."""
+"""The command that drives a planner through cases and scores it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ from crowdbench.cli.options import (
 from crowdbench.errors import InputError
 from crowdbench.settings import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
-RECORD_HELP = f"failures ({MOST_FAILURES} at most, and the first {FIRST_RECORDED} cases), all or none."
+RECORD_HELP = (
+    f"Episodes to record: failures ({MOST_FAILURES} at most, and the first {FIRST_RECORDED} cases), all or none."
+)
 
 
 def run(
@@ -38,13 +40,16 @@ def run(
     overrides: SetOption = None,
     pedestrians: PedestriansOption = None,
     replan_every: Annotated[
-        int, typer.Option(min=1, help="Steps that the planner decides at once, without looking in between.")
+        int, typer.Option(min=1, help="Commands per observation; above 1 the planner drives open loop.")
     ] = 1,
     metric: MetricOption = None,
-    out: Annotated[Path | None, typer.Option(help="runs/<planner>-<scenario>-<n> unless told.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Directory for the results.", show_default="in runs/, named after the run"),
+    ] = None,
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run.")] = False,
-    batch: Annotated[int, typer.Option(min=1, help="Cases that run in lock-step.")] = BATCH,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the directory of an earlier run.")] = False,
+    batch: Annotated[int, typer.Option(min=1, help="Cases that are simulated at once.")] = BATCH,
     threads: ThreadsOption = None,
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
@@ -61,21 +66,21 @@ def run(
     if record not in RECORD:
         raise InputError(f"--record {record} is not one of {', '.join(RECORD)}")
     announce_compilation()
-    wanted = Cases.parse(cases)
+    selected = Cases.parse(cases)
     options = catalog.assignments(option or [], "--option")
     name, made = catalog.load_planner(planner, options)
     settings = catalog.assignments(overrides or [], "--set")
-    place = catalog.load_scenario(scenario, settings, pedestrians)
+    loaded = catalog.load_scenario(scenario, settings, pedestrians)
     changes = settings | ({"pedestrians": pedestrians} if pedestrians else {})
     metrics = catalog.load_metrics(metric or [])
     directory = out or Path("runs") / runs.directory_name(
-        name, place.name, wanted, options | changes | replanning(replan_every)
+        name, loaded.name, selected, options | changes | replanning(replan_every)
     )
-    with progress(len(wanted), "cases") as tell:
+    with progress(len(selected), "cases") as tell:
         finished = runs.run(
             Driver(made, name, decision_limit),
-            place,
-            wanted,
+            loaded,
+            selected,
             directory,
             metrics=metrics,
             about={"options": options, "planner_file": plugins.source(planner), "overrides": changes},
@@ -92,62 +97,9 @@ def run(
         from crowdbench.cli.tables import result_table
 
         changed = "".join(f", {key}={value}" for key, value in changes.items())
-        title = f"{planner_label(name, options, replan_every)} on {place.name}{changed}, cases {result['cases']}"
+        title = f"{planner_label(name, options, replan_every)} on {loaded.name}{changed}, cases {result['cases']}"
         print_table(result_table(title, result["metrics"], metrics))
         print(f"\nKept in {directory}; {result['recorded']} episodes are recorded (crowdbench view shows them)")
     if finished.interrupted:
         say(f"crowdbench: interrupted: kept cases {result['cases']}, all that were finished in order, in {directory}")
         sys.exit(INTERRUPTED)
-
-
-def compare(
-    a: Annotated[Path, typer.Argument(help="The directory of a run.")],
-    b: Annotated[Path, typer.Argument(help="Another, of the same scenario and cases.")],
-) -> None:
-    """Compare two runs case by case."""
-    from crowdbench.cli.tables import changed_cases, comparison_table
-    from crowdbench.evaluate.compare import compare as pair
-
-    found = pair(a, b)
-    print_table(comparison_table(found))
-    print("\nRates (p: McNemar's exact test) and what counts failures are over all shared cases, the rest over those")
-    print("that both solve. Intervals are of the paired difference.")
-    print(changed_cases(found) or "No case ends differently.")
-
-
-def view(
-    run: Annotated[Path, typer.Argument(help="The directory of a run, or an .rrd file.")],
-    case: Annotated[int | None, typer.Option(help="Show this case alone.")] = None,
-    screenshot: Annotated[Path | None, typer.Option(help="Write a picture of the last state, open no window.")] = None,
-) -> None:
-    """Open a recording in the Rerun viewer."""
-    from crowdbench.record import view as viewer
-
-    viewer.view(_recording(run), case, screenshot)
-
-
-def score(
-    recording: Annotated[Path, typer.Argument(help="An .rrd file, or the directory of a run.")],
-    metric: MetricOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Compute the metrics again from a recording alone."""
-    from crowdbench import catalog
-    from crowdbench.cli.tables import episodes_table, result_table
-    from crowdbench.evaluate.score import score as measure
-
-    metrics = catalog.load_metrics(metric or [])
-    scored = measure(_recording(recording), metrics)
-    if as_json:
-        print(json.dumps(scored.to_json(), indent=2))
-    elif scored.complete:
-        title = f"{scored.planner} on {scored.scenario}, from {recording}"
-        print_table(result_table(title, scored.to_json()["metrics"], metrics))
-    else:
-        print_table(episodes_table(scored.cases, scored.episodes))
-
-
-def _recording(path: Path) -> Path:
-    from crowdbench.evaluate.results import RECORDING
-
-    return path / RECORDING if path.is_dir() else path

@@ -1,0 +1,67 @@
+"""The commands that look at what runs left: compare, view, score."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crowdbench.cli.options import JsonOption, MetricOption, print_table
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(help="Directory of a run.")],
+    b: Annotated[Path, typer.Argument(help="Directory of another run on the same scenario and cases.")],
+) -> None:
+    """Compare two runs, paired by case."""
+    from crowdbench.cli.tables import changed_cases, comparison_table
+    from crowdbench.evaluate.compare import compare as pair
+
+    found = pair(a, b)
+    print_table(comparison_table(found))
+    print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
+    print("over the cases that both runs solve. Intervals are of the paired difference.")
+    print(changed_cases(found) or "No case ends differently.")
+
+
+def view(
+    run: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
+    case: Annotated[int | None, typer.Option(help="Show only this case.")] = None,
+    screenshot: Annotated[
+        Path | None,
+        typer.Option(help="Write a picture of the last state of --case to this .png file; no window opens."),
+    ] = None,
+) -> None:
+    """Open a recording in the Rerun viewer."""
+    from crowdbench.record import view as viewer
+
+    viewer.view(_recording(run), case, screenshot)
+
+
+def score(
+    recording: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
+    metric: MetricOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compute the metrics of a run again, from its recording."""
+    from crowdbench import catalog
+    from crowdbench.cli.tables import episodes_table, result_table
+    from crowdbench.evaluate.score import score as measure
+
+    metrics = catalog.load_metrics(metric or [])
+    scored = measure(_recording(recording), metrics)
+    if as_json:
+        print(json.dumps(scored.to_json(), indent=2))
+    elif scored.complete:
+        title = f"{scored.planner} on {scored.scenario}, from {recording}"
+        print_table(result_table(title, scored.to_json()["metrics"], metrics))
+    else:
+        print_table(episodes_table(scored.cases, scored.episodes))
+
+
+def _recording(path: Path) -> Path:
+    from crowdbench.evaluate.results import RECORDING
+
+    return path / RECORDING if path.is_dir() else path
