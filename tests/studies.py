@@ -24,18 +24,19 @@ def planner(weights="one", margin=0.0):
     return made
 """
 
-SEEDS = """
-[[seeds]]
+NETWORKS = """
+[[tables]]
 title = "Learned planners"
+scenario = "circle_crossing_5"
 cases = "10"
 validation = "val:12"
+measures = ["success_rate", "navigation_time"]
 variant = { title = "CrowdNav's rule", overrides = { collision = "crowdnav" } }
 
-[[seeds.rows]]
+[[tables.rows]]
 planner = "./mine.py"
 weights = ["one", "two"]
-scenario = "circle_crossing_5"
-reported = "99 %, 10.6 s"
+reported = { success_rate = 0.99, navigation_time = 10.6 }
 """
 
 CROWDS = """
@@ -92,9 +93,9 @@ def leave(run, out, table):
 
 
 def fill(asked, out, **rows):
-    """Leaves a table of episodes for each run of each row named, in order, and fills the table."""
+    """Leaves a table of episodes for each run of each row named, in order, and fills the only table."""
     (table,) = asked.tables
     for row in table.rows:
-        for run, table_of_episodes in zip(row.test, rows[row.label], strict=True):
+        for run, table_of_episodes in zip(row.runs, rows[row.label], strict=True):
             leave(run, out, table_of_episodes)
     return table.fill(out)

@@ -26,25 +26,25 @@ def planner():
 """
 
 TINY = """
-[[measured]]
+[[tables]]
 title = "First"
 scenario = "circle_crossing_5"
 cases = "6"
 quick = "3"
 
-[[measured.rows]]
+[[tables.rows]]
 label = "learned"
 planner = "./mine.py"
 weights = ["one", "two"]
 reported = { success_rate = 0.9 }
 
-[[measured.rows]]
+[[tables.rows]]
 label = "margin"
 planner = "./mine.py"
 weights = ["one", "two"]
 options = { margin = 0.3 }
 
-[[measured.claims]]
+[[tables.claims]]
 text = "A margin helps"
 source = "Experiment 1"
 row = "margin"
@@ -53,13 +53,13 @@ measure = "success_rate"
 kind = "difference"
 bound = 0.0
 
-[[measured]]
+[[tables]]
 title = "Second"
 scenario = "circle_crossing_5"
 cases = "6"
 quick = "3"
 
-[[measured.rows]]
+[[tables.rows]]
 planner = "./stops.py"
 """
 
@@ -99,7 +99,7 @@ def test_what_was_interrupted_goes_on_and_repeats_nothing(tiny, capsys):
     assert "| learned | 2 | 90 % |" in printed.out
     assert re.search("^Claims: [01] holds, [01] refuted, [01] undecided.$", printed.out, re.MULTILINE)
     # Once for all tables.
-    assert printed.out.count("Means over the networks") == 1
+    assert printed.out.count("Figures are means over the networks") == 1
     reproduce("--json")
     found = json.loads(capsys.readouterr().out)
     assert found["quick"] is False
@@ -131,11 +131,11 @@ def shipped():
 
 
 def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
-    assert [table.title[:8] for table in shipped[:4]] == [f"Table {n}:" for n in (1, 2, 3, 4)]
+    assert [table.spec.title[:8] for table in shipped[:4]] == [f"Table {n}:" for n in (1, 2, 3, 4)]
     assert {str(table.cases) for table in shipped} == {"test:0:500"}
-    assert [table.rows[0].test[0].replan_every for table in shipped[:4]] == [1, 1, 8, 1]
+    assert [table.rows[0].runs[0].replan_every for table in shipped[:4]] == [1, 1, 8, 1]
     assert [len(table.rows) for table in shipped] == [6, 4, 5, 5, 3, 3, 3]
-    assert [bool(table.variant) for table in shipped] == [True] + [False] * 6
+    assert [bool(table.spec.variant) for table in shipped] == [True] + [False] * 6
     reported = [{row.label: row.reported for row in table.rows if row.reported} for table in shipped]
     assert [len(rows) for rows in reported] == [6, 4, 5, 2, 0, 0, 0]
     assert reported[3]["sarl_sgan_kce"] == {
@@ -145,7 +145,7 @@ def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
 
 def test_in_a_quick_look_claims_compare_the_same_network(shipped):
     for table in shipped:
-        networks = {row.label: row.networks for row in table.quickly().rows}
-        assert table.claims
-        for claim in table.claims:
+        networks = {row.label: row.networks for row in table.quick_look().rows}
+        assert table.spec.claims
+        for claim in table.spec.claims:
             assert networks[claim.row] == networks[claim.than]

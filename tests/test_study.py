@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -7,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from studies import CROWDS, MINE, SEEDS, made, read, refused, study
+from studies import CROWDS, MINE, NETWORKS, made, read, refused, study
 
 from crowdbench import catalog
 from crowdbench.errors import InputError
@@ -48,12 +49,12 @@ def digests(text):
 
 def test_whatever_changes_a_number_makes_another_run(monkeypatch):
     Path("crowd.toml").write_text("[pedestrians]\nnumber = 5\n")
-    text = SEEDS.replace("circle_crossing_5", "./crowd.toml")
+    text = NETWORKS.replace("circle_crossing_5", "./crowd.toml")
     before = digests(text)
     assert len(before) == 5
-    assert digests(text.replace("99 %", "98 %").replace("Learned", "Trained")) == before
-    for changed in ("options = { margin = 0.3 }", "replan_every = 2"):
-        assert not digests(f"{text}{changed}\n") & before
+    assert digests(text.replace("0.99", "0.98").replace("Learned", "Trained")) == before
+    assert not digests(f"{text}options = {{ margin = 0.3 }}\n") & before
+    assert not digests(text.replace("cases", "replan_every = 2\ncases")) & before
     # Of the 5 runs so many stay: with other test cases, the one on validation cases.
     assert len(digests(text.replace('"10"', '"11"')) & before) == 1
     Path("weights.json").write_text('{"one": 0.2, "two": 0.3}')
@@ -133,46 +134,67 @@ def test_a_killed_study_goes_on_where_it_stopped(number, capsys):
 
 
 def test_json_has_the_numbers_of_the_tables(capsys):
-    study(SEEDS + CROWDS)
+    study(NETWORKS + CROWDS)
     printed = capsys.readouterr().out
-    study(SEEDS + CROWDS, "--json")
+    study(NETWORKS + CROWDS, "--json")
     found = json.loads(capsys.readouterr().out)
     assert found["study"] == "tiny"
-    seeds, crowds = found["tables"]
-    success = seeds["rows"][0]["success_rate"]
+    networks, crowds = found["tables"]
+    (row,) = networks["rows"]
+    success = row["measured"]["success_rate"]
     assert "{mean:.1f} % ({low:.1f} to {high:.1f})".format_map({k: 100 * v for k, v in success.items()}) in printed
-    assert seeds["rows"][0]["success_rates"][0] == seeds["rows"][0]["shipped_test"]["success_rate"]["mean"]
+    assert row["success_rates"][0] == row["first_network"]["cases"]["success_rate"]["mean"]
     assert [crowd["scenario"] for crowd in crowds["crowds"]] == ["circle_crossing_5", "square_crossing_5"]
     gap = crowds["crowds"][1]["planners"][1]["over_solved"]["minimum_gap"]
     assert "{mean:.3f} m ({low:.3f} to {high:.3f})".format_map(gap) in printed
     assert crowds["crowds"][0]["pairs"][0]["first"] == "orca"
 
 
+def test_what_several_tables_say_alike_is_printed_once(capsys):
+    study(NETWORKS + NETWORKS + CROWDS)
+    printed = capsys.readouterr().out
+    assert printed.count("## Learned planners") == 2
+    assert printed.count("Figures are means over the networks") == 1
+    assert printed.index("### square_crossing_5") < printed.index("Figures are means over the networks")
+
+
 BROKEN = {
-    "": ["has no table", "[[seeds]] or [[crowds]] or [[measured]]"],
-    "[[seed]]": ["unknown key seed", "seeds", "crowds"],
-    "[seeds]\ntitle = 'x'": ["seeds is", "list of tables"],
-    CROWDS.replace("planners", "planer"): ["crowds[1].planners is missing", "list of texts"],
+    "": ["has no table", "[[tables]] or [[crowds]]"],
+    "[[table]]": ["unknown key table", "tables", "crowds"],
+    "[tables]\ntitle = 'x'": ["tables is", "list of tables [[tables]]"],
+    "description = 1": ["description is 1", "text in quotes"],
+    CROWDS.replace("planners", "planer"): ["unknown key crowds[1].planer", "title, planners, scenarios, cases"],
+    re.sub("planners.*", "", CROWDS): ["crowds[1].planners is missing", "list of texts"],
     CROWDS.replace('"orca_margin"', '"orca"'): ["crowds[1].planners", "none of them twice"],
     CROWDS.replace('"orca_margin"', '"./orca.py"'): ["crowds[1].planners", "different names"],
     CROWDS.replace('"orca_margin"', '"orka"'): ["in crowds[1], no planner is called 'orka'"],
     CROWDS.replace('"square_crossing_5"', '"square"'): ["in crowds[1], no scenario is called 'square'"],
-    CROWDS.replace('["circle_crossing_5", "square_crossing_5"]', '"every"'): ["crowds[1].scenarios", '"all" or a list'],
+    CROWDS.replace('["circle_crossing_5", "square_crossing_5"]', '"every"'): [
+        "crowds[1].scenarios is 'every'", '"all" or a list',
+    ],
+    re.sub("scenarios = .*", "scenarios = []", CROWDS): ["crowds[1].scenarios is []", '"all" or a list'],
     CROWDS.replace('"8"', '"many"'): ["in crowds[1], cases 'many'", "val:100"],
     CROWDS.replace('"8"', "8"): ["crowds[1].cases is 8", "text in quotes"],
     CROWDS + "record = 1": ["unknown key crowds[1].record", "the keys here are title, planners, scenarios, cases"],
-    SEEDS.partition("[[seeds.rows]]")[0]: ["seeds[1].rows is missing", "one table or more"],
-    SEEDS + "[[seeds.rows]]\nweights = ['a']": ["seeds[1].rows[2].planner is missing", "text in quotes"],
-    SEEDS.replace('title = "CrowdNav\'s rule", ', ""): ["seeds[1].variant.title is missing"],
-    SEEDS.replace("collision", "colision"): ["in seeds[1].rows[1]", "unknown key colision"],
-    SEEDS.replace('["one", "two"]', "[]"): ["seeds[1].rows[1].weights is []", "list of texts"],
-    SEEDS.replace("./mine.py", "orca"): ["in seeds[1].rows[1], orca has no option 'weights'"],
-    SEEDS + "replan_every = 0": ["seeds[1].rows[1].replan_every is 0", "whole number"],
-    SEEDS + "options = { weights = 'one' }": ["seeds[1].rows[1].options", "weights: they have a key of their own"],
-    SEEDS + "options = { since = 2020-01-01 }": ["seeds[1].rows[1].options", "texts, numbers"],
-    SEEDS + "options = 3": ["seeds[1].rows[1].options is 3", "{ key = 1.0 }"],
-    "seeds = ": ["not valid TOML"],
-}
+    NETWORKS + CROWDS + CROWDS + "record = 1": ["unknown key crowds[2].record"],
+    NETWORKS.partition("[[tables.rows]]")[0]: ["tables[1].rows is missing", "one table or more"],
+    NETWORKS + "[[tables.rows]]\nweights = ['a']": ["tables[1].rows[2].planner is missing", "text in quotes"],
+    NETWORKS.replace('title = "CrowdNav\'s rule", ', ""): ["tables[1].variant.title is missing"],
+    NETWORKS.replace("title = \"CrowdNav's", "networks = 'two', title = \"CrowdNav's"): [
+        "tables[1].variant.networks is 'two'", '"all", "first"',
+    ],
+    NETWORKS.replace("collision", "colision"): ["in tables[1].rows[1]", "unknown key colision"],
+    NETWORKS.replace('["one", "two"]', "[]"): ["tables[1].rows[1].weights is []", "list of texts"],
+    NETWORKS.replace("./mine.py", "orca"): ["in tables[1].rows[1], orca has no option 'weights'"],
+    NETWORKS.replace('"val:12"', '"12:3"'): ["in tables[1], cases '12:3'", "val:100"],
+    NETWORKS.replace("cases =", "replan_every = 0\ncases ="): ["tables[1].replan_every is 0", "whole number from 1"],
+    NETWORKS.replace('"navigation_time"]', '"speed"]'): ["tables[1].measures", "success_rate, navigation_time"],
+    NETWORKS + "options = { weights = 'one' }": ["tables[1].rows[1].options", "weights: they have a key of their own"],
+    NETWORKS + "options = { since = 2020-01-01 }": ["tables[1].rows[1].options", "texts, numbers"],
+    NETWORKS + "options = { margin = inf }": ["tables[1].rows[1].options", "texts, numbers"],
+    NETWORKS + "options = 3": ["tables[1].rows[1].options is 3", "{ key = 1.0 }"],
+    "tables = ": ["not valid TOML"],
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("text", BROKEN)
@@ -187,9 +209,10 @@ def test_a_study_that_is_not_there_is_told():
 
 
 def test_the_shipped_studies_can_be_made():
-    learned, crowds = (read_study(STUDIES / f"{name}.toml") for name in ("learned", "crowds"))
+    learned, crowds, kce = (read_study(STUDIES / f"{name}.toml") for name in ("learned", "crowds", "kce"))
     # Five seeds of ten rows, six of them under both rules, and the shipped network's validation cases.
     assert len(learned.runs) == 6 * (5 + 5 + 1) + 4 * (5 + 1)
     assert {str(run.cases) for run in learned.runs} == {"test:0:500", "val:0:1000", "val:0:200"}
     assert len(crowds.runs) == 8 * len(catalog.scenarios())
     assert {run.planner for run in crowds.runs if run.privileged} == {"sarl"}
+    assert {str(run.cases) for run in kce.runs} == {"val:0:200"}

@@ -8,7 +8,8 @@ from crowdbench.evaluate.compare import compare
 from crowdbench.evaluate.results import read_result
 from crowdbench.evaluate.summary import bootstrap
 from crowdbench.study.crowds import Pair
-from crowdbench.study.tables import LEAST_SHARED
+from crowdbench.study.measures import LEAST_SHARED
+from crowdbench.study.tables import page
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -24,21 +25,21 @@ def side_by_side(**better):
     return episodes(success, **one), episodes(success, **two)
 
 
-def test_a_pair_is_told_apart_by_the_measures_that_differ():
+def test_a_pair_differs_in_the_measures_whose_intervals_exclude_0():
     pair = Pair.of(("a", "b"), *side_by_side(navigation_time=1.0, minimum_gap=0.5, jerk=-0.5))
     assert pair.better == {"navigation_time": "b", "minimum_gap": "a", "jerk": "a"}
-    assert pair.cell() == "time +, jerk -, gap -"
+    assert pair.cell() == "better: time; worse: jerk, gap"
     assert (pair.p, pair.both_solved) == (1.0, 12)
-    assert Pair.of(("a", "b"), *side_by_side()).cell() == "none"
+    assert Pair.of(("a", "b"), *side_by_side()).cell() == "no significant difference"
 
 
-def test_success_tells_apart_by_mcnemar():
+def test_success_differs_by_mcnemar():
     columns = {name: np.ones(12) for name in MEASURES}
     all_of_them, most, half = (episodes([1] * n + [0] * (12 - n), **columns) for n in (12, 7, 6))
     assert Pair.of(("a", "b"), all_of_them, half).better == {"success_rate": "a"}
-    assert Pair.of(("a", "b"), half, all_of_them).cell() == "success +"
+    assert Pair.of(("a", "b"), half, all_of_them).cell() == "better: success"
     assert Pair.of(("a", "b"), half, all_of_them).p == 2 * 0.5**6
-    assert Pair.of(("a", "b"), all_of_them, most).cell() == "none"
+    assert Pair.of(("a", "b"), all_of_them, most).cell() == "no significant difference"
 
 
 def test_a_few_shared_successes_are_no_evidence_and_the_cell_says_so():
@@ -48,9 +49,9 @@ def test_a_few_shared_successes_are_no_evidence_and_the_cell_says_so():
         slower = columns | {"navigation_time": np.full(10, 2.0)}
         return Pair.of(("a", "b"), episodes(success, **columns), episodes(success, **slower)).cell()
 
-    assert pair(LEAST_SHARED) == "time -"
-    assert pair(LEAST_SHARED - 1) == "none (5 solved by both)"
-    assert pair(0) == "none (0 solved by both)"
+    assert pair(LEAST_SHARED) == "worse: time"
+    assert pair(LEAST_SHARED - 1) == "no significant difference (5 solved by both)"
+    assert pair(0) == "no significant difference (0 solved by both)"
 
 
 def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
@@ -63,7 +64,7 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
         one.columns["discomfort"][:12] = 0.125
         leave(runs[0], tmp_path, one)
         leave(runs[1], tmp_path, two)
-    text = table.fill(tmp_path).markdown()
+    text = page([table.fill(tmp_path)])
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
     assert lines[0] == ["planner", "success", "collision", "time-out", "time", "discomfort", "jerk", "gap"]
@@ -72,9 +73,9 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert lines[2][4] == f"{time.mean:.2f} s ({time.low:.2f} to {time.high:.2f})"
     assert lines[2][5] == "12.50 % (12.50 to 12.50)"
     assert lines[2][7] == "0.250 m (0.250 to 0.250)"
-    assert lines[4] == ["told apart from", "orca"]
+    assert lines[4] == ["significantly better or worse than", "orca"]
     assert lines[6][0] == "orca_margin"
-    assert lines[6][1].startswith("time +")
+    assert lines[6][1].startswith("better: time")
     assert "The 5 tests in a crowd are not corrected" in text
 
 

@@ -14,7 +14,7 @@ import typer
 from crowdbench.cli.options import INTERRUPTED, JsonOption, ThreadsOption, use_threads
 
 if TYPE_CHECKING:
-    from crowdbench.study.planned import Run
+    from crowdbench.study.planned import PlannedRun
 
 
 def study(
@@ -26,7 +26,7 @@ def study(
     """Make the runs of a study that are not there yet, and print its tables in Markdown."""
     use_threads(threads)
     from crowdbench.study.file import read_study
-    from crowdbench.study.tables import plain
+    from crowdbench.study.tables import page, plain
 
     asked = read_study(file)
     with _made(asked.runs, out or Path("runs") / f"study-{asked.name}") as directory:
@@ -34,7 +34,7 @@ def study(
     if as_json:
         print(json.dumps({"study": asked.name, "tables": plain(tables)}, indent=2))
     else:
-        print("\n\n".join(table.markdown() for table in tables))
+        print(page(tables))
 
 
 def reproduce(
@@ -44,10 +44,10 @@ def reproduce(
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make the paper's tables, measured beside reported, and judge its claims.
+    """Make the tables of Li et al. (2020), measured beside reported, and say which of the paper's claims hold.
 
-    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands at once, 4 of KCE. Finished runs are kept, and the
-    same command goes on with them: some minutes for a quick look, up to an hour for all.
+    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands per observation, 4 of KCE. A quick look takes some
+    minutes, all tables up to an hour. Finished runs are kept, and the same command goes on after them.
     """
     use_threads(threads)
     from crowdbench.study import reproduction
@@ -60,7 +60,7 @@ def reproduce(
 
 
 @contextlib.contextmanager
-def _made(runs: Iterable[Run], out: Path) -> Iterator[Path]:
+def _made(runs: Iterable[PlannedRun], out: Path) -> Iterator[Path]:
     """Make the runs that `out` lacks, for whoever reads them there. Exits where somebody interrupts."""
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.study.planned import missing

@@ -134,8 +134,16 @@ def planner_label(planner: str, options: Mapping[str, Any], replan_every: int = 
         options: Its options.
         replan_every: Steps between two of its observations.
     """
-    given = ", ".join(f"{key}={value}" for key, value in {**options, **replanning(replan_every)}.items())
+    given = settings_label({**options, **replanning(replan_every)})
     return f"{planner} ({given})" if given else planner
+
+
+def settings_label(settings: Mapping[str, Any]) -> str:
+    """Settings as shown to people: `modes=5, limits={max_velocity_change=1.0}`."""
+    return ", ".join(
+        f"{key}={{{settings_label(value)}}}" if isinstance(value, Mapping) else f"{key}={value}"
+        for key, value in settings.items()
+    )
 
 
 def replanning(replan_every: int) -> dict[str, int]:

@@ -1,33 +1,46 @@
-"""The mean over networks that were trained alike, with an interval for other networks on other cases."""
+"""The mean over networks that were trained alike, with an interval for other networks on other cases.
+
+Networks and cases are both drawn with replacement, the cases for all networks alike, as all networks drive the same
+cases: the pigeonhole bootstrap of Owen, "The pigeonhole bootstrap", The Annals of Applied Statistics 1(2) (2007),
+386-411, doi:10.1214/07-AOAS122. With few networks its intervals are too narrow. Where all values are the same, as
+when every network solves every case, an interval has no width.
+"""
 
 from __future__ import annotations
 
 import functools
-import math
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.evaluate.summary import RESAMPLES, Estimate, interval
+from crowdbench.evaluate.summary import NOTHING, RESAMPLES, Estimate, interval
 
-_STREAM = 0
-"""Seed of the bootstrap: fixed, so that the same episodes have the same interval."""
+_SEED = 0
+"""Of the bootstrap: fixed, so that the same episodes have the same interval."""
 
 
-def two_level(values: Float[np.ndarray, "seed case"]) -> Estimate:
-    """The mean over seeds of each one's mean over its cases, NaN left out, and its percentile interval.
+def two_level(values: Float[np.ndarray, "network case"]) -> Estimate:
+    """The mean over networks of each network's mean over its cases.
 
-    Seeds are drawn with replacement, and cases with replacement, the same ones for all seeds: all have driven the
-    same cases, so that a hard one is hard for all of them. `n` counts the values that are not NaN.
+    Args:
+        values: A metric of each network in each case; NaN where it is not defined, which is left out.
+
+    Returns:
+        The mean with its percentile interval; `n` counts the values that are not NaN.
     """
     return _estimate(values, _means(values, _once(values)), _means(values, _draws(*values.shape)))
 
 
-def two_level_reduction(ours: Float[np.ndarray, "seed case"], theirs: Float[np.ndarray, "seed case"]) -> Estimate:
-    """By which share the mean of `ours` is smaller than that of `theirs`, resampled together as `two_level` does.
+def two_level_reduction(ours: Float[np.ndarray, "network case"], theirs: Float[np.ndarray, "network case"]) -> Estimate:
+    """By which share one mean is smaller than another, as `two_level` takes them; both are resampled together.
 
-    Only values that both have count, so that the two means are over the same cases; no share is defined of a mean
-    of 0. `max` is the largest reduction in any one case.
+    Args:
+        ours: A metric of each network in each case.
+        theirs: The same metric of the same networks under another planner. Only values that both have count, so that
+            the two means are over the same cases.
+
+    Returns:
+        The share with its percentile interval, NaN where the mean of `theirs` is 0; `max` is the largest in any case.
     """
     both = np.where(np.isnan(ours + theirs), np.nan, np.stack([ours, theirs]))
 
@@ -37,33 +50,33 @@ def two_level_reduction(ours: Float[np.ndarray, "seed case"], theirs: Float[np.n
     return _estimate(_reduction(*both), reductions(_once(ours)), reductions(_draws(*ours.shape)))
 
 
-Draws = tuple[Float[np.ndarray, "draw seed"], Float[np.ndarray, "draw case"]]
-"""How often each seed, and each case, is in each resample."""
+Draws = tuple[Float[np.ndarray, "draw network"], Float[np.ndarray, "draw case"]]
+"""How often each network, and each case, is in each resample."""
 
 
 @functools.cache
-def _draws(seeds: int, cases: int) -> Draws:
-    rng = np.random.default_rng(_STREAM)
-    drawn = np.empty((RESAMPLES, seeds)), np.empty((RESAMPLES, cases))
+def _draws(networks: int, cases: int) -> Draws:
+    rng = np.random.default_rng(_SEED)
+    drawn = np.empty((RESAMPLES, networks)), np.empty((RESAMPLES, cases))
     for i in range(RESAMPLES):
-        for counts, size in zip(drawn, (seeds, cases), strict=True):
+        for counts, size in zip(drawn, (networks, cases), strict=True):
             counts[i] = np.bincount(rng.integers(size, size=size), minlength=size)
     return drawn
 
 
-def _once(values: Float[np.ndarray, "seed case"]) -> Draws:
-    """Each seed and case once: no resample."""
-    seeds, cases = values.shape
-    return np.ones((1, seeds)), np.ones((1, cases))
+def _once(values: Float[np.ndarray, "network case"]) -> Draws:
+    """Each network and case once: no resample."""
+    networks, cases = values.shape
+    return np.ones((1, networks)), np.ones((1, cases))
 
 
-def _means(values: Float[np.ndarray, "seed case"], draws: Draws) -> Float[np.ndarray, "draw"]:
-    """The mean over seeds of their means: seeds without a value do not count, and NaN is where no seed has one."""
-    seeds, cases = draws
+def _means(values: Float[np.ndarray, "network case"], draws: Draws) -> Float[np.ndarray, "draw"]:
+    """The mean over networks of their means: networks without a value do not count; NaN where no network has one."""
+    networks, cases = draws
     defined = ~np.isnan(values)
     n = cases @ defined.T
     means = _ratio(cases @ np.where(defined, values, 0.0).T, n)
-    counts = seeds * (n > 0)
+    counts = networks * (n > 0)
     return _ratio((counts * np.where(n > 0, means, 0.0)).sum(axis=1), counts.sum(axis=1))
 
 
@@ -76,11 +89,11 @@ def _ratio(over: Float[np.ndarray, "*of"], under: Float[np.ndarray, "*of"]) -> F
 
 
 def _estimate(
-    each: Float[np.ndarray, "seed case"], found: Float[np.ndarray, "1"], resampled: Float[np.ndarray, "draw"]
+    each: Float[np.ndarray, "network case"], found: Float[np.ndarray, "1"], resampled: Float[np.ndarray, "draw"]
 ) -> Estimate:
     """A figure with the interval of what it is in each resample; `each` is what it is in each case."""
     defined = each[~np.isnan(each)]
     if len(defined) == 0:
-        return Estimate(math.nan, math.nan, math.nan, 0, math.nan)
+        return NOTHING
     low, high = interval(resampled[~np.isnan(resampled)])
     return Estimate(float(found[0]), low, high, len(defined), float(defined.max()))

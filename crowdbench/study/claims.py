@@ -1,10 +1,9 @@
-"""Claims about two rows of a table, with margins fixed beforehand, and what the measurements say of them."""
+"""Claims about two rows of a table, with margins fixed before the runs, and what the measurements say of them."""
 
 from __future__ import annotations
 
 import dataclasses
 import enum
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,11 +14,10 @@ from jaxtyping import Float
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.summary import Estimate
 from crowdbench.study.bootstrap import two_level, two_level_reduction
-from crowdbench.study.networks import of_all
-from crowdbench.study.tables import JERK, LEAST_SHARED, SUCCESS, TIME, VELOCITY_CHANGE, Measure, grid
-from crowdbench.toml_section import Section
-
-MEASURES = {each.metric: each for each in (SUCCESS, TIME, VELOCITY_CHANGE, JERK)}
+from crowdbench.study.measures import LEAST_SHARED, PLANNER_MEASURES, SUCCESS, Measure
+from crowdbench.study.schema import ClaimSpec
+from crowdbench.study.tables import grid
+from crowdbench.toml_file import Location
 
 POINTS = dataclasses.replace(SUCCESS, unit="points")
 REDUCTION = Measure("reduction", "reduction", "%", sign=1, digits=1, scale=100.0)
@@ -28,13 +26,14 @@ ROUNDING = 1e-9
 """An interval must lie clear of a margin by more than this, so that no rounded sum decides."""
 
 NOTES = (
-    "A claim is that a figure exceeds a margin that was fixed before the runs; figures are positive where the "
-    "first planner is the better one. It holds where the figure's 95 % interval lies above the margin, is refuted "
-    "where it lies below, and is undecided otherwise. Figures are paired by case, over the networks that both rows "
-    "have, and their intervals a bootstrap over networks and cases. Success is over all cases, and its interval with "
-    "one more case that only the first solves and one that only the second solves (Bonett and Price 2012): rows that "
-    "fail in the same cases are no certainty. What else is measured is over the cases that both solve, undecided "
-    f"where they are fewer than {LEAST_SHARED}. The claims are not corrected for their number."
+    "A claim says that a figure is larger than a margin, and all margins were fixed before the runs. Figures are "
+    "positive where the first planner is the better one. A claim holds where the 95 % interval of its figure lies "
+    "above the margin, is refuted where the interval lies below it, and is undecided otherwise. Figures are paired by "
+    "case, over the networks that both rows have, and their intervals come from the bootstrap over networks and cases. "
+    "Differences in success are over all cases, and one discordant case (a case that only one of the two planners "
+    "solves) is added to each side before the interval is taken, as in the paired interval of Bonett and Price (2012, "
+    "doi:10.3102/1076998611411915). All other figures are over the cases that both planners solve; with fewer than "
+    f"{LEAST_SHARED} such cases a claim is undecided. The intervals are not corrected for the number of claims."
 )
 
 
@@ -47,8 +46,11 @@ class Verdict(enum.StrEnum):
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A claim with its figure, over `cases` that count and the networks with these `weights`."""
+class Assessment:
+    """A claim, its figure over `cases` cases and the networks with these `weights`, and the verdict.
+
+    The other fields are those of `ClaimSpec`.
+    """
 
     text: str
     source: str
@@ -62,80 +64,76 @@ class Judged:
     figure: Estimate
     verdict: Verdict
 
-    @property
-    def shown(self) -> Measure:
-        """How the figure is written."""
-        if self.kind == "reduction":
-            return REDUCTION
-        return POINTS if self.measure == SUCCESS.metric else MEASURES[self.measure]
-
     def cells(self) -> list[str]:
         """As `claims_grid` shows it."""
-        word = MEASURES[self.measure].word
+        word = PLANNER_MEASURES[self.measure].word
         figure = f"{self.row} against {self.than}: " + (f"reduction of {word}" if self.kind == "reduction" else word)
         return [
             f"{self.text} ({self.source})",
             figure,
-            f"> {self.shown.number(self.bound)}",
-            self.shown.estimate(self.figure),
+            f"> {self._shown.number(self.bound)}",
+            self._shown.estimate(self.figure),
             str(len(self.weights)),
             str(self.cases),
             f"**{self.verdict}**",
         ]
 
+    @property
+    def _shown(self) -> Measure:
+        """How the figure is written."""
+        if self.kind == "reduction":
+            return REDUCTION
+        return POINTS if self.measure == SUCCESS.metric else PLANNER_MEASURES[self.measure]
 
-@dataclass(frozen=True)
-class Claim:
-    """That the row is better than another by more than `bound`, in a measure's unit or as a share of the other's."""
 
-    text: str
-    source: str
-    row: str
-    than: str
-    measure: Measure
-    kind: str
-    bound: float
+def check_claim(claim: ClaimSpec, networks: Mapping[str, Sequence[str]], location: Location) -> None:
+    """Check what a claim says of its table.
 
-    @classmethod
-    def of(cls, section: Section, networks: Mapping[str, Sequence[str]]) -> Claim:
-        """The claim that a file makes about rows with these networks. Raises InputError where it cannot be judged."""
-        labels = tuple(networks)
-        claim = cls(
-            text=section.needed("text"),
-            source=section.needed("source"),
-            row=section.choice("row", "", labels),
-            than=section.choice("than", "", labels),
-            measure=MEASURES[section.choice("measure", "", tuple(MEASURES))],
-            kind=section.choice("kind", "", ("difference", "reduction")),
-            bound=section.number("bound", math.nan, above=-1000.0, below=1000.0),
-        )
-        section.close()
-        if claim.than == claim.row or not set(networks[claim.row]) & set(networks[claim.than]):
-            raise section.wrong("than", f"another row, with networks that {claim.row} has too")
-        if claim.kind == "reduction" and claim.measure.sign > 0:
-            raise section.wrong("kind", f'"difference", since less {claim.measure.word} is no gain')
-        return claim
+    Args:
+        claim: The claim.
+        networks: The networks of each row, by its label.
+        location: Where the claim is.
 
-    def judge(self, rows: Mapping[str, Mapping[str, Episodes]]) -> Judged:
-        """What runs of the same cases say of it: the episodes of each row, by its networks' weights."""
-        one, two = rows[self.row], rows[self.than]
-        weights = [name for name in one if name in two]
-        ours, theirs = ([row[name] for name in weights] for row in (one, two))
-        values = of_all(ours, self.measure), of_all(theirs, self.measure)
-        if self.measure is SUCCESS:
-            cases, figure = values[0].shape[1], _gain_in_success(*values)
-        else:
-            both = (of_all(ours, SUCCESS) * of_all(theirs, SUCCESS)).astype(bool)
-            x, y = (np.where(both, each, np.nan) for each in values)
-            cases = int((~np.isnan(x + y)).any(axis=0).sum())
-            figure = two_level_reduction(x, y) if self.kind == "reduction" else two_level(self.measure.sign * (x - y))
-        return Judged(
-            **{**vars(self), "measure": self.measure.metric},
-            weights=weights,
-            cases=cases,
-            figure=figure,
-            verdict=verdict(figure, self.bound) if cases >= LEAST_SHARED else Verdict.UNDECIDED,
-        )
+    Raises:
+        InputError: A row does not exist, the two have no network in common, or less of the measure is no gain.
+    """
+    for key, label in (("row", claim.row), ("than", claim.than)):
+        if label not in networks:
+            known = ", ".join(f'"{each}"' for each in networks)
+            raise location.at(key).wrong(repr(label), f"one of {known}")
+    if claim.than == claim.row or not set(networks[claim.row]) & set(networks[claim.than]):
+        raise location.at("than").wrong(repr(claim.than), f"another row, with networks that {claim.row} has too")
+    measure = PLANNER_MEASURES[claim.measure]
+    if claim.kind == "reduction" and measure.sign > 0:
+        raise location.at("kind").wrong(repr(claim.kind), f'"difference", since less {measure.word} is no gain')
+
+
+def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Assessment:
+    """What runs say of a claim.
+
+    Args:
+        claim: A claim that `check_claim` has passed.
+        rows: The episodes of each row by its label, and within a row by the weights of its networks; of the same cases.
+    """
+    one, two = rows[claim.row], rows[claim.than]
+    measure = PLANNER_MEASURES[claim.measure]
+    weights = [name for name in one if name in two]
+    ours, theirs = ([row[name] for name in weights] for row in (one, two))
+    values = measure.of(ours), measure.of(theirs)
+    if measure is SUCCESS:
+        cases, figure = values[0].shape[1], _gain_in_success(*values)
+    else:
+        both = (SUCCESS.of(ours) * SUCCESS.of(theirs)).astype(bool)
+        x, y = (np.where(both, each, np.nan) for each in values)
+        cases = int((~np.isnan(x + y)).any(axis=0).sum())
+        figure = two_level_reduction(x, y) if claim.kind == "reduction" else two_level(measure.sign * (x - y))
+    return Assessment(
+        **dict(claim),
+        weights=weights,
+        cases=cases,
+        figure=figure,
+        verdict=verdict(figure, claim.bound) if cases >= LEAST_SHARED else Verdict.UNDECIDED,
+    )
 
 
 def verdict(figure: Estimate, bound: float) -> Verdict:
@@ -145,24 +143,25 @@ def verdict(figure: Estimate, bound: float) -> Verdict:
     return Verdict.REFUTED if figure.high < bound - ROUNDING else Verdict.UNDECIDED
 
 
-def claims_grid(claims: Sequence[Judged]) -> str:
+def claims_grid(claims: Sequence[Assessment]) -> str:
     """The claims in a Markdown table."""
     header = ["claim", "figure", "claimed", "measured", "networks", "cases", "verdict"]
     return grid(header, [claim.cells() for claim in claims])
 
 
-def tally(claims: Sequence[Judged]) -> str:
+def tally(claims: Sequence[Assessment]) -> str:
     """How many claims there are of each verdict, in a sentence."""
     count = Counter(claim.verdict for claim in claims)
     return f"Claims: {', '.join(f'{count[each]} {each}' for each in Verdict)}."
 
 
-def _gain_in_success(ours: Float[np.ndarray, "seed case"], theirs: Float[np.ndarray, "seed case"]) -> Estimate:
-    """The difference, and the interval with two more cases, one won by each.
+def _gain_in_success(ours: Float[np.ndarray, "network case"], theirs: Float[np.ndarray, "network case"]) -> Estimate:
+    """The difference in success, with an interval that has a width even where both succeed in the same cases.
 
-    Without them rows that succeed and fail alike would have an interval of no width, however few the cases. Bonett
-    and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data", J. of
-    Educational and Behavioral Statistics 37 (2012): they add one to both numbers of cases that only one side wins.
+    One discordant case is added to each side, one that only `ours` solves and one that only `theirs` solve, as in
+    Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data",
+    Journal of Educational and Behavioral Statistics 37(4) (2012), 479-488, doi:10.3102/1076998611411915. Theirs is an
+    adjusted Wald interval of one pair of samples; here the cases so completed are resampled with the networks.
     """
     gain = ours - theirs
     won, lost = np.ones((len(gain), 1)), -np.ones((len(gain), 1))

@@ -1,4 +1,4 @@
-"""`[[crowds]]`: planners side by side in every crowd, and which of them a paired test can tell apart."""
+"""`[[crowds]]`: planners side by side in every crowd, and by which measures they differ."""
 
 from __future__ import annotations
 
@@ -13,21 +13,11 @@ from crowdbench.evaluate.compare import mcnemar
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.summary import CONFIDENCE, Estimate, bootstrap, wilson
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.planned import Run
-from crowdbench.study.tables import (
-    DISCOMFORT,
-    GAP,
-    JERK,
-    LEAST_SHARED,
-    PRIVILEGED,
-    SUCCESS,
-    TIME,
-    Filled,
-    Table,
-    grid,
-    marked,
-)
-from crowdbench.toml_section import Section
+from crowdbench.study.measures import DISCOMFORT, GAP, JERK, LEAST_SHARED, SUCCESS, TIME
+from crowdbench.study.planned import PlannedRun
+from crowdbench.study.schema import CrowdsSpec
+from crowdbench.study.tables import PRIVILEGED, FilledTable, PlannedTable, grid, marked
+from crowdbench.toml_file import Location
 
 OVER_SOLVED = (TIME, DISCOMFORT, JERK, GAP)
 """What is measured over solved cases: each planner's own, or those that both of a pair solve."""
@@ -35,18 +25,28 @@ OVER_SOLVED = (TIME, DISCOMFORT, JERK, GAP)
 NOTES = (
     "Success has Wilson's 95 % interval. Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the "
     "smallest of an episode) are means over the cases that the planner itself solves, with 95 % intervals of a "
-    "bootstrap: those of planners that fail often are over easier cases."
+    "bootstrap. A planner that fails often solves the easier cases, which its means are over."
 )
 PAIRED = (
-    "Told apart are pairs that differ in success by McNemar's exact test (p < 0.05), or in a mean over the cases that "
-    f"both solve by a paired bootstrap (its 95 % interval excludes 0; at least {LEAST_SHARED} such cases). + means "
-    "that the planner of the row is better, - that it is worse, none that no test tells the two apart."
+    "The second table of a crowd says in which measures the planner of the row is significantly better or worse than "
+    "the planner of the column: in success by McNemar's exact test (p < 0.05), in the other measures by a paired "
+    "bootstrap of the mean difference over the cases that both solve (its 95 % interval excludes 0, and there are at "
+    f"least {LEAST_SHARED} such cases)."
 )
 
 
 @dataclass(frozen=True)
-class Entrant:
-    """A planner in a crowd; what is measured `over_solved` is over the cases that it solves."""
+class CrowdRow:
+    """A planner in a crowd.
+
+    Attributes:
+        planner: Its name.
+        privileged: Whether it sees what no vehicle could.
+        success_rate: Share of the cases that it solves.
+        collision_rate: Share of the cases in which it collides.
+        timeout_rate: Share of the cases in which its time runs out.
+        over_solved: The measures of `OVER_SOLVED` by metric, over the cases that it solves.
+    """
 
     planner: str
     privileged: bool
@@ -56,7 +56,7 @@ class Entrant:
     over_solved: dict[str, Estimate]
 
     @classmethod
-    def of(cls, run: Run, episodes: Episodes) -> Entrant:
+    def of(cls, run: PlannedRun, episodes: Episodes) -> CrowdRow:
         """Measured on one run."""
         success = episodes.columns[SUCCESS.metric]
         solved = episodes.take(np.flatnonzero(success))
@@ -85,9 +85,15 @@ class Entrant:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two planners case by case. `better` names the better one in every metric that tells them apart.
+    """Two planners, compared case by case.
 
-    `p` is McNemar's, of their success; `differences` are `second` minus `first`, over the `both_solved` cases.
+    Attributes:
+        first: The name of one.
+        second: The name of the other.
+        both_solved: The number of cases that both solve.
+        p: McNemar's p-value of their success.
+        differences: `second` minus `first` by metric, over the cases that both solve.
+        better: The name of the better one, by every metric in which they differ significantly.
     """
 
     first: str
@@ -116,11 +122,13 @@ class Pair:
         return cls(*names, int(both.sum()), p, differences, better)
 
     def cell(self) -> str:
-        """In which measures the second, whose row it is, is better (+) or worse (-)."""
-        signs = {metric: "+" if name == self.second else "-" for metric, name in self.better.items()}
-        told = [f"{each.word} {signs[each.metric]}" for each in (SUCCESS, *OVER_SOLVED) if each.metric in signs]
+        """In which measures `second`, whose row it is, is better or worse than `first`."""
+        measures = [each for each in (SUCCESS, *OVER_SOLVED) if each.metric in self.better]
+        better = [each.word for each in measures if self.better[each.metric] == self.second]
+        worse = [each.word for each in measures if self.better[each.metric] == self.first]
+        said = [f"{how}: {', '.join(words)}" for how, words in (("better", better), ("worse", worse)) if words]
         few = f" ({self.both_solved} solved by both)" if self.both_solved < LEAST_SHARED else ""
-        return (", ".join(told) or "none") + few
+        return ("; ".join(said) or "no significant difference") + few
 
 
 @dataclass(frozen=True)
@@ -128,94 +136,95 @@ class FilledCrowd:
     """All planners in one crowd, and all pairs of them."""
 
     scenario: str
-    planners: list[Entrant]
+    planners: list[CrowdRow]
     pairs: list[Pair]
 
     @classmethod
-    def of(cls, runs: list[Run], out: Path) -> FilledCrowd:
-        """Measured on runs of one scenario in `out`."""
+    def of(cls, runs: list[PlannedRun], out: Path) -> FilledCrowd:
+        """Measured on runs of one scenario in the folder `out`."""
         found = [(run.planner, run.episodes(out)) for run in runs]
-        planners = [Entrant.of(run, episodes) for run, (_, episodes) in zip(runs, found, strict=True)]
+        planners = [CrowdRow.of(run, episodes) for run, (_, episodes) in zip(runs, found, strict=True)]
         pairs = [Pair.of((a, b), one, two) for (a, one), (b, two) in itertools.combinations(found, 2)]
         return cls(runs[0].scenario.name, planners, pairs)
 
     def markdown(self) -> str:
-        """Its two tables under its heading: what was measured, and who is told apart."""
+        """Its two tables under its heading: what was measured, and in what each pair differs."""
         header = ["planner", "success", "collision", "time-out", *(each.word for each in OVER_SOLVED)]
-        tables = [grid(header, [entrant.cells() for entrant in self.planners])]
+        tables = [grid(header, [row.cells() for row in self.planners])]
         if self.pairs:
             tables.append(self._matrix())
         return "\n\n".join([f"### {self.scenario}", *tables])
 
     def _matrix(self) -> str:
-        names = [entrant.name for entrant in self.planners]
+        names = [row.name for row in self.planners]
         cells = {(pair.second, pair.first): pair.cell() for pair in self.pairs}
         rows = [
             [row.name] + [cells.get((row.planner, column.planner), "") for column in self.planners[:-1]]
             for row in self.planners[1:]
         ]
-        return grid(["told apart from", *names[:-1]], rows)
+        return grid(["significantly better or worse than", *names[:-1]], rows)
 
 
 @dataclass(frozen=True)
-class FilledCrowds(Filled):
-    """The tables with their numbers."""
+class FilledCrowdsTable(FilledTable):
+    """All crowds with their figures."""
 
     title: str
     cases: str
     crowds: list[FilledCrowd]
 
     def markdown(self) -> str:
-        """See `Filled`."""
-        tests = len(self.crowds[0].pairs) * (1 + len(OVER_SOLVED))
-        notes = [f"Cases {self.cases}. {NOTES}"]
-        if tests:
+        """See `FilledTable`."""
+        return "\n\n".join([f"## {self.title}", f"Cases {self.cases}.", *(crowd.markdown() for crowd in self.crowds)])
+
+    def notes(self) -> list[str]:
+        """See `FilledTable`."""
+        notes = [NOTES]
+        if tests := len(self.crowds[0].pairs) * (1 + len(OVER_SOLVED)):
             notes.append(
-                f"{PAIRED} The {tests} tests in a crowd are not corrected for their number: of tests between planners "
-                "that do not differ, one in twenty tells them apart."
+                f"{PAIRED} The {tests} tests in a crowd are not corrected for their number: between planners that do "
+                "not differ, about one test in twenty finds a difference."
             )
-        if any(entrant.privileged for crowd in self.crowds for entrant in crowd.planners):
+        if any(row.privileged for crowd in self.crowds for row in crowd.planners):
             notes.append(PRIVILEGED)
-        return "\n\n".join([f"## {self.title}", *(crowd.markdown() for crowd in self.crowds), *notes])
+        return notes
 
 
 @dataclass(frozen=True)
-class Crowds(Table):
+class CrowdsTable(PlannedTable):
     """Planners in crowds, the same cases for all; `by_scenario` has the runs of each scenario in a list."""
 
     title: str
     cases: Cases
-    by_scenario: list[list[Run]]
+    by_scenario: list[list[PlannedRun]]
 
     @classmethod
-    def of(cls, section: Section) -> Crowds:
-        """The table that a file describes. Raises InputError where something in it is wrong."""
-        title, planners, scenarios = section.needed("title"), section.texts("planners"), _scenarios(section)
-        wanted = section.text("cases", "test:500")
-        section.close()
-        with section.blamed():
-            cases = Cases.parse(wanted)
-            by_scenario = [[Run.of(planner, {}, scenario, cases) for planner in planners] for scenario in scenarios]
-        if len({run.planner for run in by_scenario[0]}) < len(planners):
-            raise section.wrong("planners", "planners of different names")
-        return cls(title, cases, by_scenario)
+    def of(cls, spec: CrowdsSpec, location: Location) -> CrowdsTable:
+        """Plan the runs of a table.
+
+        Args:
+            spec: What the file says of the table.
+            location: Where in the file.
+
+        Raises:
+            InputError: A planner or a scenario does not exist, or two planners have the same name.
+        """
+        scenarios = [name for name, _ in catalog.scenarios()] if spec.scenarios == "all" else spec.scenarios
+        with location.named():
+            by_scenario = [
+                [PlannedRun.of(planner, {}, scenario, spec.cases) for planner in spec.planners]
+                for scenario in scenarios
+            ]
+        if len({run.planner for run in by_scenario[0]}) < len(spec.planners):
+            raise location.at("planners").wrong(repr(spec.planners), "planners of different names")
+        return cls(spec.title, spec.cases, by_scenario)
 
     @property
-    def runs(self) -> list[Run]:
-        """See `Table`."""
+    def runs(self) -> list[PlannedRun]:
+        """See `PlannedTable`."""
         return [run for runs in self.by_scenario for run in runs]
 
-    def fill(self, out: Path) -> FilledCrowds:
-        """See `Table`."""
+    def fill(self, out: Path) -> FilledCrowdsTable:
+        """See `PlannedTable`."""
         crowds = [FilledCrowd.of(runs, out) for runs in self.by_scenario]
-        return FilledCrowds(self.title, str(self.cases), crowds)
-
-
-def _scenarios(section: Section) -> list[str]:
-    """A list of scenarios; "all" stands for all built-in ones."""
-    given = section.read("scenarios", None)
-    if given == "all":
-        return [name for name, _ in catalog.scenarios()]
-    if isinstance(given, str):
-        raise section.wrong("scenarios", '"all" or a list of scenarios')
-    return section.texts("scenarios")
+        return FilledCrowdsTable(self.title, str(self.cases), crowds)

@@ -24,7 +24,7 @@ _APART = tuple(_PACKAGE / name for name in ("agents", "bench", "cli", "envs", "s
 
 
 @dataclass(frozen=True)
-class Run:
+class PlannedRun:
     """One run that a study needs: its planner and scenario exist, its directory perhaps not yet."""
 
     driver: Driver
@@ -43,7 +43,7 @@ class Run:
         *,
         overrides: Mapping[str, Any] | None = None,
         replan_every: int = 1,
-    ) -> Run:
+    ) -> PlannedRun:
         """From what one would give to `crowdbench run`. Raises InputError where the planner or scenario is wrong."""
         name, made = catalog.load_planner(planner, options)
         place = catalog.load_scenario(scenario, overrides)
@@ -120,7 +120,7 @@ class Run:
         return Episodes.read(out / self.directory / EPISODES)
 
 
-def missing(wanted: Iterable[Run], out: Path) -> list[Run]:
+def missing(wanted: Iterable[PlannedRun], out: Path) -> list[PlannedRun]:
     """Those that `out` lacks, each once."""
     each = {run.directory: run for run in wanted}
     return [run for run in each.values() if not run.is_in(out)]

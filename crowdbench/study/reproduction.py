@@ -1,4 +1,4 @@
-"""The tables of the paper and more, as `reproduce.toml` describes them, in full or for a quick look."""
+"""The tables of Li et al. (2020) and more, as `reproduce.toml` describes them, in full or for a quick look."""
 
 from __future__ import annotations
 
@@ -7,35 +7,46 @@ from pathlib import Path
 
 from crowdbench.study.claims import tally
 from crowdbench.study.file import read_study
-from crowdbench.study.measured import FilledMeasured, Measured, notes
+from crowdbench.study.filled_planner_table import FilledPlannerTable
+from crowdbench.study.planner_table import PlannerTable
+from crowdbench.study.tables import page
 
 FILE = Path(__file__).with_name("reproduce.toml")
 
+REPORTED = (
+    'Reported figures are those of Li et al. (2020), "Socially Aware Crowd Navigation with Multimodal Pedestrian '
+    'Trajectory Prediction for Autonomous Vehicles", arXiv:2011.11191.'
+)
 QUICK = (
-    "A quick look: the first network of each row alone, on few cases. Intervals are wide, and many a claim stays "
+    "A quick look: the first network of each row alone, on few cases. Intervals are wide, and many claims stay "
     "undecided that the full command decides."
 )
 
 
-def tables(number: int | None, quick: bool) -> list[Measured]:
-    """All tables of `FILE`, or the one of that number, counted from 1; for a `quick` look, or in full.
+def tables(number: int | None, quick: bool) -> list[PlannerTable]:
+    """The tables of `FILE`.
 
-    Raises InputError like `read_study`.
+    Args:
+        number: Of the one table that is wanted, counted from 1; None for all.
+        quick: Whether they are for a quick look.
+
+    Raises:
+        InputError: As `read_study` does.
     """
-    found = [table for table in read_study(FILE).tables if isinstance(table, Measured)]
+    found = [table for table in read_study(FILE).tables if isinstance(table, PlannerTable)]
     chosen = found if number is None else [found[number - 1]]
-    return [table.quickly() for table in chosen] if quick else chosen
+    return [table.quick_look() for table in chosen] if quick else chosen
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was found."""
+    """The tables with their figures."""
 
     quick: bool
-    tables: list[FilledMeasured]
+    tables: list[FilledPlannerTable]
 
     def markdown(self) -> str:
-        """All tables, and how the claims fared."""
+        """All tables, and how many claims hold."""
         claims = [claim for table in self.tables for claim in table.claims]
         head = [QUICK] if self.quick else []
-        return "\n\n".join([*head, *(table.grids() for table in self.tables), *notes(self.tables), tally(claims)])
+        return "\n\n".join([*head, REPORTED, page(self.tables), tally(claims)])

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
 from crowdbench.geometry import norm
+from crowdbench.numbers import is_integer, is_number
 from crowdbench.planners.lookahead.one_step import Scene
-from crowdbench.toml_section import is_integer, is_number
 from crowdbench.types import DISCOMFORT_GAP, Outcome
 
 ROUNDING = 1e-9

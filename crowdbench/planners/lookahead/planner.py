@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
 from crowdbench.geometry import norm
+from crowdbench.numbers import is_integer
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.aggregate import MEAN, Aggregate, mean_future
@@ -19,7 +20,6 @@ from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.planners.lookahead.one_step import Scene, scene_of, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.reward import discount, reward
-from crowdbench.toml_section import is_integer
 from crowdbench.types import Observation, Outcome
 from crowdbench.value.networks import ValueNetwork
 from crowdbench.weights.store import digest

@@ -9,7 +9,7 @@ from crowdbench.study.bootstrap import two_level, two_level_reduction
 from crowdbench.study.tables import plain
 
 
-def test_the_bootstrap_draws_seeds_and_then_cases_for_all_seeds_alike():
+def test_the_bootstrap_draws_networks_and_then_cases_for_all_networks_alike():
     values = np.random.default_rng(7).normal(size=(4, 9))
     values[values > 1.0] = np.nan
     values[2] = np.nan
@@ -25,9 +25,9 @@ def test_the_bootstrap_draws_seeds_and_then_cases_for_all_seeds_alike():
     rng = np.random.default_rng(0)
     resampled = []
     for _ in range(RESAMPLES):
-        seeds = rng.integers(4, size=4)
+        networks = rng.integers(4, size=4)
         cases = rng.integers(9, size=9)
-        resampled.append(mean_of_means([[values[seed, case] for case in cases] for seed in seeds]))
+        resampled.append(mean_of_means([[values[network, case] for case in cases] for network in networks]))
     assert None in resampled
     expected = interval(np.array([value for value in resampled if value is not None]))
     found = two_level(values)
@@ -37,14 +37,14 @@ def test_the_bootstrap_draws_seeds_and_then_cases_for_all_seeds_alike():
     assert found.max == np.nanmax(values)
 
 
-def test_the_bootstrap_is_as_wide_as_the_seeds_differ():
+def test_the_bootstrap_is_as_wide_as_the_networks_differ():
     values = np.repeat([[0.0], [0.5], [1.0]], 50, axis=1)
     every_draw = [np.mean(draw) for draw in itertools.product([0.0, 0.5, 1.0], repeat=3)]
     found = two_level(values)
     assert (found.low, found.high) == interval(np.tile(every_draw, 100)) == (0.0, 1.0)
 
 
-def test_seeds_that_fail_in_the_same_cases_are_no_further_evidence():
+def test_networks_that_fail_in_the_same_cases_are_no_further_evidence():
     one = np.random.default_rng(3).random(200) < 0.8
     alone = bootstrap(one.astype(float), np.ones(200))
     together = two_level(np.tile(one.astype(float), (5, 1)))
@@ -64,14 +64,14 @@ def test_a_reduction_is_of_means_over_the_cases_that_both_have_resampled_togethe
     ours, theirs = rng.uniform(1.0, 2.0, size=(2, 3, 8))
     ours[0, :5], theirs[1, 4:], theirs[2] = np.nan, np.nan, np.nan
 
-    def reduction(seeds, cases):
+    def reduction(networks, cases):
         means = []
         for values in (ours, theirs):
-            by_seed = [[values[s, c] for c in cases if not math.isnan(ours[s, c] + theirs[s, c])] for s in seeds]
-            by_seed = [sum(row) / len(row) for row in by_seed if row]
-            if not by_seed:
+            by_network = [[values[s, c] for c in cases if not math.isnan(ours[s, c] + theirs[s, c])] for s in networks]
+            by_network = [sum(row) / len(row) for row in by_network if row]
+            if not by_network:
                 return None
-            means.append(sum(by_seed) / len(by_seed))
+            means.append(sum(by_network) / len(by_network))
         return 1.0 - means[0] / means[1]
 
     rng = np.random.default_rng(0)

@@ -1,0 +1,180 @@
+"""`[[tables]]`: planners on the same cases, each with one network or several, beside what others report of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crowdbench.evaluate.results import Episodes, planner_label
+from crowdbench.evaluate.summary import Estimate, wilson
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.bootstrap import two_level
+from crowdbench.study.claims import assess, check_claim
+from crowdbench.study.filled_planner_table import FilledPlannerRow, FilledPlannerTable, FirstNetwork
+from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, TIME, Measure
+from crowdbench.study.planned import PlannedRun
+from crowdbench.study.schema import PlannersSpec, RowSpec
+from crowdbench.study.tables import PlannedTable
+from crowdbench.toml_file import Location
+
+
+@dataclass(frozen=True)
+class PlannerRow:
+    """A planner, and the runs of its row.
+
+    Attributes:
+        label: What the table calls the planner.
+        weights: The weights of its networks; none for a planner without a choice of them.
+        reported: What others report, by metric.
+        runs: A run with each of the weights, or the one run without any.
+        variant: Runs under the table's variant, with all the weights or the first; none where there is no variant.
+        validation: The run with the first weights on the validation cases, if the table has these.
+    """
+
+    label: str
+    weights: list[str]
+    reported: dict[str, float]
+    runs: list[PlannedRun]
+    variant: list[PlannedRun]
+    validation: PlannedRun | None
+
+    @property
+    def networks(self) -> list[str]:
+        """What tells `runs` apart: the weights, or nothing where there is one run without any."""
+        return self.weights or [""]
+
+    @property
+    def all_runs(self) -> list[PlannedRun]:
+        """All runs that the row needs."""
+        return [*self.runs, *self.variant, *([self.validation] if self.validation else [])]
+
+    def first(self, cases: Cases) -> PlannerRow:
+        """The first network alone, on other cases."""
+        run, *variant = (dataclasses.replace(run, cases=cases) for run in (self.runs[0], *self.variant[:1]))
+        return PlannerRow(self.label, self.weights[:1], self.reported, [run], variant, None)
+
+    def episodes(self, out: Path) -> dict[str, Episodes]:
+        """What `runs` left in the folder `out`, by their networks."""
+        return {name: run.episodes(out) for name, run in zip(self.networks, self.runs, strict=True)}
+
+    def fill(self, episodes: Mapping[str, Episodes], measures: Sequence[str], out: Path) -> FilledPlannerRow:
+        """The row with its figures.
+
+        Args:
+            episodes: What `episodes` gives.
+            measures: Metrics of `PLANNER_MEASURES` to show.
+            out: The folder that holds the runs.
+        """
+        runs = list(episodes.values())
+        variant = [run.episodes(out) for run in self.variant]
+        return FilledPlannerRow(
+            planner=self.label,
+            privileged=self.runs[0].privileged,
+            weights=self.weights,
+            reported=self.reported,
+            measured={metric: _estimate(PLANNER_MEASURES[metric], runs) for metric in measures},
+            success_rates=SUCCESS.of(runs).mean(axis=1).tolist(),
+            variant_success_rate=_estimate(SUCCESS, variant) if variant else None,
+            first_network=self._first_network(runs[0], out),
+        )
+
+    def _first_network(self, episodes: Episodes, out: Path) -> FirstNetwork | None:
+        if self.validation is None:
+            return None
+        of_both = ([self.validation.episodes(out)], [episodes])
+        validation, cases = ({each.metric: _estimate(each, run) for each in (SUCCESS, TIME)} for run in of_both)
+        return FirstNetwork(validation, cases)
+
+
+@dataclass(frozen=True)
+class PlannerTable(PlannedTable):
+    """Planners on `cases`, which are those of the file, or those for a quick look."""
+
+    spec: PlannersSpec
+    cases: Cases
+    rows: list[PlannerRow]
+
+    @classmethod
+    def of(cls, spec: PlannersSpec, location: Location) -> PlannerTable:
+        """Plan the runs of a table.
+
+        Args:
+            spec: What the file says of the table.
+            location: Where in the file.
+
+        Raises:
+            InputError: A planner, its weights or the scenario do not exist, two rows have the same label, or a claim is
+                about no two rows that can be compared.
+        """
+        rows = [_row(row, spec, location.at("rows", i)) for i, row in enumerate(spec.rows)]
+        networks = {row.label: row.networks for row in rows}
+        if len(networks) < len(rows):
+            raise location.at("rows").wrong(", ".join(row.label for row in rows), "rows of different labels")
+        for i, claim in enumerate(spec.claims):
+            check_claim(claim, networks, location.at("claims", i))
+        return cls(spec, spec.cases, rows)
+
+    @property
+    def runs(self) -> list[PlannedRun]:
+        """See `PlannedTable`."""
+        return [run for row in self.rows for run in row.all_runs]
+
+    def quick_look(self) -> PlannerTable:
+        """The same table with the first network of each row alone, on the few cases for a quick look."""
+        return PlannerTable(self.spec, self.spec.quick, [row.first(self.spec.quick) for row in self.rows])
+
+    def fill(self, out: Path) -> FilledPlannerTable:
+        """See `PlannedTable`."""
+        episodes = {row.label: row.episodes(out) for row in self.rows}
+        run, variant = self.rows[0].runs[0], self.spec.variant
+        of_first = " (first network)" if variant and variant.networks == "first" else ""
+        return FilledPlannerTable(
+            title=self.spec.title,
+            scenario=run.scenario.name,
+            replan_every=run.replan_every,
+            cases=str(self.cases),
+            validation=str(self.spec.validation) if self.rows[0].validation else "",
+            variant=variant.title + of_first if variant else "",
+            rows=[row.fill(episodes[row.label], self.spec.measures, out) for row in self.rows],
+            claims=[assess(claim, episodes) for claim in self.spec.claims],
+        )
+
+
+def _row(row: RowSpec, spec: PlannersSpec, location: Location) -> PlannerRow:
+    if "weights" in row.options:
+        raise location.at("options").wrong(repr(row.options), "without weights: they have a key of their own")
+    plan = functools.partial(_runs, row, spec)
+    with location.named():
+        runs = plan(row.weights, spec.cases)
+        variant: list[PlannedRun] = []
+        if spec.variant:
+            weights = row.weights if spec.variant.networks == "all" else row.weights[:1]
+            variant = plan(weights, spec.cases, spec.variant.overrides)
+        validation = plan(row.weights[:1], spec.validation)[0] if spec.validation else None
+    label = row.label or planner_label(runs[0].planner, row.options)
+    return PlannerRow(label, row.weights, row.reported.model_dump(exclude_none=True), runs, variant, validation)
+
+
+def _runs(
+    row: RowSpec, spec: PlannersSpec, weights: Sequence[str], cases: Cases, overrides: Mapping[str, Any] | None = None
+) -> list[PlannedRun]:
+    """A run with each of the weights, or one where there are none to choose from."""
+    each = [{**row.options, "weights": name} for name in weights] or [row.options]
+    return [
+        PlannedRun.of(row.planner, options, spec.scenario, cases, overrides=overrides, replan_every=spec.replan_every)
+        for options in each
+    ]
+
+
+def _estimate(measure: Measure, runs: Sequence[Episodes]) -> Estimate:
+    """A measure over several networks; all but success is over the cases that are solved."""
+    solved = SUCCESS.of(runs).astype(bool)
+    if measure is not SUCCESS:
+        return two_level(np.where(solved, measure.of(runs), np.nan))
+    return wilson(solved[0]) if len(solved) == 1 else two_level(SUCCESS.of(runs))

@@ -1,0 +1,110 @@
+"""What a study's TOML file may hold: its tables, their keys, and the default of each key.
+
+Planners, options, scenarios and overrides are what one would give to `crowdbench run`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf
+
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.measures import PLANNER_MEASURES
+from crowdbench.toml_file import Name, Names, Text, TomlTable, Values, choice, integer, number, table
+
+
+def _cases(value: Any) -> Any:
+    return Cases.parse(value) if isinstance(value, str) else value
+
+
+def _known(measures: list[str]) -> list[str]:
+    if not set(measures) <= set(PLANNER_MEASURES):
+        raise ValueError
+    return measures
+
+
+CasesText = Annotated[
+    InstanceOf[Cases], BeforeValidator(_cases), Field(description='a text in quotes, such as "test:500"')
+]
+
+
+class ReportedSpec(TomlTable):
+    """`reported`: what somebody else measured, by metric, in the metrics' own units."""
+
+    success_rate: float | None = number(None, least=0.0, below=1000.0)
+    navigation_time: float | None = number(None, least=0.0, below=1000.0)
+    max_velocity_change: float | None = number(None, least=0.0, below=1000.0)
+    jerk: float | None = number(None, least=0.0, below=1000.0)
+
+
+class RowSpec(TomlTable):
+    """`[[tables.rows]]`: a planner, with each of several networks or without any, and what the table calls it."""
+
+    label: Text = ""
+    planner: Name
+    weights: Names = Field(default=[])
+    options: Values = Field(default={})
+    reported: ReportedSpec = table("reported")
+
+
+class VariantSpec(TomlTable):
+    """`variant`: the same runs under another rule of the scenario, with all networks of a row or its first."""
+
+    title: Name
+    overrides: Values = Field(default={})
+    networks: str = choice(("all", "first"), default="all")
+
+
+class ClaimSpec(TomlTable):
+    """`[[tables.claims]]`: that a row is better than another one by more than `bound`.
+
+    The bound is in the measure's own unit for a difference, and a share of the other row's mean for a reduction.
+    """
+
+    text: Name
+    source: Name
+    row: Name
+    than: Name
+    measure: str = choice(PLANNER_MEASURES)
+    kind: str = choice(("difference", "reduction"))
+    bound: float = number(above=-1000.0, below=1000.0)
+
+
+class PlannersSpec(TomlTable):
+    """`[[tables]]`: planners on the cases of one scenario, and claims about them.
+
+    `quick` are the cases for a quick look. Where `validation` cases are given, the table shows each network alone, and
+    the first one of each row on those cases too.
+    """
+
+    title: Name
+    scenario: Name
+    replan_every: int = integer(1, least=1, most=1000)
+    cases: CasesText = Cases.parse("test:500")
+    quick: CasesText = Cases.parse("test:40")
+    validation: CasesText | None = None
+    measures: Annotated[Names, AfterValidator(_known)] = Field(
+        default=list(PLANNER_MEASURES),
+        description=f"a list of some of {', '.join(PLANNER_MEASURES)}, none of them twice",
+    )
+    variant: VariantSpec | None = Field(default=None, description="a table with a title and overrides")
+    rows: list[RowSpec] = Field(min_length=1, description="one table or more")
+    claims: list[ClaimSpec] = Field(default=[], description="a list of tables")
+
+
+class CrowdsSpec(TomlTable):
+    """`[[crowds]]`: planners in the crowds of several scenarios; "all" stands for all built-in scenarios."""
+
+    title: Name
+    planners: Names
+    scenarios: Annotated[str, Field(pattern="^all$")] | Names = Field(description='"all" or a list of scenarios')
+    cases: CasesText = Cases.parse("test:500")
+
+
+class StudySpec(TomlTable):
+    """The whole file."""
+
+    description: Text = ""
+    tables: list[PlannersSpec] = Field(default=[], description="a list of tables [[tables]]")
+    crowds: list[CrowdsSpec] = Field(default=[], description="a list of tables [[crowds]]")

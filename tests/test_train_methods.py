@@ -1,0 +1,126 @@
+import dataclasses
+import shlex
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import pytest
+from typer.testing import CliRunner
+
+from crowdbench import InputError
+from crowdbench.cli import app, train
+from crowdbench.predict.social_gan import NAME
+from crowdbench.train import training_run
+from crowdbench.train.method import option
+from crowdbench.train.methods import METHODS, check_options, own_options
+from crowdbench.train.social_gan_request import SocialGANRequest
+from crowdbench.train.value_request import ValueRequest
+from crowdbench.value.networks import NETWORKS
+
+
+def test_every_network_has_a_method():
+    assert set(METHODS) == {*NETWORKS, NAME}
+
+
+def test_a_network_that_does_not_exist_is_refused():
+    with pytest.raises(InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, sarl, sgan"):
+        check_options("mlp", {})
+
+
+@pytest.mark.parametrize(
+    ("network", "options", "message"),
+    [
+        ("cadrl", {"held_out": "eth"}, "--held-out is not for cadrl, only for sgan"),
+        ("sarl", {"pooling": True}, "--pooling is not for sarl, only for sgan"),
+        ("sgan", {"episodes": 9}, "--episodes is not for sgan, only for cadrl, lstm_rl and sarl"),
+        ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both say how long to train"),
+        ("sgan", {"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
+        ("sgan", {"data": "eth_ucy", "scenario": "circle_crossing_5"}, "--data and --scenario both say what to learn"),
+        ("sgan", {"data": "eth_ucy", "overrides": {"seed": 1}}, "--data and --scenario both say what to learn"),
+        ("sgan", {"dt": 0.25}, "--held-out and --dt are for recorded tracks: give them with --data"),
+    ],
+)
+def test_options_that_contradict_each_other_or_the_network_are_refused(network, options, message):
+    with pytest.raises(InputError, match=message):
+        check_options(network, options)
+
+
+@pytest.mark.parametrize(
+    ("network", "options"),
+    [
+        ("cadrl", {"predictor": "linear", "episodes": 9, "scenario": "circle_crossing_5"}),
+        ("sgan", {"data": "eth_ucy", "held_out": "eth", "dt": 0.25, "pooling": True, "minutes": 1.0}),
+        ("sgan", {"scenario": "circle_crossing_5", "overrides": {"seed": 1}}),
+    ],
+)
+def test_options_that_go_together_are_accepted(network, options):
+    check_options(network, options)
+
+
+REQUESTS = [
+    ValueRequest(network="lstm_rl"),
+    ValueRequest(
+        network="cadrl",
+        scenario="circle_crossing_5",
+        overrides={"vehicle.visible": True, "pedestrians.number": [1, 3], "pedestrians.policy": "orca"},
+        predictor="linear",
+        seed=3,
+        minutes=0.5,
+    ),
+    ValueRequest(network="sarl", episodes=2_000_000),
+    SocialGANRequest(network="sgan", scenario="circle_crossing_5", pooling=True, epochs=3),
+    SocialGANRequest(network="sgan", data="eth_ucy", held_out="eth", dt=0.25, seed=1, minutes=20.0),
+    SocialGANRequest(network="sgan", data="eth_ucy"),
+]
+
+
+@pytest.fixture
+def asked(monkeypatch, tmp_path):
+    """Gives the requests that the command line makes of a command, without training."""
+    found = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(training_run.TrainingRun, "new", lambda request, directory, device: found.append(request))
+    monkeypatch.setattr(train, "_run", lambda running: None)
+
+    def ask(command):
+        CliRunner().invoke(app, shlex.split(command)[1:], catch_exceptions=False)
+        return found
+
+    return ask
+
+
+@pytest.mark.parametrize("request_", REQUESTS, ids=lambda request: request.command)
+def test_the_command_on_a_card_asks_for_the_same_training(request_, asked):
+    assert asked(request_.command) == [request_]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Third(ValueRequest):
+    """A method with an option of its own and one that it shares."""
+
+    steps: int = option(100, "Train for this many steps", least=1)
+
+    length: ClassVar[str] = "steps"
+
+    @classmethod
+    def check(cls, options: Mapping[str, Any]) -> None:
+        if "episodes" in options and "predictor" in options:
+            raise InputError("--episodes and --predictor exclude each other")
+
+
+def test_a_third_method_is_one_line_of_the_table(monkeypatch):
+    monkeypatch.setitem(METHODS, "third", Third)
+    assert own_options()["steps"][1] == ["third"]
+    assert own_options()["episodes"][1] == ["cadrl", "lstm_rl", "sarl", "third"]
+    steps = train._signature().parameters["steps"]
+    assert "Train for this many steps" in repr(steps.annotation.__metadata__[0].help)
+    for network, options, message in [
+        ("sgan", {"steps": 5}, "--steps is not for sgan, only for third"),
+        ("sarl", {"steps": 5}, "--steps is not for sarl, only for third"),
+        ("third", {"epochs": 5}, "--epochs is not for third, only for sgan"),
+        ("third", {"steps": 5, "minutes": 1.0}, "--minutes and --steps both say how long to train"),
+        ("third", {"episodes": 5, "predictor": "linear"}, "--episodes and --predictor exclude each other"),
+        ("mlp", {}, "there are cadrl, lstm_rl, sarl, sgan, third"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            check_options(network, options)
+    assert Third(network="third", steps=7).command.endswith("--seed 0 --steps 7")
