@@ -11,10 +11,11 @@ import torch
 from rich.console import Console
 from safetensors.torch import save_file
 
-from crowdbench.bench import CROWDNAV, NAVGROUND, Row, Way, Ways, commands, futures, learned, simulator, timing
-from crowdbench.bench.measure import measurements
+from crowdbench.bench import commands, decisions, simulator, speed_ups, timing, training
+from crowdbench.bench.measurement import Measurement, Variant, VariantComparison
+from crowdbench.bench.suite import SUITE
 from crowdbench.catalog import load_scenario
-from crowdbench.cli.tables import bench_table, ways_table
+from crowdbench.cli.tables import bench_table, variants_table
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.rollout import rollout
@@ -63,7 +64,8 @@ class Course(Planner):
 def take_seconds(monkeypatch, *seconds):
     """Let works take these seconds, one after the other, without doing them."""
     times = iter(seconds)
-    monkeypatch.setattr(learned, "seconds", lambda work: next(times))
+    for module in (decisions, training):
+        monkeypatch.setattr(module, "seconds", lambda work: next(times))
 
 
 @pytest.fixture
@@ -75,62 +77,64 @@ def short_training(monkeypatch):
 
 def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
     monkeypatch.setattr(simulator, "ROUNDS", 1)
-    monkeypatch.setattr(simulator.importlib.util, "find_spec", lambda name: None)
-    works = (simulator.one_world_rows, simulator.many_worlds_row, simulator.whole_step_row, simulator.environment_row)
-    rows = [row for work in works for row in work()]
-    assert len(rows) == 5
-    assert all(row.ours > 0 and row.unit == "us" for row in rows)
-    assert all(row.theirs is None for row in rows)
+    works = (
+        simulator.measure_one_world,
+        simulator.measure_many_worlds,
+        simulator.measure_whole_step,
+        simulator.measure_environment,
+    )
+    measured = [one for work in works for one in work()]
+    assert len(measured) == 5
+    assert all(one.value > 0 and one.unit == "us" for one in measured)
 
 
 def test_decisions_stand_beside_what_was_recorded_of_crowdnav():
-    rows = [*learned.batched_rows(worlds=3, rounds=1), *learned.single_rows(decisions=2)]
-    assert [row.theirs for row in rows] == [37.0, 67.0, 37.0, 67.0]
-    assert {row.whose for row in rows} == {CROWDNAV}
-    assert all(row.ours > 0 and row.unit == "ms" for row in rows)
+    measured = [*decisions.measure_sarl_batch(worlds=3, rounds=1), *decisions.measure_sarl_single(decisions=2)]
+    assert [one.crowdnav for one in measured] == [37.0, 67.0, 37.0, 67.0]
+    assert all(one.value > 0 and one.unit == "ms" for one in measured)
 
 
 def test_a_batch_is_counted_per_world(monkeypatch):
-    monkeypatch.setattr(learned, "seconds", lambda work: 1.5)
-    assert [row.ours for row in learned.batched_rows(worlds=3, rounds=1)] == [500.0, 500.0]
-    assert [row.ours for row in learned.single_rows(decisions=2)] == [1500.0, 1500.0]
+    monkeypatch.setattr(decisions, "seconds", lambda work: 1.5)
+    assert [one.value for one in decisions.measure_sarl_batch(worlds=3, rounds=1)] == [500.0, 500.0]
+    assert [one.value for one in decisions.measure_sarl_single(decisions=2)] == [1500.0, 1500.0]
 
 
 @pytest.mark.parametrize("pedestrians", [5, 10])
 def test_the_operations_of_a_decision_are_those_of_its_layers(pedestrians):
     states = 3 * 81
     by_hand = 2 * states * (pedestrians * SARL_PER_PEDESTRIAN + SARL_PER_STATE)
-    assert learned.operations(learned.decision(pedestrians, 3)) == by_hand
+    assert decisions.operations(decisions.sarl_decision(pedestrians, 3)) == by_hand
 
 
 def test_the_share_of_the_limit_is_of_operations_per_second(monkeypatch):
     take_seconds(monkeypatch, 0.0, 0.0, 1e-6, 4e-3)
-    limit, share = learned.share_rows(worlds=1, size=10, rounds=1)
+    limit, share = decisions.measure_share_of_limit(worlds=1, size=10, rounds=1)
     assert (limit.unit, share.unit) == ("GFLOP/s", "%")
-    assert limit.ours == pytest.approx(2 * 10**3 / 1e-6 / 1e9)
+    assert limit.value == pytest.approx(2 * 10**3 / 1e-6 / 1e9)
     reached = 2 * 81 * (5 * SARL_PER_PEDESTRIAN + SARL_PER_STATE) / 4e-3 / 1e9
-    assert share.ours == pytest.approx(100 * reached / limit.ours)
+    assert share.value == pytest.approx(100 * reached / limit.value)
 
 
 @pytest.mark.usefixtures("short_training")
-def test_a_training_is_foreseen_from_parts_that_ran():
-    [row] = learned.training_row(episodes=60)
-    assert row.unit == "min"
-    assert row.ours > 0
-    assert "foreseen from imitation and 3 of 30 rounds" in row.work
+def test_a_training_is_estimated_from_parts_that_ran():
+    [measured] = training.measure_training(episodes=60)
+    assert measured.unit == "min"
+    assert measured.value > 0
+    assert "estimated from imitation and 3 of 30 rounds" in measured.work
 
 
 def test_a_training_lasts_its_imitation_and_all_its_rounds(monkeypatch):
     take_seconds(monkeypatch, 30.0, 1.0, 2.0, 6.0)
-    [row] = learned.training_row(episodes=6000)
-    assert row.ours == (30.0 + 60 * 3.0) / 60
+    [measured] = training.measure_training(episodes=6000)
+    assert measured.value == (30.0 + 60 * 3.0) / 60
 
 
 def test_the_measured_rounds_explore_as_much_as_all_on_average(monkeypatch):
     explored = []
-    monkeypatch.setattr(method.Training, "imitate", lambda training: 0.0)
-    monkeypatch.setattr(method.Training, "improve", lambda training: explored.append(training.exploration))
-    list(learned.training_row(episodes=60_000))
+    monkeypatch.setattr(method.Training, "imitate", lambda running: 0.0)
+    monkeypatch.setattr(method.Training, "improve", lambda running: explored.append(running.exploration))
+    list(training.measure_training(episodes=60_000))
     first, last, part = method.EXPLORATION
     assert np.mean(explored) == pytest.approx(part * (first + last) / 2 + (1 - part) * last, abs=0.01)
 
@@ -142,16 +146,16 @@ def test_a_command_is_timed_with_its_memory():
 
 
 def test_a_run_of_sarl_is_timed_with_its_memory(monkeypatch, tmp_path):
-    monkeypatch.setattr(commands, "TIMES", 1)
+    monkeypatch.setattr(commands, "REPETITIONS", 1)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     weights = tmp_path / "stand-in.safetensors"
     save_file(SARL().state_dict(), weights)
     card = {"network": "sarl", "sha256": hashlib.sha256(weights.read_bytes()).hexdigest()}
     weights.with_suffix(".json").write_text(json.dumps(card))
-    time, memory = commands.sarl_rows(1, f"weights={weights}")
+    time, memory = commands.measure_sarl_runs(1, f"weights={weights}")
     assert (time.unit, memory.unit) == ("s", "MB")
-    assert time.ours > 0.0
-    assert 10.0 < memory.ours < 1e5
+    assert time.value > 0.0
+    assert 10.0 < memory.value < 1e5
 
 
 def test_the_memory_of_a_command_is_not_that_of_whoever_measures_it():
@@ -162,51 +166,51 @@ def test_the_memory_of_a_command_is_not_that_of_whoever_measures_it():
 def test_a_run_of_sarl_sgan_kce_is_timed_with_its_memory(monkeypatch, few_futures):
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     options = [f"{key}={value}" for key, value in few_futures.items()]
-    time, memory = commands.sarl_sgan_kce_rows(1, *options)
+    time, memory = commands.measure_sarl_sgan_kce_run(1, *options)
     assert (time.unit, memory.unit) == ("s", "MB")
-    assert time.ours > 0.0
-    assert 10.0 < memory.ours < 1e5
+    assert time.value > 0.0
+    assert 10.0 < memory.value < 1e5
 
 
 def test_decisions_under_futures_are_timed(few_futures):
-    rows = [
-        *futures.batched_row(worlds=2, rounds=1, **few_futures),
-        *futures.single_row(decisions=2, **few_futures),
+    measured = [
+        *decisions.measure_sarl_sgan_kce_batch(worlds=2, rounds=1, **few_futures),
+        *decisions.measure_sarl_sgan_kce_single(decisions=2, **few_futures),
     ]
-    assert all(row.ours > 0 and row.unit == "ms" for row in rows)
+    assert all(one.value > 0 and one.unit == "ms" for one in measured)
 
 
-def test_the_ways_to_decide_are_what_their_names_say(few_futures):
-    ways = futures.planners(**few_futures)
-    obs = learned.observation(5, 3)
-    slow, each, half, *short = ways.values()
-    assert [planner.shortlist for planner in (slow, each, half, *short)] == [None] * 3 + [16, 8, 4]
-    at_once, one_by_one = (planner.predictor.predict(obs, 2).position for planner in (slow, each))
+def test_the_variants_are_what_their_names_say(few_futures):
+    planners = speed_ups.variants(**few_futures)
+    obs = decisions.observation(5, 3)
+    reference, separate, half, *short = planners.values()
+    assert [planner.shortlist for planner in (reference, separate, half, *short)] == [None] * 3 + [16, 8, 4]
+    at_once, one_by_one = (planner.predictor.predict(obs, 2).position for planner in (reference, separate))
     np.testing.assert_allclose(one_by_one, at_once, atol=1e-6)
     joint, present = torch.rand(4, 5, 13), torch.ones(4, 5, dtype=torch.bool)
     with torch.inference_mode():
-        exact, coarse = (planner.value(joint, present) for planner in (slow, half))
+        exact, coarse = (planner.value(joint, present) for planner in (reference, half))
     assert coarse.dtype == torch.float32
     assert not torch.equal(exact, coarse)
     torch.testing.assert_close(exact, coarse, atol=0.05, rtol=0.0)
 
 
-def test_the_ways_to_decide_are_compared_on_the_decisions_of_the_first():
+def test_variants_are_compared_on_the_decisions_of_the_first():
     wanted = {"stands": Course(0.0), "stands too": Course(0.0), "flees": Course(0.0, -1.0)}
     ended = []
-    measured = futures.compare(wanted, Cases("val", 0, 3), ended.append)
-    stands, too, flees = measured.ways
-    assert [way.name for way in measured.ways] == list(wanted)
-    assert (stands.commands, too.commands, flees.commands) == (0, 0, measured.decisions)
-    assert (stands.outcomes, too.outcomes) == (0, 0)
-    assert all(way.seconds > 0.0 for way in measured.ways)
+    measured = speed_ups.compare(wanted, Cases("val", 0, 3), ended.append)
+    stands, too, flees = measured.variants
+    assert [variant.name for variant in measured.variants] == list(wanted)
+    assert [variant.changed_commands for variant in (stands, too, flees)] == [0, 0, measured.decisions]
+    assert (stands.changed_outcomes, too.changed_outcomes) == (0, 0)
+    assert all(variant.seconds > 0.0 for variant in measured.variants)
     assert sum(ended) == 9
 
 
 def test_outcomes_that_differ_are_counted():
     wanted = {"north": Course(0.0, 1.0), "south": Course(0.0, -1.0)}
     cases = Cases("val", 0, 4)
-    apart = futures.compare(wanted, cases).ways[1].outcomes
+    apart = speed_ups.compare(wanted, cases).variants[1].changed_outcomes
     one, other = (
         rollout(Driver(planner, "course"), load_scenario("circle_crossing_5"), cases).outcome
         for planner in wanted.values()
@@ -220,14 +224,9 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 
 
 def test_every_measurement_is_taken():
-    names = {getattr(work, "func", work).__name__ for work in measurements(100)}
-    defined = {
-        name
-        for module in (simulator, learned, futures, commands)
-        for name in vars(module)
-        if name.endswith(("_row", "_rows"))
-    }
-    assert names == {name for name in defined if not name.startswith("_")}
+    names = {measure.__name__ for measure in SUITE}
+    modules = (simulator, decisions, training, commands)
+    assert names == {name for module in modules for name in vars(module) if name.startswith("measure_")}
 
 
 def test_works_that_are_compared_take_turns():
@@ -251,21 +250,19 @@ def test_all_measured_agents_are_at_work_in_every_step():
         assert 2 * np.linalg.norm(start, axis=-1).min() > simulator.STEPS * simulator.DT
 
 
-def test_the_table_says_how_many_times_quicker_than_who():
-    rows = [Row("walking", 2.0, "us", 5.0), Row("alone", 1.0, "s"), Row("deciding", 1.0, "ms", 37.0, CROWDNAV)]
+def test_the_table_says_how_many_times_faster_than_crowdnav():
+    measured = [Measurement("alone", 1.0, "s"), Measurement("deciding", 2.0, "ms", 37.0)]
     out = io.StringIO()
-    Console(file=out, width=200).print(bench_table(rows))
-    _, _, walking, alone, deciding = out.getvalue().splitlines()
-    assert walking.split() == ["walking", "2", "us", "5", "us", NAVGROUND, "2.5x"]
+    Console(file=out, width=200).print(bench_table(measured))
+    _, _, alone, deciding = out.getvalue().splitlines()
     assert alone.split() == ["alone", "1", "s"]
-    assert deciding.split() == ["deciding", "1", "ms", "37", "ms", *CROWDNAV.split(), "37.0x"]
-    assert rows[1].ratio is None
+    assert deciding.split() == ["deciding", "2", "ms", "37", "ms", "18.5x"]
 
 
-def test_the_table_of_ways_says_what_each_saves_and_changes():
-    ways = Ways((Way("slow", 6.0, 0, 0), Way("quick", 1.5, 7, 1)), 2000, 50)
+def test_the_table_of_variants_says_what_each_saves_and_changes():
+    measured = VariantComparison((Variant("slow", 6.0, 0, 0), Variant("quick", 1.5, 7, 1)), 2000, 50)
     out = io.StringIO()
-    Console(file=out, width=200).print(ways_table("Ways", ways))
+    Console(file=out, width=200).print(variants_table("Variants", measured))
     _, _, slow, quick = out.getvalue().splitlines()
     assert slow.split() == ["slow", "6", "s", "1.0x", "0", "of", "50", "0", "of", "2,000"]
     assert quick.split() == ["quick", "1.5", "s", "4.0x", "1", "of", "50", "7", "of", "2,000"]

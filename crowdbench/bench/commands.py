@@ -10,48 +10,61 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 
-from crowdbench.bench import Row, child
+from crowdbench.bench import time_and_memory
+from crowdbench.bench.measurement import Measurement
 from crowdbench.errors import InputError
 
-TIMES = 3
-"""Times that a run is repeated for its median."""
+REPETITIONS = 3
+"""Runs of a command; the median of their times counts."""
 
 
-def start_up_row() -> Iterator[Row]:
-    """What every command waits for."""
-    yield Row("start-up of the command line", median(command("--help")[0] for _ in range(5)), "s")
+def measure_start_up() -> Iterator[Measurement]:
+    """The time that every command takes before it starts its work."""
+    yield Measurement("start-up of the command line", median(command("--help")[0] for _ in range(5)), "s")
 
 
-def orca_rows() -> Iterator[Row]:
-    """Runs of ORCA as the vehicle: no network, and nothing recorded, so that the simulator is what takes time."""
+def measure_orca_runs() -> Iterator[Measurement]:
+    """Runs of ORCA as the vehicle. It has no network, and nothing is recorded, so that the simulator takes the time."""
     with tempfile.TemporaryDirectory() as folder:
         run = [*_run("orca", folder), "--record", "none"]
-        short = median(command(*run, "--cases", "1")[0] for _ in range(TIMES))
-        whole = median(command(*run, "--cases", "500")[0] for _ in range(TIMES))
-        yield Row("500 cases, ORCA vehicle, start to result", whole, "s")
+        short = median(command(*run, "--cases", "1")[0] for _ in range(REPETITIONS))
+        whole = median(command(*run, "--cases", "500")[0] for _ in range(REPETITIONS))
+        yield Measurement("500 cases, ORCA vehicle, start to result", whole, "s")
         first = command(*run, "--cases", "1", NUMBA_CACHE_DIR=f"{folder}/cache")[0]
-        yield Row("first compilation", first - short, "s")
-        yield Row("memory for 10,000 cases", command(*run, "--cases", "10000")[1] / 1e6, "MB")
+        yield Measurement("first compilation", first - short, "s")
+        yield Measurement("memory for 10,000 cases", command(*run, "--cases", "10000")[1] / 1e6, "MB")
 
 
-def sarl_rows(cases: int = 500, *options: str) -> Iterator[Row]:
-    """Runs of SARL-CVM that record as runs do by default, with shipped weights unless `options` say otherwise."""
-    return _planner_rows("sarl_cvm", "SARL-CVM", cases, options, TIMES)
+def measure_sarl_runs(cases: int = 500, *options: str) -> Iterator[Measurement]:
+    """Runs of SARL-CVM with the recording that runs make by default.
+
+    Args:
+        cases: Number of cases.
+        options: Options of the planner as `key=value`; without any it has the weights that come with crowdbench.
+    """
+    return _measure_planner("sarl_cvm", "SARL-CVM", cases, options, REPETITIONS)
 
 
-def sarl_sgan_kce_rows(cases: int = 500, *options: str) -> Iterator[Row]:
-    """A run of SARL-SGAN-KCE alike; one alone, since it takes as long as all else."""
-    return _planner_rows("sarl_sgan_kce", "SARL-SGAN-KCE", cases, options, 1)
+def measure_sarl_sgan_kce_run(cases: int = 500, *options: str) -> Iterator[Measurement]:
+    """The same for SARL-SGAN-KCE, run once only, because that takes as long as all the rest.
+
+    Args:
+        cases: Number of cases.
+        options: Options of the planner as `key=value`.
+    """
+    return _measure_planner("sarl_sgan_kce", "SARL-SGAN-KCE", cases, options, 1)
 
 
-def _planner_rows(planner: str, label: str, cases: int, options: tuple[str, ...], times: int) -> Iterator[Row]:
+def _measure_planner(
+    planner: str, label: str, cases: int, options: tuple[str, ...], repetitions: int
+) -> Iterator[Measurement]:
     with tempfile.TemporaryDirectory() as folder:
         run = [*_run(planner, folder), "--cases", str(cases)]
         for option in options:
             run += ["--option", option]
-        seconds, memory = zip(*(command(*run) for _ in range(times)), strict=True)
-    yield Row(f"{cases} cases, {label}, start to result", median(seconds), "s")
-    yield Row(f"memory for {cases} cases, {label}", max(memory) / 1e6, "MB")
+        seconds, memory = zip(*(command(*run) for _ in range(repetitions)), strict=True)
+    yield Measurement(f"{cases} cases, {label}, start to result", median(seconds), "s")
+    yield Measurement(f"memory for {cases} cases, {label}", max(memory) / 1e6, "MB")
 
 
 def _run(planner: str, folder: str) -> list[str]:
@@ -59,12 +72,20 @@ def _run(planner: str, folder: str) -> list[str]:
 
 
 def command(*arguments: str, **environment: str) -> tuple[float, float]:
-    """Seconds of a crowdbench command, and the largest memory that it took, in bytes.
+    """Run a crowdbench command.
 
-    Raises InputError where it fails.
+    Args:
+        arguments: Its command line.
+        environment: Environment variables that it gets besides those of this process.
+
+    Returns:
+        Its time in seconds and its peak memory in bytes.
+
+    Raises:
+        InputError: It fails.
     """
     told = subprocess.run(
-        [sys.executable, "-I", "-S", child.__file__, sys.executable, "-m", "crowdbench", *arguments],
+        [sys.executable, "-I", "-S", time_and_memory.__file__, sys.executable, "-m", "crowdbench", *arguments],
         capture_output=True,
         env={**os.environ, **environment},
         check=True,

@@ -1,94 +1,73 @@
-"""How long steps of the simulator and of the PettingZoo environment take, here and in navground."""
+"""How long steps of the simulator and of the PettingZoo environment take."""
 
 from __future__ import annotations
 
 import functools
-import importlib.util
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.bench import Row
+from crowdbench.bench.measurement import Measurement
 from crowdbench.bench.timing import in_turns
 from crowdbench.catalog import load_scenario
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.geometry import toward_goal
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.orca import orca_velocities
 from crowdbench.sim.episode import check_step
+from crowdbench.sim.orca import orca_velocities
 from crowdbench.sim.simulator import advance, crowd_velocities
 
 RADIUS = 0.3
+"""Radius of every agent in metres."""
+
 DT = 0.25
+"""Length of a step in seconds."""
+
 STEPS = 28
-"""Timed steps of an episode: nobody arrives before step 33, so that all of them are work."""
+"""Steps of an episode that are timed. Nobody arrives before step 33, so that every agent moves in all of them."""
 
 ROUNDS = 15
 
 
-def one_world_rows() -> Iterator[Row]:
-    """One world, called step by step."""
-    other = _navground()
+def measure_one_world() -> Iterator[Measurement]:
+    """ORCA and motion in one world, called step by step, among few and among many agents."""
     for agents in (6, 51):
-        start = circle(agents, 1)
-        yield _row(
-            f"ORCA and motion, one world, {agents} agents, per step",
-            ROUNDS * 10,
-            functools.partial(many_worlds, start, STEPS),
-            other and functools.partial(other.one_world, start[0], RADIUS, DT, STEPS),
-        )
+        work = f"ORCA and motion, one world, {agents} agents, per step"
+        yield _measured(work, ROUNDS * 10, functools.partial(many_worlds, circle(agents, 1), STEPS))
 
 
-def many_worlds_row() -> Iterator[Row]:
-    """Many worlds on all cores."""
-    other = _navground()
-    starts = circle(6, 1000)
-    yield _row(
-        "ORCA and motion, 1,000 worlds, 6 agents, all cores, per world-step",
-        5,
-        functools.partial(many_worlds, starts, STEPS),
-        other and functools.partial(other.many_worlds, starts, RADIUS, DT, STEPS),
-    )
+def measure_many_worlds() -> Iterator[Measurement]:
+    """ORCA and motion in many worlds at once, on all cores."""
+    work = "ORCA and motion, 1,000 worlds, 6 agents, all cores, per world-step"
+    yield _measured(work, 5, functools.partial(many_worlds, circle(6, 1000), STEPS))
 
 
-def whole_step_row() -> Iterator[Row]:
-    """A step as a rollout makes it."""
-    yield _row("a step of the simulator with judge, one world, 6 agents", ROUNDS, whole_step)
+def measure_whole_step() -> Iterator[Measurement]:
+    """A step as in a rollout: pedestrians, motion, collision check."""
+    yield _measured("a step of the simulator with its collision check, one world, 6 agents", ROUNDS, whole_step)
 
 
-def environment_row() -> Iterator[Row]:
+def measure_environment() -> Iterator[Measurement]:
     """A step of the PettingZoo environment."""
-    other = _navground()
-    yield _row(
-        "PettingZoo environment, 6 agents, per step",
-        ROUNDS * 3,
-        functools.partial(environment, STEPS),
-        other and functools.partial(other.environment, STEPS),
-    )
+    yield _measured("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
 
 
-def _row(work: str, rounds: int, ours: Callable[[], float], theirs: Callable[[], float] | None = None) -> Row:
-    """A row in microseconds of works that give seconds."""
-    took = in_turns(rounds, *(each for each in (ours, theirs) if each))
-    return Row(work, 1e6 * took[0], "us", 1e6 * took[1] if theirs else None)
-
-
-def _navground() -> Any:
-    """The module with the same work in navground, or None where that is not installed."""
-    if not (importlib.util.find_spec("navground") and importlib.util.find_spec("navground.learning")):
-        return None
-    from crowdbench.bench import navground
-
-    return navground
+def _measured(work: str, rounds: int, seconds: Callable[[], float]) -> Measurement:
+    """A measurement in microseconds of something that returns seconds."""
+    [took] = in_turns(rounds, seconds)
+    return Measurement(work, 1e6 * took, "us")
 
 
 def circle(agents: int, worlds: int) -> Float[np.ndarray, "world agent 2"]:
-    """Starts on a circle of 4 m, wider where the agents would touch, each moved by up to 0.1 m.
+    """Starts, in metres, on a circle of 4 m radius, or of a larger radius where the agents would touch.
 
-    Moved, because agents in perfect symmetry stop for good in front of each other.
+    Each start is moved by up to 0.1 m, because agents in perfect symmetry block each other for ever.
+
+    Args:
+        agents: Number of agents in each world.
+        worlds: Number of worlds.
     """
     radius = max(4.0, (2 * RADIUS + 0.3) / (2 * np.sin(np.pi / agents)))
     angle = 2 * np.pi * np.arange(agents) / agents
@@ -97,7 +76,15 @@ def circle(agents: int, worlds: int) -> Float[np.ndarray, "world agent 2"]:
 
 
 def many_worlds(start: Float[np.ndarray, "world agent 2"], steps: int) -> float:
-    """Seconds per world-step: every agent's ORCA velocity, and its motion."""
+    """Let all agents walk to the opposite point: ORCA's velocities, and the motion.
+
+    Args:
+        start: Starts in metres.
+        steps: Number of steps.
+
+    Returns:
+        Seconds per step and world.
+    """
     position, velocity, goal = start.copy(), np.zeros_like(start), -start
     radius, speed = np.full(start.shape[:2], RADIUS), np.ones(start.shape[:2])
     begin = time.perf_counter()
@@ -108,7 +95,7 @@ def many_worlds(start: Float[np.ndarray, "world agent 2"], steps: int) -> float:
 
 
 def whole_step() -> float:
-    """Seconds per step of the simulator as a rollout calls it: pedestrians, motion, judge."""
+    """Seconds per step of one world as in a rollout, in which the vehicle stands still."""
     scenario = load_scenario("circle_crossing_5")
     world = scenario.worlds(Cases("test", 0, 1))
     velocity = np.zeros((1, 6, 2))
@@ -122,7 +109,11 @@ def whole_step() -> float:
 
 
 def environment(steps: int) -> float:
-    """Seconds per step of the PettingZoo environment with six agents that are all given velocities."""
+    """Seconds per step of the PettingZoo environment, in which all six agents are given actions.
+
+    Args:
+        steps: Number of steps.
+    """
     env = parallel_env("circle_crossing_5")
     env.reset(seed=0)
     actions = {agent: np.array([0.1, 0.0]) for agent in env.agents}

@@ -1,4 +1,4 @@
-"""How times are taken."""
+"""How times are measured."""
 
 from __future__ import annotations
 
@@ -8,16 +8,21 @@ from statistics import median
 
 
 def seconds(work: Callable[[], object]) -> float:
-    """How long some work takes once."""
+    """Time in seconds that a call takes."""
     begin = time.perf_counter()
     work()
     return time.perf_counter() - begin
 
 
 def in_turns(rounds: int, *works: Callable[[], float]) -> list[float]:
-    """The median of what each work gives over rounds in which all work in turn, after one that does not count.
+    """Measure several works by turns, so that other load on the machine affects all of them alike.
 
-    In turns, so that what else the machine does meets all of them.
+    Args:
+        rounds: How many times each work is measured, after once that does not count.
+        works: Each does something and returns how long it took, or another measure of it.
+
+    Returns:
+        The median of what each work returned.
     """
     for work in works:
         work()

@@ -7,15 +7,18 @@ from typing import Annotated
 import typer
 
 from crowdbench.cli.options import print_table
-from crowdbench.train.value_request import EPISODES
 
 
 def bench(
     lookahead: Annotated[
-        bool, typer.Option("--lookahead", help="Instead what makes SARL-SGAN-KCE quick, and what that changes.")
+        bool,
+        typer.Option(
+            "--lookahead",
+            help="Instead, measure the speed-ups of SARL-SGAN-KCE's lookahead and whether they change any command.",
+        ),
     ] = False,
 ) -> None:
-    """Measure the speed here, beside navground's where that is installed."""
+    """Measure the speed of the simulator, of decisions, trainings and whole runs on this machine."""
     if lookahead:
         _bench_lookahead()
     else:
@@ -23,36 +26,32 @@ def bench(
 
 
 def _bench_lookahead() -> None:
-    from crowdbench.bench import futures
+    from crowdbench.bench import speed_ups
     from crowdbench.cli.console import announce_compilation, progress
-    from crowdbench.cli.tables import ways_table
+    from crowdbench.cli.tables import variants_table
     from crowdbench.scenario.cases import Cases
 
     announce_compilation()
     cases = Cases.parse("val:50")
-    planners = futures.planners()
+    planners = speed_ups.variants()
     with progress(len(planners) * len(cases), "episodes") as tell:
-        measured = futures.compare(planners, cases, tell)
-    print_table(ways_table(f"Ways to decide as SARL-SGAN-KCE, cases {cases}", measured))
-    print(
-        "\nTimes are of the same decisions, which all ways took in turn. Each way differs from the first in one thing."
-    )
+        measured = speed_ups.compare(planners, cases, tell)
+    print_table(variants_table(f"Variants of SARL-SGAN-KCE's lookahead, cases {cases}", measured))
+    print("\nTimes are of decisions on the same observations, by turns.")
+    print("Each variant differs from the first one in one thing.")
 
 
 def _bench_all() -> None:
-    from crowdbench.bench import NAVGROUND, Row
-    from crowdbench.bench.measure import measurements
+    from crowdbench.bench.measurement import Measurement
+    from crowdbench.bench.suite import SUITE
     from crowdbench.cli.console import progress
     from crowdbench.cli.tables import bench_table
 
-    wanted = measurements(EPISODES)
-    with progress(len(wanted), "measurements") as tell:
-        measured: list[Row] = []
-        for measurement in wanted:
-            measured += measurement()
+    measured: list[Measurement] = []
+    with progress(len(SUITE), "measurements") as tell:
+        for measure in SUITE:
+            measured += measure()
             tell(1)
     print_table(bench_table(measured))
-    print("\nSARL's decisions are those of random weights, which cost what trained ones cost.")
-    print("CrowdNav's figures were recorded beforehand, elsewhere: they are not measured in this run.")
-    if not any(row.theirs for row in measured if row.whose == NAVGROUND):
-        print("navground is not installed, so its figures are left out: pip install 'crowdbench[bench]'")
+    print("\nSARL's decisions are made with random weights, which cost as much as trained ones.")
+    print("CrowdNav's times were recorded earlier, on another machine: they are not measured in this run.")

@@ -8,7 +8,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from crowdbench.bench import Row, Ways
+from crowdbench.bench.measurement import Measurement, VariantComparison
 from crowdbench.evaluate.check import Point
 from crowdbench.evaluate.compare import Comparison
 from crowdbench.evaluate.metrics import METRICS, Metric
@@ -147,33 +147,31 @@ def predictors_table(
     return table
 
 
-def bench_table(rows: list[Row]) -> Table:
-    """Measured speeds; the ratio says how many times faster crowdbench is than the other simulator."""
-    table = _table(
-        "Speed", ("work", "left"), ("here", "right"), ("elsewhere", "right"), ("", "left"), ("ratio", "right")
-    )
-    for row in rows:
-        ours, theirs, whose, ratio = f"{row.ours:.3g} {row.unit}", "", "", ""
-        if row.theirs is not None:
-            theirs, whose, ratio = f"{row.theirs:.3g} {row.unit}", row.whose, f"{row.ratio:.1f}x"
-        table.add_row(row.work, ours, theirs, whose, ratio)
+def bench_table(measured: list[Measurement]) -> Table:
+    """Measured speeds; the ratio says how many times less time crowdbench takes than CrowdNav's code."""
+    columns = ("crowdbench", "right"), ("CrowdNav, recorded", "right"), ("ratio", "right")
+    table = _table("Speed", ("work", "left"), *columns)
+    for one in measured:
+        recorded = "" if one.crowdnav is None else f"{one.crowdnav:.3g} {one.unit}"
+        ratio = "" if one.ratio is None else f"{one.ratio:.1f}x"
+        table.add_row(one.work, f"{one.value:.3g} {one.unit}", recorded, ratio)
     return table
 
 
-def ways_table(title: str, measured: Ways) -> Table:
-    """How long each way to decide takes, how many times faster than the first it is, and what it changes.
+def variants_table(title: str, measured: VariantComparison) -> Table:
+    """How long each variant of the lookahead takes, how many times faster than the first it is, and what it changes.
 
     Args:
         title: Title of the table.
-        measured: What was measured of each way.
+        measured: The variants.
     """
     changes = ("outcomes that differ", "right"), ("commands that differ", "right")
-    table = _table(title, ("way", "left"), ("time", "right"), ("ratio", "right"), *changes)
-    for way in measured.ways:
-        ratio = f"{measured.ways[0].seconds / way.seconds:.1f}x"
-        outcomes = f"{way.outcomes} of {measured.episodes:,}"
-        commands = f"{way.commands} of {measured.decisions:,}"
-        table.add_row(way.name, f"{way.seconds:.3g} s", ratio, outcomes, commands)
+    table = _table(title, ("variant", "left"), ("time", "right"), ("ratio", "right"), *changes)
+    for variant in measured.variants:
+        ratio = f"{measured.variants[0].seconds / variant.seconds:.1f}x"
+        outcomes = f"{variant.changed_outcomes} of {measured.episodes:,}"
+        commands = f"{variant.changed_commands} of {measured.decisions:,}"
+        table.add_row(variant.name, f"{variant.seconds:.3g} s", ratio, outcomes, commands)
     return table
 
 

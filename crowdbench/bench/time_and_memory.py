@@ -1,7 +1,7 @@
-"""Runs a command and prints its seconds, the largest memory that it took as the system counts it, and its exit status.
+"""Runs a command, and prints its time in seconds, its peak memory in the system's unit, and its exit status.
 
-A process of its own, run as a file: Linux counts in a process's memory that of the one it was started from, which must
-therefore be smaller than what is measured. So it imports nothing of crowdbench.
+This file is run in a process of its own and imports nothing of crowdbench, because Linux counts the memory of the
+parent process as memory of its child: the parent must be smaller than what is measured.
 """
 
 import os
