@@ -49,6 +49,13 @@ def test_every_folder_and_module_is_on_the_map_once():
     assert sorted(mapped) == sorted(MODULES)
 
 
+def test_every_folder_beside_the_package_is_on_the_map():
+    ignored = {".git/", "crowdbench/", *(ROOT / ".gitignore").read_text().split()}
+    beside = {f"{path.name}/" for path in ROOT.iterdir() if path.is_dir()} - ignored
+    second_table = ARCHITECTURE.split("| beside `crowdbench/` |")[1].split("\n\n")[0]
+    assert set(re.findall(r"^\| `([\w.]+/)", second_table, re.MULTILINE)) == beside
+
+
 def test_the_map_stands_in_the_order_of_the_imports():
     layers = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
     layer_of = {name: i for i, layer in enumerate(layers) for name in re.findall(r"crowdbench\.(\w+)", layer)}
