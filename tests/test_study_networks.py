@@ -81,7 +81,7 @@ def test_a_label_replan_every_options_and_privilege_are_shown():
     study(NETWORKS.replace("planner =", 'label = "trained | alone"\nplanner ='), "--out", "there")
     text = page([table.fill(Path("there")) for table in read(Path("tiny.toml").read_text()).tables])
     assert r"| trained \| alone * | 2 |" in text
-    assert text.splitlines()[-1].startswith(r"\* sees")
+    assert text.splitlines()[-1].startswith(r"\* uses")
 
 
 def test_an_option_may_be_a_table():

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 def study(
     file: Annotated[Path, typer.Argument(help="A study, such as docs/studies/crowds.toml.")],
-    out: Annotated[Path | None, typer.Option(help="Where its runs are kept, runs/study-<name> unless told.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder that keeps its runs.", show_default="runs/study-<name>")
+    ] = None,
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -39,8 +41,8 @@ def study(
 
 def reproduce(
     table: Annotated[int | None, typer.Option(min=1, max=4, help="One of the paper's four tables alone.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="A quick look: one network a row, few cases.")] = False,
-    out: Annotated[Path, typer.Option(help="Where the runs are kept.")] = Path("runs/reproduce"),
+    quick: Annotated[bool, typer.Option("--quick", help="A quick look: one network per row, few cases.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder that keeps the runs.")] = Path("runs/reproduce"),
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -61,7 +63,7 @@ def reproduce(
 
 @contextlib.contextmanager
 def _made(runs: Iterable[PlannedRun], out: Path) -> Iterator[Path]:
-    """Make the runs that `out` lacks, for whoever reads them there. Exits where somebody interrupts."""
+    """Make the runs that the folder `out` lacks; exits after an interrupt."""
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.study.planned import missing
 

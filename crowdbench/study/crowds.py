@@ -41,7 +41,7 @@ class CrowdRow:
 
     Attributes:
         planner: Its name.
-        privileged: Whether it sees what no vehicle could.
+        privileged: Whether it uses what no vehicle could know.
         success_rate: Share of the cases that it solves.
         collision_rate: Share of the cases in which it collides.
         timeout_rate: Share of the cases in which its time runs out.

@@ -13,12 +13,12 @@ from crowdbench.study.tables import PRIVILEGED, FilledTable, grid, marked
 
 NOTES = (
     "Figures are means over the networks of a row, which all drive the same cases, with 95 % intervals: Wilson's score "
-    "interval for the success of a single network, and otherwise a bootstrap that resamples networks and cases (Owen "
-    "2007, doi:10.1214/07-AOAS122). All figures but success are over the cases that are solved. Two networks tell "
-    "little of how networks differ. Where every network solves every case, the bootstrap's interval has no width; that "
-    "does not make the rate certain."
+    "interval for the success of a single network, otherwise a bootstrap that resamples networks and cases (Owen 2007, "
+    "doi:10.1214/07-AOAS122). All figures but success are over the cases that are solved. Two networks tell little "
+    "about how much networks differ. Where every network solves every case, the bootstrap's interval of success has no "
+    "width, although the rate is not certain."
 )
-ALONE = "The networks of a row are trained alike from different seeds."
+ALONE = "The networks of a row differ only in the seed of their training."
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class FilledPlannerRow:
 
     Attributes:
         planner: What the table calls the planner.
-        privileged: Whether the planner sees what no vehicle could.
+        privileged: Whether the planner uses what no vehicle could know.
         weights: The weights of its networks.
         reported: What others report, by metric.
         measured: What the networks do, by metric.

@@ -25,7 +25,15 @@ _APART = tuple(_PACKAGE / name for name in ("agents", "bench", "cli", "envs", "s
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One run that a study needs: its planner and scenario exist, its directory perhaps not yet."""
+    """One run that a study needs: its planner and its scenario are loaded, its directory may not exist yet.
+
+    Attributes:
+        driver: The planner.
+        scenario: The scenario, overrides included.
+        cases: The cases to run.
+        replan_every: The steps between two observations of the planner.
+        about: What the result says of options, overrides and the planner's file.
+    """
 
     driver: Driver
     scenario: Scenario
@@ -44,11 +52,22 @@ class PlannedRun:
         overrides: Mapping[str, Any] | None = None,
         replan_every: int = 1,
     ) -> PlannedRun:
-        """From what one would give to `crowdbench run`. Raises InputError where the planner or scenario is wrong."""
+        """Load the planner and the scenario of a run.
+
+        Args:
+            planner: As `crowdbench run --planner` takes it.
+            options: The planner's options by name.
+            scenario: As `--scenario` takes it.
+            cases: The cases to run.
+            overrides: Other values for keys of the scenario, by dotted key.
+            replan_every: The steps between two observations of the planner.
+
+        Raises:
+            InputError: The planner or the scenario does not exist, or does not take these options or overrides.
+        """
         name, made = catalog.load_planner(planner, options)
-        place = catalog.load_scenario(scenario, overrides)
         about = {"options": options, "planner_file": plugins.source(planner), "overrides": overrides or {}}
-        return cls(Driver(made, name), place, cases, replan_every, about)
+        return cls(Driver(made, name), catalog.load_scenario(scenario, overrides), cases, replan_every, about)
 
     @property
     def planner(self) -> str:
@@ -57,7 +76,7 @@ class PlannedRun:
 
     @property
     def privileged(self) -> bool:
-        """Whether the planner sees what no vehicle could."""
+        """Whether the planner uses what no vehicle could know."""
         return self.driver.planner.privileged
 
     @property
@@ -69,9 +88,9 @@ class PlannedRun:
 
     @property
     def directory(self) -> str:
-        """The name of its directory: for people to read, and then a digest of all that its numbers depend on.
+        """The name of its directory: a part for people, and a digest of all that its figures depend on.
 
-        What does not count is what a plug-in's file imports.
+        What a plug-in's file imports does not count.
         """
         text = json.dumps(
             {
@@ -98,7 +117,7 @@ class PlannedRun:
     def make(self, out: Path, progress: Callable[[int], None]) -> None:
         """Make it, into its directory in `out`. Raises InputError as `crowdbench.evaluate.run.run` does.
 
-        An interrupt raises KeyboardInterrupt; batches that were finished are kept, though not taken for the whole.
+        An interrupt raises KeyboardInterrupt. Batches that were finished are kept, but the run is made again.
         """
         finished = runs.run(
             self.driver,
@@ -116,7 +135,7 @@ class PlannedRun:
             raise KeyboardInterrupt
 
     def episodes(self, out: Path) -> Episodes:
-        """What it left in `out`. Raises InputError where it has not been made."""
+        """The episodes that it left in `out`. Raises InputError where it has not been made."""
         return Episodes.read(out / self.directory / EPISODES)
 
 

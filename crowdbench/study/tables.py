@@ -46,7 +46,9 @@ def page(tables: Sequence[FilledTable]) -> str:
     return "\n\n".join([*(table.markdown() for table in tables), *notes])
 
 
-PRIVILEGED = r"\* sees where the pedestrians will step next, which no vehicle could: shown, never ranked."
+PRIVILEGED = (
+    r"\* uses the pedestrians' next velocities, which no vehicle could know: shown for comparison, never ranked."
+)
 """A note on planners that are `marked`."""
 
 
