@@ -54,15 +54,6 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
     return name, made, plugins.source(spec)
 
 
-def weights() -> list[tuple[str, str]]:
-    """Name and headline of the built-in weights."""
-    # Imported here, because torch takes a second and most planners do without.
-    from crowdbench.weights.card import headline
-    from crowdbench.weights.store import built_in, read_card
-
-    return [(path.stem, headline(read_card(path))) for path in built_in()]
-
-
 def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
     """The built-in metrics and those of `file.py` (its function `metric`) or `file.py:function`.
 

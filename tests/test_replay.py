@@ -5,7 +5,7 @@ import pytest
 from helpers import drive
 from test_joint_state import slow_joint_states
 
-from crowdbench.train.replay import Replay, Steps, steps_of
+from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
 from crowdbench.types import Outcome, Rules
 
 
@@ -29,8 +29,8 @@ def slow_rewards(trace, w):
     return rewards
 
 
-def slow_steps(trace, ahead=1):
-    """A dictionary for each step, episode by episode."""
+def slow_transitions(trace, n=1):
+    """A dictionary for each transition, episode by episode."""
     for w in range(len(trace)):
         rewards, factor = slow_rewards(trace, w), 0.9 ** (trace.rules.dt * trace.preferred_speed[w, 0])
         states = [
@@ -45,39 +45,39 @@ def slow_steps(trace, ahead=1):
             for t in range(trace.steps[w] + 1)
         ]
         for t in range(trace.steps[w]):
-            then = min(t + ahead, trace.steps[w])
+            then = min(t + n, trace.steps[w])
             ended = then == trace.steps[w] and trace.outcome[w] != Outcome.TIMEOUT
             yield {
                 "joint": states[t],
-                "later": states[then],
+                "next_joint": states[then],
                 "present": trace.present[w, 0, 1:],
                 "reward": sum(factor**k * reward for k, reward in enumerate(rewards[t:then])),
-                "factor": 0.0 if ended else factor ** (then - t),
-                "value": sum(factor**k * reward for k, reward in enumerate(rewards[t:])),
+                "bootstrap": 0.0 if ended else factor ** (then - t),
+                "episode_return": sum(factor**k * reward for k, reward in enumerate(rewards[t:])),
             }
 
 
-@pytest.mark.parametrize("ahead", [1, 3, 1000])
-def test_steps_are_those_of_the_trace(ahead, episodes):
-    steps, expected = steps_of(episodes, ahead), list(slow_steps(episodes, ahead))
+@pytest.mark.parametrize("n", [1, 3, 1000])
+def test_transitions_are_those_of_the_trace(n, episodes):
+    steps, expected = transitions(episodes, n), list(slow_transitions(episodes, n))
     assert len(steps) == len(expected) == episodes.steps.sum()
-    # A return says nothing where an episode ran out of time.
+    # The return of an episode that was truncated lacks what would have followed.
     finished = np.repeat(episodes.outcome != Outcome.TIMEOUT, episodes.steps)
-    for field in dataclasses.fields(Steps):
+    for field in dataclasses.fields(Transitions):
         found, wanted = getattr(steps, field.name), np.array([step[field.name] for step in expected])
-        rows = finished if field.name == "value" else slice(None)
+        rows = finished if field.name == "episode_return" else slice(None)
         np.testing.assert_allclose(found[rows], wanted[rows], rtol=1e-5, atol=2e-6)
 
 
-def test_the_steps_of_timeouts_can_be_left_out(episodes):
-    every, some = steps_of(episodes, 2), steps_of(episodes, 2, timeouts=False)
+def test_truncated_episodes_can_be_left_out(episodes):
+    every, some = transitions(episodes, 2), transitions(episodes, 2, truncated=False)
     finished = np.repeat(episodes.outcome != Outcome.TIMEOUT, episodes.steps)
-    for field in dataclasses.fields(Steps):
+    for field in dataclasses.fields(Transitions):
         assert np.array_equal(getattr(some, field.name), getattr(every, field.name)[finished])
 
 
-def test_only_the_ends_that_are_no_timeouts_count_for_nothing_later(episodes):
-    factor = steps_of(episodes, 1).factor
+def test_only_where_an_episode_terminated_the_next_state_has_no_value(episodes):
+    factor = transitions(episodes, 1).bootstrap
     last = np.cumsum(episodes.steps) - 1
     ended = last[episodes.outcome != Outcome.TIMEOUT]
     assert np.array_equal(np.flatnonzero(factor == 0.0), ended)
@@ -89,17 +89,17 @@ def test_each_vehicle_is_discounted_by_its_own_speed(episodes):
     faster = episodes.preferred_speed.copy()
     faster[:, 0] = speeds
     mixed = dataclasses.replace(episodes, preferred_speed=faster, rules=Rules(dt=0.2, time_limit=13.0))
-    steps = steps_of(mixed, 1)
-    going = steps.factor > 0.0
+    steps = transitions(mixed, 1)
+    going = steps.bootstrap > 0.0
     np.testing.assert_allclose(
-        steps.factor[going], (0.9 ** (0.2 * np.repeat(speeds, episodes.steps)))[going], rtol=1e-6
+        steps.bootstrap[going], (0.9 ** (0.2 * np.repeat(speeds, episodes.steps)))[going], rtol=1e-6
     )
-    np.testing.assert_allclose(steps.reward, [step["reward"] for step in slow_steps(mixed)], atol=1e-6)
+    np.testing.assert_allclose(steps.reward, [step["reward"] for step in slow_transitions(mixed)], atol=1e-6)
 
 
-def test_episodes_among_nobody_have_steps():
+def test_episodes_without_pedestrians_have_transitions():
     trace = drive("orca", "2", pedestrians__number=0)
-    steps = steps_of(trace, 1)
+    steps = transitions(trace, 1)
     assert len(steps) == trace.steps.sum()
     assert not steps.present.any()
     assert steps.joint.shape[1:] == (1, 13)
@@ -110,30 +110,30 @@ def numbered(start, stop):
     """Steps that can be told by their reward."""
     number = np.arange(start, stop, dtype=np.float32)
     joint = np.repeat(number[:, None, None], 13, axis=2)
-    return Steps(joint, joint + 0.5, number[:, None] % 2 == 0, number, number, number)
+    return Transitions(joint, joint + 0.5, number[:, None] % 2 == 0, number, number, number)
 
 
 @pytest.mark.parametrize("portion", [1, 3, 10, 25])
-def test_the_oldest_steps_make_room_for_new_ones(portion):
-    replay = Replay(10)
+def test_the_oldest_transitions_are_overwritten(portion):
+    replay = ReplayBuffer(10)
     for start in range(0, 50, portion):
         replay.add(numbered(start, start + portion))
         end = start + portion
-        kept = np.sort(replay.steps.reward[: len(replay)])
+        kept = np.sort(replay.transitions.reward[: len(replay)])
         assert np.array_equal(kept, np.arange(max(0, end - 10), end))
-    order = replay.steps.reward.astype(int)
-    for field in dataclasses.fields(Steps):
-        assert np.array_equal(getattr(replay.steps, field.name), getattr(numbered(0, end), field.name)[order])
+    order = replay.transitions.reward.astype(int)
+    for field in dataclasses.fields(Transitions):
+        assert np.array_equal(getattr(replay.transitions, field.name), getattr(numbered(0, end), field.name)[order])
 
 
 def test_a_sample_repeats_with_its_generator():
-    replay = Replay(1000)
+    replay = ReplayBuffer(1000)
     replay.add(numbered(0, 40))
     one, again, other = (replay.sample(np.random.default_rng(seed), 200) for seed in (1, 1, 2))
-    for field in dataclasses.fields(Steps):
+    for field in dataclasses.fields(Transitions):
         assert np.array_equal(getattr(one, field.name), getattr(again, field.name))
     assert not np.array_equal(one.reward, other.reward)
-    # Whole steps, and only those added.
-    assert np.array_equal(one.later[:, 0, 0], one.reward + 0.5)
+    # Whole transitions, and only those added.
+    assert np.array_equal(one.next_joint[:, 0, 0], one.reward + 0.5)
     assert set(one.reward) <= set(range(40))
     assert len(set(one.reward)) > 30

@@ -6,7 +6,7 @@ import torch
 from test_predict import bent, observation
 
 from crowdbench import InputError
-from crowdbench.predict.social_gan import SocialGAN, lived
+from crowdbench.predict.social_gan import SocialGAN, extrapolated_history
 from crowdbench.predict.social_gan_network import HIDDEN, NOISE, Discriminator, Generator
 from crowdbench.types import HISTORY
 
@@ -62,10 +62,10 @@ def slowly(network, history, noise, steps):
 @BOTH
 @torch.inference_mode()
 def test_a_batch_of_scenes_is_each_scene_by_itself_without_whoever_is_absent(pooling):
-    network, chance = generator(pooling), torch.Generator().manual_seed(1)
-    history = torch.randn((3, HISTORY, 4, 2), generator=chance).cumsum(dim=1)
+    network, rng = generator(pooling), torch.Generator().manual_seed(1)
+    history = torch.randn((3, HISTORY, 4, 2), generator=rng).cumsum(dim=1)
     present = torch.tensor([[True, True, True, True], [False, True, False, True], [True, False, False, False]])
-    noise = torch.randn((3, 5, NOISE), generator=chance)
+    noise = torch.randn((3, 5, NOISE), generator=rng)
     moves = network(history, present, noise, 6)
     assert moves.shape == (5, 7, 6, 2)
     for scene, rows in enumerate([slice(0, 4), slice(4, 6), slice(6, 7)]):
@@ -127,9 +127,9 @@ def test_few_or_nobody(pooling, pedestrians):
     assert np.array_equal(found.velocity, np.zeros((2, 20, 3, 2, 2)))
 
 
-def test_steps_before_the_first_that_was_seen_are_like_that_one():
+def test_history_is_extrapolated_backwards_from_the_first_displacement():
     tracks, observed = bent(), np.arange(1, HISTORY + 1)
-    history = lived(observation(tracks, observed).pedestrians)
+    history = extrapolated_history(observation(tracks, observed).pedestrians)
     for w, seen in enumerate(observed):
         first = HISTORY - seen
         assert np.array_equal(history[w, first:], tracks[w, first:])
@@ -161,11 +161,11 @@ def test_impossible_numbers_of_modes_are_refused(modes):
         predictor(modes=modes)
 
 
-def test_a_discriminator_judges_each_track_by_itself():
+def test_a_discriminator_scores_each_track_by_itself():
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        judge = Discriminator()
+        discriminator = Discriminator()
     tracks = torch.randn((5, 15, 2), generator=torch.Generator().manual_seed(0))
-    together = judge(tracks)
+    together = discriminator(tracks)
     assert together.shape == (5,)
-    torch.testing.assert_close(together[2:3], judge(tracks[2:3]))
+    torch.testing.assert_close(together[2:3], discriminator(tracks[2:3]))

@@ -9,8 +9,10 @@ from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.predict import ConstantVelocity
 from crowdbench.sim.sensor import observe
-from crowdbench.train import session, value, value_request
-from crowdbench.train.value import Exploring, Training
+from crowdbench.train import checkpoint, training_run, value, value_figures
+from crowdbench.train.exploration import EpsilonGreedy
+from crowdbench.train.training_run import TrainingRun
+from crowdbench.train.value import Training
 from crowdbench.train.value_request import ValueRequest
 from crowdbench.value.networks import NETWORKS
 from crowdbench.weights.store import digest, read_card
@@ -19,13 +21,14 @@ from crowdbench.weights.store import digest, read_card
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    for name, size in {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "VALIDATION_CASES": 5, "PASSES": 2}.items():
+    sizes = {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "VALIDATION_CASES": 5, "IMITATION_EPOCHS": 2}
+    for name, size in sizes.items():
         monkeypatch.setattr(value, name, size)
-    cases = {split: dataclasses.replace(cases, stop=6) for split, cases in value_request.FIGURES.items()}
-    monkeypatch.setattr(value_request, "FIGURES", cases)
+    cases = {split: dataclasses.replace(cases, stop=6) for split, cases in value_figures.CASES.items()}
+    monkeypatch.setattr(value_figures, "CASES", cases)
 
 
-REQUEST = ValueRequest("cadrl", "circle_crossing_mixed", {"pedestrians.number": [1, 3]}, "oracle", 7, 40, None)
+REQUEST = ValueRequest(network="cadrl", overrides={"pedestrians.number": [1, 3]}, seed=7, episodes=40)
 
 
 def ignore(*arguments):
@@ -51,12 +54,12 @@ def stopped_after(points):
 @pytest.mark.parametrize("network", ["cadrl", "lstm_rl", "sarl"])
 def test_a_resumed_training_ends_in_the_same_weights(network, tmp_path):
     request = dataclasses.replace(REQUEST, network=network)
-    whole = session.Session.new(request, tmp_path / "whole", "cpu")
+    whole = TrainingRun.new(request, tmp_path / "whole", "cpu")
     whole.train(ignore)
-    killed = session.Session.new(request, tmp_path / "killed", "cpu")
+    killed = TrainingRun.new(request, tmp_path / "killed", "cpu")
     with pytest.raises(Killed):
         killed.train(stopped_after(3))
-    resumed = session.Session.resumed(tmp_path / "killed", "cpu")
+    resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
     assert 0 < resumed.training.rounds < whole.training.rounds
     resumed.train(ignore)
     for part in ("network", "average", "best"):
@@ -65,17 +68,48 @@ def test_a_resumed_training_ends_in_the_same_weights(network, tmp_path):
     assert points == [dataclasses.replace(point, seconds=0.0) for point in whole.training.curve]
 
 
+FORMER_NAMES = {"next_joint": "later", "bootstrap": "factor", "episode_return": "value"}
+
+
+def test_a_checkpoint_of_an_earlier_version_is_continued(tmp_path):
+    whole = TrainingRun.new(REQUEST, tmp_path / "whole", "cpu")
+    whole.train(ignore)
+    killed = TrainingRun.new(REQUEST, tmp_path / "killed", "cpu")
+    with pytest.raises(Killed):
+        killed.train(stopped_after(3))
+    path = tmp_path / "killed" / training_run.CHECKPOINT
+    state = checkpoint.read(path)
+    tensors = dict(state.tensors)
+    for name, former in FORMER_NAMES.items():
+        tensors[f"replay.{former}"] = tensors.pop(f"replay.{name}")
+    about = {
+        "network": "cadrl",
+        "scenario": "circle_crossing_mixed",
+        "overrides": {"pedestrians.number": [1, 3]},
+        "predictor": "oracle",
+        "seed": 7,
+        "episodes": 40,
+        "minutes": None,
+    }
+    checkpoint.save(dataclasses.replace(state, tensors=tensors, curve=killed.training.curve), path, about)
+    resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
+    assert resumed.request == REQUEST
+    resumed.train(ignore)
+    assert digest(resumed.training.best) == digest(whole.training.best)
+    assert digest(resumed.training.network) == digest(whole.training.network)
+
+
 def test_another_seed_is_another_network(tmp_path):
     digests = []
     for seed in (0, 1):
-        one = session.Session.new(dataclasses.replace(REQUEST, seed=seed, episodes=10), tmp_path / str(seed), "cpu")
+        one = TrainingRun.new(dataclasses.replace(REQUEST, seed=seed, episodes=10), tmp_path / str(seed), "cpu")
         one.train(ignore)
         digests.append(digest(one.training.network))
     assert digests[0] != digests[1]
 
 
 def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
-    running = session.Session.new(REQUEST, tmp_path / "run", "cpu")
+    running = TrainingRun.new(REQUEST, tmp_path / "run", "cpu")
     running.train(ignore)
     path = running.finish(ignore)
     assert digest(load_network("cadrl", str(path))) == digest(running.training.best)
@@ -97,8 +131,11 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
         "curve.csv",
         "training.rrd",
     }
+    text = (tmp_path / "run" / "weights.md").read_text()
+    assert f"| checkpoint | chosen at episode {running.training.chosen.episodes} of 40 |" in text
+    assert "| test test:0:6 |" in text
     with pytest.raises(InputError, match="is finished: its weights are"):
-        session.Session.resumed(tmp_path / "run", "cpu")
+        TrainingRun.resumed(tmp_path / "run", "cpu")
 
 
 def test_a_training_that_stops_before_its_first_checkpoint_leaves_nothing(tmp_path, monkeypatch):
@@ -107,13 +144,13 @@ def test_a_training_that_stops_before_its_first_checkpoint_leaves_nothing(tmp_pa
 
     monkeypatch.setattr(Training, "imitate", fail)
     with pytest.raises(Killed):
-        session.Session.new(REQUEST, tmp_path / "run", "cpu").train(ignore)
+        TrainingRun.new(REQUEST, tmp_path / "run", "cpu").train(ignore)
     assert not (tmp_path / "run").exists()
 
 
 def test_minutes_end_a_training(tmp_path):
     request = dataclasses.replace(REQUEST, minutes=0.02, episodes=10**9)
-    running = session.Session.new(request, tmp_path / "run", "cpu")
+    running = TrainingRun.new(request, tmp_path / "run", "cpu")
     running.train(ignore)
     assert running.training.progress == 1.0
     assert running.training.seconds >= 1.2
@@ -122,37 +159,36 @@ def test_minutes_end_a_training(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"network": "mlp"}, "no network is called 'mlp'; there are cadrl, lstm_rl, sarl, sgan"),
         ({"predictor": "crystal_ball"}, "no predictor is called 'crystal_ball'"),
         ({"scenario": "nowhere"}, "no scenario is called 'nowhere'"),
     ],
 )
 def test_what_does_not_exist_is_refused_and_nothing_is_left(change, message, tmp_path):
     with pytest.raises(InputError, match=message):
-        session.Session.new(dataclasses.replace(REQUEST, **change), tmp_path / "run", "cpu")
+        TrainingRun.new(dataclasses.replace(REQUEST, **change), tmp_path / "run", "cpu")
     assert not (tmp_path / "run").exists()
 
 
 def test_a_place_that_is_taken_is_refused(tmp_path):
     with pytest.raises(InputError, match="exists already: name another place with --out, or go on"):
-        session.Session.new(REQUEST, tmp_path, "cpu")
+        TrainingRun.new(REQUEST, tmp_path, "cpu")
 
 
 def test_a_directory_without_a_checkpoint_cannot_be_resumed(tmp_path):
     with pytest.raises(InputError, match="there is no checkpoint"):
-        session.Session.resumed(tmp_path, "cpu")
-    (tmp_path / session.CHECKPOINT).write_bytes(b"something else, and not short")
+        TrainingRun.resumed(tmp_path, "cpu")
+    (tmp_path / training_run.CHECKPOINT).write_bytes(b"something else, and not short")
     with pytest.raises(InputError, match="is not a checkpoint of a training"):
-        session.Session.resumed(tmp_path, "cpu")
+        TrainingRun.resumed(tmp_path, "cpu")
 
 
 def test_a_checkpoint_of_another_network_is_refused(tmp_path, monkeypatch):
-    killed = session.Session.new(REQUEST, tmp_path / "run", "cpu")
+    killed = TrainingRun.new(REQUEST, tmp_path / "run", "cpu")
     with pytest.raises(Killed):
         killed.train(stopped_after(1))
     monkeypatch.setitem(NETWORKS, "cadrl", NETWORKS["sarl"])
     with pytest.raises(InputError, match="is a checkpoint of another network than cadrl"):
-        session.Session.resumed(tmp_path / "run", "cpu")
+        TrainingRun.resumed(tmp_path / "run", "cpu")
 
 
 def observed(worlds):
@@ -164,24 +200,24 @@ def test_exploration_takes_its_share_of_commands_and_repeats_in_any_batch():
     planner = ValuePlanner(ConstantVelocity(), NETWORKS["cadrl"]())
     obs = observed(400)
     greedy = planner.plan(obs)
-    assert np.array_equal(Exploring(planner, 0.0, 0).plan(obs), greedy)
-    exploring = Exploring(planner, 0.3, 0)
+    assert np.array_equal(EpsilonGreedy(planner, 0.0, 0).plan(obs), greedy)
+    exploring = EpsilonGreedy(planner, 0.3, 0)
     commands = exploring.plan(obs)
     random = (commands != greedy).any(axis=1)
     assert 0.2 < random.mean() < 0.4
     assert np.array_equal(
         exploring.plan(obs.take(slice(100, 200)))[random[100:200]], commands[100:200][random[100:200]]
     )
-    assert not np.array_equal(Exploring(planner, 0.3, 1).plan(obs)[random], commands[random])
+    assert not np.array_equal(EpsilonGreedy(planner, 0.3, 1).plan(obs)[random], commands[random])
     # All of the 81 commands come up: 400 random ones of 81 leave one in a hundred out.
-    everything = Exploring(planner, 1.0, 0).plan(obs).round(6)
+    everything = EpsilonGreedy(planner, 1.0, 0).plan(obs).round(6)
     assert 75 <= len(np.unique(everything, axis=0)) <= 81
 
 
 def test_what_exploring_skips_is_what_planning_gives():
     planner = ValuePlanner(ConstantVelocity(), NETWORKS["cadrl"]())
     obs = observed(50)
-    commands = Exploring(planner, 0.5, 3).plan(obs)
+    commands = EpsilonGreedy(planner, 0.5, 3).plan(obs)
     same = np.isclose(commands, planner.plan(obs), atol=1e-6).all(axis=1)
     legal = speeds_and_headings(obs.vehicle.preferred_speed)
     assert same.sum() >= 15

@@ -1,4 +1,5 @@
 import dataclasses
+import inspect
 import shlex
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -111,8 +112,12 @@ def test_a_third_method_is_one_line_of_the_table(monkeypatch):
     monkeypatch.setitem(METHODS, "third", Third)
     assert own_options()["steps"][1] == ["third"]
     assert own_options()["episodes"][1] == ["cadrl", "lstm_rl", "sarl", "third"]
-    steps = train._signature().parameters["steps"]
-    assert "Train for this many steps" in repr(steps.annotation.__metadata__[0].help)
+    kind = inspect.Parameter.VAR_KEYWORD
+    options = train._with_own_options(inspect.Signature([inspect.Parameter("own", kind)])).parameters
+    assert options.keys() == own_options().keys()
+    [shown] = options["steps"].annotation.__metadata__
+    assert (shown.help, shown.min, shown.show_default) == ("Train for this many steps.", 1, "100")
+    assert shown.rich_help_panel == "Options for third only"
     for network, options, message in [
         ("sgan", {"steps": 5}, "--steps is not for sgan, only for third"),
         ("sarl", {"steps": 5}, "--steps is not for sarl, only for third"),

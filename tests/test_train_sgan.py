@@ -7,10 +7,11 @@ import torch
 from crowdbench import InputError, load_predictor, load_scenario
 from crowdbench.predict.tracks import FRAME_STEP
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import session, sgan, sgan_request
-from crowdbench.train.sgan import variety_loss
-from crowdbench.train.sgan_request import SganRequest
-from crowdbench.train.sgan_samples import from_scenario
+from crowdbench.train import checkpoint, social_gan, social_gan_samples, training_run
+from crowdbench.train.social_gan import cross_entropy, non_saturating_loss, variety_loss
+from crowdbench.train.social_gan_request import SocialGANRequest
+from crowdbench.train.social_gan_samples import from_scenario
+from crowdbench.train.training_run import TrainingRun
 from crowdbench.types import HISTORY
 from crowdbench.weights.store import digest, read_card
 
@@ -18,12 +19,12 @@ from crowdbench.weights.store import digest, read_card
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    monkeypatch.setattr(sgan, "VALIDATIONS", 4)
-    monkeypatch.setattr(sgan_request, "TRAINING_CASES", Cases("train", 0, 10))
-    monkeypatch.setattr(sgan_request, "VALIDATION_CASES", Cases("val", 0, 5))
+    monkeypatch.setattr(social_gan, "VALIDATIONS", 4)
+    monkeypatch.setattr(social_gan_samples, "TRAINING_CASES", Cases("train", 0, 10))
+    monkeypatch.setattr(social_gan_samples, "VALIDATION_CASES", Cases("val", 0, 5))
 
 
-REQUEST = SganRequest("sgan", None, None, 0.4, "circle_crossing_5", {}, False, 3, 4, None)
+REQUEST = SocialGANRequest(network="sgan", scenario="circle_crossing_5", seed=3, epochs=4)
 
 
 @pytest.fixture
@@ -46,10 +47,9 @@ def ignore(*arguments):
     """Told, and says nothing."""
 
 
-def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
-    whole = session.Session.new(REQUEST, tmp_path / "whole", "cpu")
-    whole.train(ignore)
-    killed = session.Session.new(REQUEST, tmp_path / "killed", "cpu")
+def killed_after_two(directory):
+    """A training that stopped after two points of its curve."""
+    killed = TrainingRun.new(REQUEST, directory, "cpu")
     seen = []
 
     def tell(point, done):
@@ -59,32 +59,81 @@ def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
 
     with pytest.raises(Killed):
         killed.train(tell)
-    resumed = session.Session.resumed(tmp_path / "killed", "cpu")
+    return killed
+
+
+def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
+    whole = TrainingRun.new(REQUEST, tmp_path / "whole", "cpu")
+    whole.train(ignore)
+    killed_after_two(tmp_path / "killed")
+    resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
     assert 0 < resumed.training.epochs < whole.training.epochs
     resumed.train(ignore)
-    for part in sgan.PARTS:
+    for part in social_gan.NETWORKS:
+        assert digest(getattr(resumed.training, part)) == digest(getattr(whole.training, part))
+
+
+FORMER_NAMES = {
+    "generator_optimizer.": "optimizer.",
+    "discriminator_optimizer.": "opponent.",
+    "discriminator.head.": "discriminator.judge.",
+}
+
+
+def former_name(name):
+    """What a tensor was called in checkpoints of an earlier version."""
+    for present, former in FORMER_NAMES.items():
+        name = former + name.removeprefix(present) if name.startswith(present) else name
+    return name
+
+
+def test_a_checkpoint_of_an_earlier_version_is_continued(tmp_path):
+    whole = TrainingRun.new(REQUEST, tmp_path / "whole", "cpu")
+    whole.train(ignore)
+    killed = killed_after_two(tmp_path / "killed")
+    path = tmp_path / "killed" / training_run.CHECKPOINT
+    state = checkpoint.read(path)
+    tensors = {former_name(name): tensor for name, tensor in state.tensors.items()}
+    assert tensors.keys() != state.tensors.keys()
+    about = {
+        "network": "sgan",
+        "data": None,
+        "held_out": None,
+        "dt": 0.4,
+        "scenario": "circle_crossing_5",
+        "overrides": {},
+        "pooling": False,
+        "seed": 3,
+        "epochs": 4,
+        "minutes": None,
+    }
+    checkpoint.save(dataclasses.replace(state, tensors=tensors, curve=killed.training.curve), path, about)
+    resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
+    assert resumed.request.command == REQUEST.command
+    resumed.train(ignore)
+    for part in social_gan.NETWORKS:
         assert digest(getattr(resumed.training, part)) == digest(getattr(whole.training, part))
 
 
 @pytest.mark.parametrize("pooling", [False, True])
 def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkeypatch):
-    monkeypatch.setattr(sgan, "VALIDATIONS", 20)
+    monkeypatch.setattr(social_gan, "VALIDATIONS", 20)
     request = dataclasses.replace(REQUEST, pooling=pooling, epochs=20)
     training = request.training("cpu")
     training.run(ignore)
     assert training.curve[-1].loss < 0.8 * training.curve[0].loss
-    assert training.kept.ade == min(point.ade for point in training.curve)
+    assert training.chosen.ade == min(point.ade for point in training.curve)
 
 
 def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(recordings, tmp_path):
     request = dataclasses.replace(REQUEST, data=str(recordings), held_out="hotel", dt=0.25)
-    running = session.Session.new(request, tmp_path / "run", "cpu")
+    running = TrainingRun.new(request, tmp_path / "run", "cpu")
     running.train(ignore)
     path = running.finish(ignore)
     card = read_card(path)
     assert card["command"] == "crowdbench train sgan --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
     assert card["training"]["scenes"] == ["eth"]
-    assert card["figures"]["validation"]["ade"] == running.training.kept.ade
+    assert card["figures"]["validation"]["ade"] == running.training.chosen.ade
     assert "| scene held out | hotel |" in path.with_suffix(".md").read_text()
     made = load_predictor("sgan", {"weights": str(path), "modes": 2})[1]
     assert made.unseen("hotel") is made
@@ -101,7 +150,7 @@ def test_the_held_out_scene_is_in_no_sample(recordings):
 
 def test_recordings_that_are_too_short_are_refused(tmp_path):
     (tmp_path / "short.txt").write_text("\n".join(f"{10 * t} {p} 0 0" for t in range(10) for p in range(2)))
-    with pytest.raises(InputError, match="no window of 16 steps on end"):
+    with pytest.raises(InputError, match="no window of 16 consecutive steps"):
         dataclasses.replace(REQUEST, data=str(tmp_path)).training("cpu")
 
 
@@ -121,18 +170,27 @@ def test_simulated_windows_are_stretches_of_walks_with_the_start_drawn_out():
 
 
 def test_the_variety_loss_is_of_the_future_best_for_the_whole_scene():
-    chance = torch.Generator().manual_seed(0)
-    foreseen, ahead = torch.randn((4, 5, 8, 2), generator=chance), torch.randn((5, 8, 2), generator=chance)
+    rng = torch.Generator().manual_seed(0)
+    predicted, future = torch.randn((4, 5, 8, 2), generator=rng), torch.randn((5, 8, 2), generator=rng)
     scene = torch.tensor([0, 0, 0, 1, 1])
     total = 0.0
     for rows in ([0, 1, 2], [3, 4]):
-        off = [
+        distance = [
             sum(
-                torch.dist(foreseen[m, r, : t + 1].sum(0), ahead[r, : t + 1].sum(0)).item() / 8
+                torch.dist(predicted[m, r, : t + 1].sum(0), future[r, : t + 1].sum(0)).item() / 8
                 for r in rows
                 for t in range(8)
             )
             for m in range(4)
         ]
-        total += min(off)
-    assert variety_loss(foreseen, ahead, scene, 2).item() == pytest.approx(total / 5, rel=1e-5)
+        total += min(distance)
+    assert variety_loss(predicted, future, scene, 2).item() == pytest.approx(total / 5, rel=1e-5)
+
+
+def test_adversarial_losses_are_cross_entropies():
+    rng = torch.Generator().manual_seed(0)
+    real, fake = torch.randn(50, generator=rng), torch.randn(50, generator=rng)
+    ones, zeros = torch.ones(50), torch.zeros(50)
+    entropy = torch.nn.functional.binary_cross_entropy_with_logits
+    torch.testing.assert_close(non_saturating_loss(fake), entropy(fake, ones))
+    torch.testing.assert_close(cross_entropy(real, fake), entropy(real, ones) + entropy(fake, zeros))

@@ -6,8 +6,9 @@ from safetensors.torch import save_file
 
 from crowdbench import InputError, load_network, load_predictor
 from crowdbench.predict.social_gan_network import Generator
+from crowdbench.train.methods import headline, markdown
 from crowdbench.value.networks import NETWORKS
-from crowdbench.weights.store import digest, save_network
+from crowdbench.weights.store import built_in, digest, read_card, save_network
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")
@@ -47,9 +48,30 @@ def test_weights_come_back_as_they_were(name, tmp_path):
 
 
 def test_the_card_is_rendered_for_people(saved):
-    text = saved.with_suffix(".md").read_text()
+    text = markdown(read_card(saved))
     assert "circle, 1 to 10 pedestrians" in text
     assert "| test test:0:10 | 50.0 % (40.0 to 60.0) |" in text
+
+
+@pytest.mark.parametrize("path", built_in(), ids=lambda path: path.stem)
+def test_cards_of_an_earlier_version_keep_their_figures(path):
+    card, shipped = read_card(path), path.with_suffix(".md").read_text()
+    text = markdown(card)
+    for line in text.splitlines():
+        if line.startswith(("| test ", "| validation ", "| sha256 ", "| command ", "| machine ")):
+            assert line in shipped.splitlines()
+    trained = card["training"]
+    if card["network"] == "sgan":
+        figure = f"ADE {card['figures']['validation']['ade']:.3f} m"
+        chosen = f"epoch {trained['kept_after_epochs']} of {trained['epochs']}"
+        assert f"{figure} and FDE" in text
+        assert f"{figure} and FDE" in shipped
+    else:
+        figure = f"{100 * card['figures']['test']['metrics']['success_rate']['mean']:.1f} %"
+        chosen = f"episode {trained['kept_after_episodes']} of {trained['episodes']}"
+        assert text.count("| test ") == 1
+    assert f"| checkpoint | chosen at {chosen} |" in text
+    assert figure in headline(card)
 
 
 def refused(path, network="sarl", device="cpu"):

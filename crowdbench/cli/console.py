@@ -15,10 +15,18 @@ EARLY = 0.02
 
 
 @contextlib.contextmanager
-def progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """Gives a function that is told how many more are done: a bar on a terminal, plain lines elsewhere.
+def progress(total: int, what: str, percent: bool = False) -> Iterator[Callable[[int], None]]:
+    """Show the progress of some work: a bar on a terminal, lines of text elsewhere.
 
-    The time left is expected as if each took as long as those before.
+    The time left is estimated as if each piece of work took as long as those before.
+
+    Args:
+        total: The pieces of work: 100 where `percent` is set.
+        what: What they are called, such as `cases`.
+        percent: Whether to show `11 %` instead of `11 of 100`.
+
+    Yields:
+        A function to be called with the number of pieces that were finished since its last call.
     """
     if sys.stderr.isatty():
         from rich.console import Console
@@ -32,7 +40,8 @@ def progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
         )
 
         times = TimeElapsedColumn(), TimeRemainingColumn()
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *times)
+        count = TextColumn("{task.percentage:.0f} %") if percent else MofNCompleteColumn()
+        columns = (TextColumn("{task.description}"), BarColumn(), count, *times)
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(what, total=total)
             yield lambda done: bar.advance(task, done)
@@ -48,7 +57,8 @@ def progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
             left = (last - start) * (total - done_so_far) / max(done_so_far, 1)
             # The first to end says nothing yet: many that started with it are about to.
             told = done_so_far > EARLY * total
-            say(f"{done_so_far} of {total} {what}" + (f", about {_duration(left)} left" if told else ""))
+            count_so_far = f"{done_so_far} %" if percent else f"{done_so_far} of {total}"
+            say(f"{count_so_far} {what}" + (f", about {_duration(left)} left" if told else ""))
 
     yield tell
 

@@ -1,4 +1,4 @@
-"""The predictor that samples futures from a Social GAN."""
+"""The predictor that samples futures from a Social GAN; its networks are in `social_gan_network`."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from crowdbench.types import Observation, Pedestrians
 from crowdbench.weights.store import built_in, digest, load_into, read_card, weights_file
 
 NAME = "sgan"
-"""What files of its weights call it."""
+"""The name of the network on the cards of its weights."""
 
 
 class SocialGAN(Predictor):
-    """Futures of the whole crowd from a generator trained on `about["dt"]` seconds a step: Social GAN.
+    """Samples futures of the whole crowd from the generator of a Social GAN (Gupta et al. 2018).
 
-    `modes` of them; fewer are the first of more. Where the observation's steps are of another length, `rescaled`
-    shows the generator displacements as long as its own steps would make them, and shortens its answers alike;
-    otherwise it takes one step for the other, as the paper does. Steps before the first that was seen are taken to
-    have gone like that one; a pedestrian seen only once stands still until then.
+    The generator was trained on steps of `about["dt"]` seconds. Where the observation has another time step, it takes
+    one step for the other, as Li et al. (2020) do, or it is rescaled: displacements are multiplied with the ratio of
+    the time steps before it, and divided by it after it. Steps before the first observation are extrapolated backwards
+    from the first displacement; a pedestrian with one observation was standing still.
     """
 
     def __init__(
@@ -38,6 +38,19 @@ class SocialGAN(Predictor):
         rescaled: bool = False,
         trained_without: Callable[[str], Predictor] | None = None,
     ) -> None:
+        """Make a predictor of a trained generator.
+
+        Args:
+            generator: The generator.
+            about: What its card says of the training: at least `dt`, the time step in seconds, and `scenes`, the
+                recorded scenes that it was trained on.
+            modes: Number of futures. Fewer are the first of more.
+            rescaled: Whether displacements are rescaled to the time step of the training.
+            trained_without: Gives the predictor that was trained without a scene.
+
+        Raises:
+            InputError: `modes` is not a whole number, 1 or more.
+        """
         if not (isinstance(modes, int) and modes >= 1):
             raise InputError(f"modes is {modes!r}, but must be a whole number of futures, 1 or more")
         self.generator = generator.eval()
@@ -49,19 +62,19 @@ class SocialGAN(Predictor):
 
     @torch.inference_mode()
     def predict(self, obs: Observation, steps: int) -> Prediction:
-        """See `Predictor`."""
-        stretch = self.about["dt"] / obs.dt if self.rescaled else 1.0
-        history, present = lived(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
-        # Its noise is a function of case, step and mode alone.
+        """See `Predictor`. There are `modes` modes."""
+        scale = self.about["dt"] / obs.dt if self.rescaled else 1.0
+        history, present = extrapolated_history(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
+        # The noise depends on nothing but case, step and mode.
         noise = rng.normal(obs.key, NAME, obs.step, self.modes, NOISE)
         device = next(self.generator.parameters()).device
-        # Told from where everybody is now, since float32 far from the origin is coarse.
-        near = torch.from_numpy(((history - history[:, -1:, :1]) * stretch).astype(np.float32))
+        # Relative to the first pedestrian, because float32 is coarse far from the origin.
+        near = torch.from_numpy(((history - history[:, -1:, :1]) * scale).astype(np.float32))
         moves = self.generator(
             near.to(device), present.to(device), torch.from_numpy(noise.astype(np.float32)).to(device), steps
         )
-        ahead = spread(moves, present.to(device)).double().cpu().numpy() / stretch
-        return Prediction(history[:, None, None, -1] + ahead.cumsum(axis=2), ahead / obs.dt)
+        displacement = scattered(moves, present.to(device)).double().cpu().numpy() / scale
+        return Prediction(history[:, None, None, -1] + displacement.cumsum(axis=2), displacement / obs.dt)
 
     def unseen(self, scene: str) -> Predictor:
         """See `Predictor`. Raises InputError where it was trained on the scene and there is no other."""
@@ -72,18 +85,26 @@ class SocialGAN(Predictor):
         return self.trained_without(scene)
 
 
-def spread(
+def scattered(
     moves: Float[Tensor, "mode row time 2"], present: Bool[Tensor, "scene pedestrian"]
 ) -> Float[Tensor, "scene mode time pedestrian 2"]:
-    """A generator's displacements where they belong; whoever is absent stands still."""
+    """A generator's displacements in the shape of a prediction.
+
+    Args:
+        moves: Displacements in metres; a row is a pedestrian who is present, in the order of `present.nonzero()`.
+        present: Who is present in each scene.
+
+    Returns:
+        The same displacements, and 0 for the absent.
+    """
     modes, _, steps, _ = moves.shape
     everybody = moves.new_zeros((*present.shape, modes, steps, 2))
     everybody[present] = moves.transpose(0, 1)
     return everybody.permute(0, 2, 3, 1, 4)
 
 
-def lived(crowd: Pedestrians) -> Float[np.ndarray, "world time pedestrian 2"]:
-    """The history in metres, its steps before the first that was seen made like that one."""
+def extrapolated_history(crowd: Pedestrians) -> Float[np.ndarray, "world time pedestrian 2"]:
+    """The observed history in metres, extrapolated backwards from the first displacement to the full length."""
     history = crowd.history
     last = history.shape[1] - 1
     start = np.clip(last + 1 - crowd.observed, 0, last)
@@ -95,7 +116,7 @@ def lived(crowd: Pedestrians) -> Float[np.ndarray, "world time pedestrian 2"]:
 def _at(
     history: Float[np.ndarray, "world time pedestrian 2"], time: Int[np.ndarray, "world pedestrian"]
 ) -> Float[np.ndarray, "world pedestrian 2"]:
-    """Each pedestrian's position at a time of its own."""
+    """Each pedestrian's position at a time index of its own."""
     return np.take_along_axis(history, time[:, None, :, None], axis=1)[:, 0]
 
 

@@ -1,7 +1,8 @@
-"""Social GAN (Gupta et al. 2018): an LSTM that generates futures of a crowd, and one that tells them from real ones.
+"""The networks of Social GAN (Gupta et al. 2018): a generator of futures, and a discriminator of real and fake tracks.
 
-Sizes are the paper's. Differs from it because it learns faster so: the decoder's output is added to the last
-displacement instead of replacing it, so that what is learnt is how people part from going straight on.
+Differs from the paper, because it is trained faster so: the decoder's output is added to the last displacement instead
+of replacing it, and the network learns how pedestrians deviate from constant velocity. The sizes of the generator are
+those of the published code; the encoder in section 3.6 of the paper is half as large.
 """
 
 from __future__ import annotations
@@ -13,22 +14,28 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 EMBEDDING = 16
+"""Size of the embedding of a displacement or a relative position."""
+
 HIDDEN = 32
+"""Size of the state of encoder and decoder."""
+
 WIDE = 64
+"""Size of the hidden layer of every perceptron."""
+
 NOISE = 8
-"""Random numbers per future; the same for everybody in a scene, whose futures belong together."""
+"""Normal numbers per future. All pedestrians of a scene share them, so that their futures belong together."""
 
 
 def perceptron(*sizes: int) -> nn.Sequential:
-    """Linear layers of the given sizes, a ReLU between any two."""
+    """Linear layers of the given sizes with ReLU between them."""
     layers: list[nn.Module] = []
-    for one, two in itertools.pairwise(sizes):
-        layers += [nn.Linear(one, two), nn.ReLU()]
+    for inputs, outputs in itertools.pairwise(sizes):
+        layers += [nn.Linear(inputs, outputs), nn.ReLU()]
     return nn.Sequential(*layers[:-1])
 
 
 class Encoder(nn.Module):
-    """What a pedestrian did, as a vector."""
+    """An LSTM over a pedestrian's displacements."""
 
     def __init__(self, hidden: int) -> None:
         super().__init__()
@@ -36,13 +43,16 @@ class Encoder(nn.Module):
         self.lstm = nn.LSTM(EMBEDDING, hidden, batch_first=True)
 
     def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row hidden"]:
-        """Displacements from step to step, in metres."""
+        """The last hidden state, of displacements from step to step in metres."""
         state: Tensor = self.lstm(torch.relu(self.embed(displacement)))[1][0][0]
         return state
 
 
 class Pooling(nn.Module):
-    """What a pedestrian sees of the others: the largest, in each component, over a perceptron of each of them."""
+    """The social pooling module (Gupta et al. 2018, section 3.4): what a pedestrian perceives of all others.
+
+    A perceptron on relative position and hidden state of each of them, then the maximum of every component.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -55,15 +65,27 @@ class Pooling(nn.Module):
         hidden: Float[Tensor, "scene pedestrian hidden"],
         present: Bool[Tensor, "scene pedestrian"],
     ) -> Float[Tensor, "scene pedestrian hidden"]:
-        """Positions in metres; everybody sees himself too."""
+        """Pool over the pedestrians of each scene.
+
+        Args:
+            position: Positions in metres.
+            hidden: Hidden states of the encoder.
+            present: Who is present; the absent are left out.
+
+        Returns:
+            The pooled vector of every pedestrian, who is among those pooled too.
+        """
         between = self.place(position[:, None] - position[:, :, None])
         others = hidden[:, None].expand(*between.shape[:3], -1)
-        seen = torch.relu(self.mlp(torch.cat([between, others], dim=-1)))
-        return torch.where(present[:, None, :, None], seen, 0.0).amax(dim=2)
+        features = torch.relu(self.mlp(torch.cat([between, others], dim=-1)))
+        return torch.where(present[:, None, :, None], features, 0.0).amax(dim=2)
 
 
 class Generator(nn.Module):
-    """Futures of all pedestrians of a batch of scenes; of `pooling` they are those of a crowd, else each one's own."""
+    """Generates futures of all pedestrians in a batch of scenes: encoder, pooling, and an LSTM decoder with noise.
+
+    Without `pooling` every pedestrian is predicted as if it were alone.
+    """
 
     def __init__(self, pooling: bool = False) -> None:
         super().__init__()
@@ -81,21 +103,32 @@ class Generator(nn.Module):
         noise: Float[Tensor, "scene mode noise"],
         steps: int,
     ) -> Float[Tensor, "mode row steps 2"]:
-        """Displacements from step to step, in metres, of whoever is present, in the order of `present.nonzero()`."""
+        """Generate one future for each vector of noise.
+
+        Args:
+            history: Observed positions in metres, relative to a point near them.
+            present: Who is present.
+            noise: Normal numbers.
+            steps: Number of steps to predict.
+
+        Returns:
+            Displacements from step to step in metres. A row is a pedestrian who is present, in the order of
+            `present.nonzero()`.
+        """
         scene, pedestrian = present.nonzero(as_tuple=True)
         if len(scene) == 0:
             return noise.new_zeros((noise.shape[1], 0, steps, 2))
-        seen = history.transpose(1, 2)[scene, pedestrian].diff(dim=1)
-        hidden = self.encoder(seen)
+        observed = history.transpose(1, 2)[scene, pedestrian].diff(dim=1)
+        hidden = self.encoder(observed)
         if self.pooling is not None:
-            spread = hidden.new_zeros((*present.shape, HIDDEN))
-            spread[scene, pedestrian] = hidden
-            hidden = torch.cat([hidden, self.pooling(history[:, -1], spread, present)[scene, pedestrian]], dim=-1)
+            padded = hidden.new_zeros((*present.shape, HIDDEN))
+            padded[scene, pedestrian] = hidden
+            hidden = torch.cat([hidden, self.pooling(history[:, -1], padded, present)[scene, pedestrian]], dim=-1)
         modes, rows = noise.shape[1], len(scene)
         context = self.context(hidden).expand(modes, rows, -1)
         state = torch.cat([context, noise[scene].transpose(0, 1)], dim=-1).reshape(modes * rows, HIDDEN)
         cell = torch.zeros_like(state)
-        move = seen[:, -1].repeat(modes, 1)
+        move = observed[:, -1].repeat(modes, 1)
         moves = []
         for _ in range(steps):
             state, cell = self.decoder(torch.relu(self.embed(move)), (state, cell))
@@ -105,14 +138,14 @@ class Generator(nn.Module):
 
 
 class Discriminator(nn.Module):
-    """How real a whole track looks, as a logit."""
+    """Tells real tracks from fake ones: an encoder and a perceptron as its head."""
 
     def __init__(self) -> None:
         super().__init__()
         self.encoder = Encoder(HIDDEN)
-        self.judge = perceptron(HIDDEN, WIDE, 1)
+        self.head = perceptron(HIDDEN, WIDE, 1)
 
     def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row"]:
-        """Displacements from step to step, in metres, what was seen and what followed."""
-        score: Tensor = self.judge(self.encoder(displacement))[:, 0]
-        return score
+        """The logit that a track is real, from its displacements in metres, observed and predicted."""
+        logit: Tensor = self.head(self.encoder(displacement))[:, 0]
+        return logit

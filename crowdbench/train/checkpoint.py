@@ -1,4 +1,4 @@
-"""The state of a training on disk: one safetensors file, written whole, from which it goes on bit for bit."""
+"""The state of a training on disk: one safetensors file, written whole, from which training goes on bit for bit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,13 @@ from crowdbench.files import whole
 
 @dataclass(frozen=True)
 class State:
-    """What a training is made of: tensors, numbers, and its curve, whose points are dataclasses or what JSON makes."""
+    """The state of a training.
+
+    Attributes:
+        tensors: Networks, optimizers and other arrays by name; the name of a part comes first, then a dot.
+        facts: Counters and other numbers by name.
+        curve: The points of the training curve: dataclasses, or dictionaries where the state was read from a file.
+    """
 
     tensors: Mapping[str, Tensor]
     facts: Mapping[str, Any]
@@ -28,7 +34,13 @@ class State:
 
 
 def save(state: State, path: Path, about: Mapping[str, Any]) -> None:
-    """Write the state of a training; `about` says what is trained and is kept beside it."""
+    """Write a checkpoint.
+
+    Args:
+        state: The state of the training.
+        path: The file.
+        about: The request of the training, as JSON.
+    """
     curve = [dataclasses.asdict(point) for point in state.curve]
     facts = {"about": dict(about), "facts": dict(state.facts), "curve": curve}
     with whole(path) as partial:
@@ -36,31 +48,36 @@ def save(state: State, path: Path, about: Mapping[str, Any]) -> None:
 
 
 def read_about(path: Path) -> dict[str, Any]:
-    """What a checkpoint says is trained. Raises InputError where there is none."""
-    return _written(path)["about"]
+    """The request in a checkpoint, as JSON. Raises InputError where there is no checkpoint."""
+    return _metadata(path)["about"]
 
 
 def read(path: Path) -> State:
-    """The state in a file. Raises InputError where there is none."""
-    written = _written(path)
+    """The state in a checkpoint. Raises InputError where there is no checkpoint."""
+    written = _metadata(path)
     with safe_open(path, "pt") as file:
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no dict)
     return State(tensors, written["facts"], written["curve"])
 
 
 def tensors_of(part: str, network: nn.Module) -> dict[str, Tensor]:
-    """A network's tensors, named as those of a part of a training."""
+    """A network's tensors under the name of a part of the training."""
     return {f"{part}.{name}": tensor.contiguous() for name, tensor in network.state_dict().items()}
 
 
 def optimizer_state(part: str, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """An optimizer's tensors, named as those of a part of a training."""
+    """An optimizer's tensors under the name of a part of the training."""
     states = optimizer.state_dict()["state"].items()
     return {f"{part}.{number}.{name}": tensor for number, state in states for name, tensor in state.items()}
 
 
+def part_of(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The tensors of a part of the training, without its name."""
+    return {name.removeprefix(f"{part}."): tensor for name, tensor in tensors.items() if name.startswith(f"{part}.")}
+
+
 def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
-    """Give an optimizer what `optimizer_state` gave, without the name of the part."""
+    """Give an optimizer the tensors of `optimizer_state`, as `part_of` returns them."""
     state: dict[int, dict[str, Tensor]] = {}
     for name, tensor in tensors.items():
         number, _, key = name.partition(".")
@@ -68,12 +85,24 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Te
     optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
 
 
-def under(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors of a part of a training."""
-    return {name.removeprefix(f"{part}."): tensor for name, tensor in tensors.items() if name.startswith(f"{part}.")}
+def renamed(tensors: Mapping[str, Tensor], names: Mapping[str, str]) -> dict[str, Tensor]:
+    """Tensors of an older checkpoint under their present names.
+
+    Args:
+        tensors: The tensors by name.
+        names: The present name by the former one, each of a part of the training or of something in it.
+
+    Returns:
+        The same tensors; whatever `names` does not mention keeps its name.
+    """
+    found = {}
+    for name, tensor in tensors.items():
+        former = next((each for each in names if name == each or name.startswith(f"{each}.")), None)
+        found[name if former is None else names[former] + name.removeprefix(former)] = tensor
+    return found
 
 
-def _written(path: Path) -> dict[str, Any]:
+def _metadata(path: Path) -> dict[str, Any]:
     try:
         with safe_open(path, "pt") as file:
             return json.loads((file.metadata() or {})["training"])

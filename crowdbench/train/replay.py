@@ -1,4 +1,4 @@
-"""What a value network learns from: the steps of episodes, as joint states."""
+"""What a value network learns from: n-step transitions between joint states, and the replay buffer that keeps them."""
 
 from __future__ import annotations
 
@@ -14,50 +14,67 @@ from crowdbench.value.joint_state import joint_states
 
 
 @dataclass(frozen=True)
-class Steps:
-    """States of episodes, each with what came of it some steps later, in float32.
+class Transitions:
+    """States of episodes, each with the rewards of the next n steps and the state after them.
 
-    `reward` is the discounted sum of the rewards until then, `later` the state reached, and `factor` what the value of
-    that state counts for: 0 where the episode ended before, but not by a time-out, which ends the watching, not the
-    way. `value` is the discounted return to the episode's end; it says nothing of episodes that ran out of time.
+    An episode that ends in fewer than n steps gives fewer rewards and its last state. gamma is the discount of a step.
+
+    Attributes:
+        joint: The joint states.
+        next_joint: The joint states k steps later, where k is n or the number of steps to the end of the episode.
+        present: Which pedestrians are present, in both states.
+        reward: The discounted sum of the k rewards in between.
+        bootstrap: What the value of the next state is multiplied with in the target: gamma^k, or 0 where the episode
+            terminated within the k steps. A time-out only truncates an episode, so that the next state keeps its
+            value and the factor is gamma^k (Pardo et al. 2018).
+        episode_return: The discounted sum of all rewards to the end of the episode. For an episode that was truncated
+            it lacks what would have followed.
     """
 
     joint: Float32[np.ndarray, "step pedestrian 13"]
-    later: Float32[np.ndarray, "step pedestrian 13"]
+    next_joint: Float32[np.ndarray, "step pedestrian 13"]
     present: Bool[np.ndarray, "step pedestrian"]
     reward: Float32[np.ndarray, "step"]
-    factor: Float32[np.ndarray, "step"]
-    value: Float32[np.ndarray, "step"]
+    bootstrap: Float32[np.ndarray, "step"]
+    episode_return: Float32[np.ndarray, "step"]
 
     def __len__(self) -> int:
         return len(self.reward)
 
-    def take(self, rows: Int[np.ndarray, "row"] | slice) -> Steps:
-        """The given steps."""
-        return Steps(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
+    def take(self, rows: Int[np.ndarray, "row"] | slice) -> Transitions:
+        """The transitions of the given rows."""
+        return Transitions(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
 
 
-def steps_of(trace: Trace, ahead: int, *, timeouts: bool = True) -> Steps:
-    """All states of a trace's episodes but the last ones, each with what came of it `ahead` steps later.
+def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
+    """The n-step transitions of all episodes of a trace, from every state but the last.
 
-    The states of episodes that ran out of time are left out unless `timeouts`.
+    Args:
+        trace: The episodes.
+        n: The number of steps of a transition.
+        truncated: Whether to include episodes that ended in a time-out.
+
+    Returns:
+        The transitions, episode by episode.
     """
     length = trace.gap.shape[1]
     taken = np.arange(length) < trace.steps[:, None]
     reward = np.where(taken, episode_rewards(trace), 0.0)
-    factor = discount(trace.preferred_speed[:, 0], trace.rules.dt)
-    # The state that is looked at later: that many steps on, or the episode's last.
-    then = np.minimum(np.arange(length) + ahead, trace.steps[:, None])
-    over = (then == trace.steps[:, None]) & (trace.outcome != Outcome.TIMEOUT)[:, None]
+    gamma = discount(trace.preferred_speed[:, 0], trace.rules.dt)
+    timed_out = trace.outcome == Outcome.TIMEOUT
+    later = np.minimum(np.arange(length) + n, trace.steps[:, None])
+    terminated = (later == trace.steps[:, None]) & ~timed_out[:, None]
     joint, present = _states(trace)
-    world, time = np.nonzero(taken & (timeouts | (trace.outcome != Outcome.TIMEOUT))[:, None])
-    return Steps(
+    world, time = np.nonzero(taken & (truncated | ~timed_out)[:, None])
+    return Transitions(
         joint=joint[world, time],
-        later=joint[world, then[world, time]],
+        next_joint=joint[world, later[world, time]],
         present=present[world],
-        reward=_returns(reward, factor, ahead)[world, time].astype(np.float32),
-        factor=np.where(over, 0.0, factor[:, None] ** (then - np.arange(length)))[world, time].astype(np.float32),
-        value=_returns(reward, factor, length)[world, time].astype(np.float32),
+        reward=_returns(reward, gamma, n)[world, time].astype(np.float32),
+        bootstrap=np.where(terminated, 0.0, gamma[:, None] ** (later - np.arange(length)))[world, time].astype(
+            np.float32
+        ),
+        episode_return=_returns(reward, gamma, length)[world, time].astype(np.float32),
     )
 
 
@@ -80,41 +97,60 @@ def _states(
 
 
 def _returns(
-    reward: Float[np.ndarray, "world step"], factor: Float[np.ndarray, "world"], ahead: int
+    reward: Float[np.ndarray, "world step"], gamma: Float[np.ndarray, "world"], n: int
 ) -> Float[np.ndarray, "world step"]:
-    """The discounted sum of each step's reward and those of the steps after it, `ahead` in all."""
+    """The discounted sums of n rewards from every step on.
+
+    They are the n-step returns of Sutton and Barto (2018, equation 7.1) without the last term, the value after n steps.
+
+    Args:
+        reward: The reward of every step, 0 after an episode's last one.
+        gamma: The discount of a step.
+        n: The number of rewards in a sum.
+
+    Returns:
+        The sum that starts at each step.
+    """
     returns = np.zeros_like(reward)
-    for later in range(min(ahead, reward.shape[1])):
-        returns[:, : reward.shape[1] - later] += factor[:, None] ** later * reward[:, later:]
+    for later in range(min(n, reward.shape[1])):
+        returns[:, : reward.shape[1] - later] += gamma[:, None] ** later * reward[:, later:]
     return returns
 
 
-class Replay:
-    """The latest steps, up to a number of them; the oldest make room for new ones."""
+class ReplayBuffer:
+    """The latest transitions, up to a number of them: the oldest are overwritten by new ones."""
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
-        self.steps: Steps | None = None
+        self.transitions: Transitions | None = None
         self.added = 0
 
     def __len__(self) -> int:
         return min(self.added, self.capacity)
 
-    def add(self, steps: Steps) -> None:
-        """Add steps, all of episodes with the same largest number of pedestrians."""
-        if self.steps is None:
-            self.steps = Steps(
+    def add(self, new: Transitions) -> None:
+        """Add transitions, always with the same size of the pedestrian axis."""
+        if self.transitions is None:
+            self.transitions = Transitions(
                 *(
-                    np.zeros((self.capacity, *getattr(steps, field.name).shape[1:]), getattr(steps, field.name).dtype)
-                    for field in dataclasses.fields(Steps)
+                    np.zeros((self.capacity, *getattr(new, field.name).shape[1:]), getattr(new, field.name).dtype)
+                    for field in dataclasses.fields(Transitions)
                 )
             )
-        rows = (self.added + np.arange(len(steps))) % self.capacity
-        for field in dataclasses.fields(Steps):
-            getattr(self.steps, field.name)[rows] = getattr(steps, field.name)
-        self.added += len(steps)
+        rows = (self.added + np.arange(len(new))) % self.capacity
+        for field in dataclasses.fields(Transitions):
+            getattr(self.transitions, field.name)[rows] = getattr(new, field.name)
+        self.added += len(new)
 
-    def sample(self, generator: np.random.Generator, n: int) -> Steps:
-        """Steps drawn with replacement."""
-        assert self.steps is not None
-        return self.steps.take(generator.integers(len(self), size=n))
+    def sample(self, generator: np.random.Generator, n: int) -> Transitions:
+        """Draw transitions uniformly, with replacement.
+
+        Args:
+            generator: The source of random numbers.
+            n: The number of transitions.
+
+        Returns:
+            The transitions.
+        """
+        assert self.transitions is not None
+        return self.transitions.take(generator.integers(len(self), size=n))

@@ -1,9 +1,14 @@
-"""Trains a value network: ORCA demonstrates, the network imitates, then it learns from its own episodes.
+"""Trains a value network: it imitates ORCA's demonstrations, then learns from its own episodes.
 
-The method of CrowdNav (Chen et al. 2019, algorithm 1), for any of the networks. Differs from CrowdNav because it must
-take minutes: episodes run in rounds, all of a round in lock-step; the target is a moving average of the network
-instead of a copy made now and then, and is what is validated and kept. A time-out only truncates an episode: CrowdNav
-forgets such episodes, here the last state's value stands for the rest.
+Deep V-learning (Chen et al. 2019, algorithm 1), for any of the value networks. Differs from CrowdNav, because it must
+take minutes:
+
+- All episodes of a round run in lock-step, and the network learns after each round.
+- Targets are n-step returns (Sutton and Barto 2018, equation 7.1) instead of one-step returns.
+- The target network is an exponential moving average of the network (Lillicrap et al. 2016, "soft" target updates)
+  instead of a copy made now and then. It is also the network that is validated and saved.
+- A time-out only truncates an episode: the target takes the value of its last state for what would have followed
+  (Pardo et al. 2018). CrowdNav leaves such episodes out.
 """
 
 from __future__ import annotations
@@ -16,73 +21,93 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.special import ndtr
 from torch import Tensor
 
-from crowdbench import rng
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import discounted_return, navigation_time_or_limit, success_rate
 from crowdbench.evaluate.rollout import rollout
-from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.predict import ConstantVelocity, Predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.train.checkpoint import State, optimizer_state, restore_optimizer, tensors_of, under
-from crowdbench.train.replay import Replay, Steps, steps_of
-from crowdbench.types import Observation, Trace
-from crowdbench.value.networks import NETWORKS
+from crowdbench.train.checkpoint import State, optimizer_state, part_of, renamed, restore_optimizer, tensors_of
+from crowdbench.train.exploration import EpsilonGreedy
+from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
+from crowdbench.types import Trace
+from crowdbench.value.networks import NETWORKS, ValueNetwork
 
 DEMONSTRATIONS = 2000
-"""Episodes that ORCA demonstrates, with `SAFETY_SPACE` metres added to every radius."""
+"""Episodes that ORCA demonstrates."""
 
 SAFETY_SPACE = 0.15
-PASSES = 5
-"""Times that the network sees every demonstrated step."""
+"""Metres by which ORCA enlarges every radius in demonstrations."""
+
+IMITATION_EPOCHS = 5
+"""Epochs of supervised learning on the demonstrations."""
 
 IMITATION_RATE = 1e-3
 """Learning rate of imitation."""
 
-RATE = 5e-4
-"""Learning rate of the network's own episodes, falling to nothing over their second half."""
+LEARNING_RATE = 5e-4
+"""Learning rate on the network's own episodes; it decays linearly to 0 over the second half of the training."""
 
 ROUND = 100
 """Episodes that the network drives between updates."""
 
-SAMPLES = 10
-"""Steps that are learnt from per step driven."""
+REPLAY_RATIO = 10
+"""Transitions that are learned from per step driven."""
 
 BATCH = 512
-AHEAD = 6
-"""Steps between a state and the one whose value it learns from: one would carry what is learnt too slowly back."""
+"""Transitions of an update."""
+
+N_STEPS = 6
+"""The n of the n-step temporal-difference target."""
 
 CAPACITY = 150_000
-"""Steps that are remembered."""
+"""Transitions in the replay buffer."""
 
 EXPLORATION = (0.15, 0.02, 0.4)
-"""Share of random commands at first, in the end, and the part of the training over which it falls."""
+"""Epsilon at the start and at the end, and the part of the training over which it falls linearly."""
 
 AVERAGING = 0.01
-"""Weight of the network in the moving average, at every update."""
+"""Weight of the network in its moving average, at every update."""
 
 VALIDATIONS = 12
 """How often, over a whole training, the network is measured on validation cases."""
 
 VALIDATION_CASES = 200
+
 SECONDS_PER_POINT = 1.0
-"""Seconds of driving that weigh as much as one percentage point of success when a network is chosen."""
+"""Seconds of navigation time that count as much as one percentage point of success when a network is chosen."""
 
 CASES_PER_SEED = 1_000_000
-"""Every seed has training cases of its own."""
+"""Every seed has training cases of its own: so many."""
 
 PARTS = ("network", "average", "best")
 """The networks of a training."""
 
+FORMER_NAMES = {
+    "replay.later": "replay.next_joint",
+    "replay.factor": "replay.bootstrap",
+    "replay.value": "replay.episode_return",
+}
+"""Tensors that had another name in older checkpoints."""
+
 
 @dataclass(frozen=True)
 class Setup:
-    """What is trained, among which crowd, for how long: `minutes` where given, or else `episodes`."""
+    """What is trained, and for how long.
+
+    Attributes:
+        network: The name of the network, one of `NETWORKS`.
+        scenario: The scenario of all episodes.
+        predictor: The predictor in the lookahead of training episodes.
+        seed: The seed of weights, batches, exploration and training cases.
+        episodes: How many episodes to train for, where `minutes` is None.
+        minutes: How long to train, in minutes, or None.
+        device: `cpu` or `cuda`.
+    """
 
     network: str
     scenario: Scenario
@@ -95,7 +120,17 @@ class Setup:
 
 @dataclass(frozen=True)
 class Validated:
-    """One point of the training curve. Seconds are those spent on training, validation left out."""
+    """One validation: a point of the training curve.
+
+    Attributes:
+        episodes: The episodes driven so far.
+        seconds: The training time so far in seconds, without validations.
+        exploration: Epsilon at this time.
+        loss: The mean squared error of the values in the last round.
+        success: The success rate on validation cases, from 0 to 1.
+        navigation_time_or_limit: The mean time to the goal in seconds, the time limit for failures.
+        discounted_return: The mean discounted sum of rewards.
+    """
 
     episodes: int
     seconds: float
@@ -107,7 +142,7 @@ class Validated:
 
     @property
     def score(self) -> float:
-        """What the kept network is chosen by: the share of successes, less what slowness costs."""
+        """What a network is chosen by: its success rate, less a penalty for time."""
         return self.success - 0.01 / SECONDS_PER_POINT * self.navigation_time_or_limit
 
     def __str__(self) -> str:
@@ -118,7 +153,7 @@ class Validated:
 
 
 class Training:
-    """A training and all its state. `run` may be called again after an interruption or on a restored state."""
+    """A training of a value network and all its state. `run` may be called on a new or on a restored one."""
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
@@ -126,21 +161,21 @@ class Training:
             torch.manual_seed(setup.seed)
             self.network = NETWORKS[setup.network]().to(setup.device)
         self.average = copy.deepcopy(self.network)
-        self.best = copy.deepcopy(self.network)
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=RATE)
-        self.replay = Replay(CAPACITY)
+        self.best: ValueNetwork = copy.deepcopy(self.network)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
+        self.replay = ReplayBuffer(CAPACITY)
         self.rounds = 0
         self.seconds = 0.0
         self.curve: list[Validated] = []
 
     @property
     def progress(self) -> float:
-        """How much of the training is done, from 0 to 1."""
+        """The part of the training that is done, from 0 to 1."""
         episodes, minutes = self.setup.episodes, self.setup.minutes
         return min(1.0, self.seconds / (60.0 * minutes) if minutes else self.rounds * ROUND / episodes)
 
     def run(self, after_validation: Callable[[], None]) -> None:
-        """Train to the end; `after_validation` is called whenever a point is added to the curve."""
+        """Train to the end, and call `after_validation` whenever the curve has a new point."""
         if not self.curve:
             self._validate(self._timed(self.imitate))
             after_validation()
@@ -157,27 +192,27 @@ class Training:
         return loss
 
     def imitate(self) -> float:
-        """Learn the returns of demonstrated episodes. The loss of the last pass."""
+        """Learn the returns of demonstrated episodes by regression. The mean loss of the last epoch."""
         trace = rollout(Driver(ORCAPlanner(SAFETY_SPACE), "orca"), self.setup.scenario, self._cases(0, DEMONSTRATIONS))
-        steps = steps_of(trace, AHEAD, timeouts=False)
+        steps = transitions(trace, N_STEPS, truncated=False)
         optimizer = torch.optim.Adam(self.network.parameters(), lr=IMITATION_RATE)
         generator = np.random.default_rng([self.setup.seed, 0])
-        for _ in range(PASSES):
+        for _ in range(IMITATION_EPOCHS):
             order = generator.permutation(len(steps))
             batches = [steps.take(order[start : start + BATCH]) for start in range(0, len(steps), BATCH)]
-            loss = np.mean([self._update(optimizer, batch, self._tensor(batch.value)) for batch in batches])
+            loss = np.mean([self._update(optimizer, batch, self._tensor(batch.episode_return)) for batch in batches])
         self.average.load_state_dict(self.network.state_dict())
         return float(loss)
 
     def improve(self) -> float:
-        """Drive a round of episodes and learn from all that are remembered. The mean loss."""
+        """Drive a round of episodes, then learn from the replay buffer. The mean loss."""
         for group in self.optimizer.param_groups:
-            group["lr"] = RATE * min(1.0, 2.0 * (1.0 - self.progress))
-        steps = steps_of(self._drive(), AHEAD)
+            group["lr"] = LEARNING_RATE * min(1.0, 2.0 * (1.0 - self.progress))
+        steps = transitions(self._drive(), N_STEPS)
         self.replay.add(steps)
         generator = np.random.default_rng([self.setup.seed, 1, self.rounds])
         losses = []
-        for _ in range(SAMPLES * len(steps) // BATCH):
+        for _ in range(REPLAY_RATIO * len(steps) // BATCH):
             batch = self.replay.sample(generator, BATCH)
             losses.append(self._update(self.optimizer, batch, self._target(batch)))
             with torch.no_grad():
@@ -186,27 +221,30 @@ class Training:
         return float(np.mean(losses))
 
     def _drive(self) -> Trace:
+        """A round of training episodes with epsilon-greedy exploration."""
         planner = ValuePlanner(self.setup.predictor, self.network)
-        driver = Driver(Exploring(planner, self.exploration, self.setup.seed), self.setup.network)
+        driver = Driver(EpsilonGreedy(planner, self.exploration, self.setup.seed), self.setup.network)
         return rollout(driver, self.setup.scenario, self._cases(DEMONSTRATIONS + self.rounds * ROUND, ROUND))
 
     @property
     def exploration(self) -> float:
-        """The share of random commands at present."""
+        """The present epsilon: the probability of a random command."""
         first, last, part = EXPLORATION
         return first + (last - first) * min(1.0, self.progress / part)
 
     def _cases(self, start: int, n: int) -> Cases:
+        """`n` training cases of this seed."""
         start += self.setup.seed * CASES_PER_SEED
         return Cases("train", start, start + n)
 
     @torch.no_grad()
-    def _target(self, batch: Steps) -> Float[Tensor, "step"]:
-        """The rewards of the next steps and the discounted value of the state after them."""
-        later = self.average(self._tensor(batch.later), self._tensor(batch.present))
-        return self._tensor(batch.reward) + self._tensor(batch.factor) * later
+    def _target(self, batch: Transitions) -> Float[Tensor, "step"]:
+        """The n-step return: the rewards of n steps and the discounted value after them, by the target network."""
+        value = self.average(self._tensor(batch.next_joint), self._tensor(batch.present))
+        return self._tensor(batch.reward) + self._tensor(batch.bootstrap) * value
 
-    def _update(self, optimizer: torch.optim.Optimizer, batch: Steps, target: Float[Tensor, "step"]) -> float:
+    def _update(self, optimizer: torch.optim.Optimizer, batch: Transitions, target: Float[Tensor, "step"]) -> float:
+        """One step of the optimizer on the mean squared error to the target. The loss."""
         values = self.network(self._tensor(batch.joint), self._tensor(batch.present))
         loss = torch.nn.functional.mse_loss(values, target)
         optimizer.zero_grad()
@@ -218,7 +256,8 @@ class Training:
         return torch.from_numpy(array).to(self.setup.device)
 
     def _validate(self, loss: float) -> None:
-        # A network is chosen by how it does with what a vehicle can see, whatever it is trained with.
+        """Add a point to the curve, and keep the network if it is the best one so far."""
+        # Always with constant velocity, which a vehicle can know; the predictor in training may be the oracle.
         driver = Driver(ValuePlanner(ConstantVelocity(), self.average), self.setup.network)
         trace = rollout(driver, self.setup.scenario, Cases("val", 0, VALIDATION_CASES))
         point = Validated(
@@ -231,52 +270,31 @@ class Training:
             discounted_return=float(discounted_return(trace).mean()),
         )
         self.curve.append(point)
-        if self.kept is point:
+        if self.chosen is point:
             self.best.load_state_dict(self.average.state_dict())
 
     @property
-    def kept(self) -> Validated:
-        """The point of the curve at which the best network was found, the later of equals, which has learnt more."""
+    def chosen(self) -> Validated:
+        """The point of the curve with the best score; of equals the last, which has been trained longest."""
         return max(reversed(self.curve), key=lambda point: point.score)
 
     def state(self) -> State:
-        """All of it, to be written."""
+        """The state of the training, for a checkpoint."""
         tensors = {key: value for part in PARTS for key, value in tensors_of(part, getattr(self, part)).items()}
         tensors |= optimizer_state("optimizer", self.optimizer)
-        if self.replay.steps is not None:
-            kept = self.replay.steps.take(slice(0, len(self.replay)))
+        if self.replay.transitions is not None:
+            kept = self.replay.transitions.take(slice(0, len(self.replay)))
             tensors |= {f"replay.{name}": torch.from_numpy(array) for name, array in vars(kept).items()}
         return State(tensors, {"rounds": self.rounds, "seconds": self.seconds, "added": self.replay.added}, self.curve)
 
     def restore(self, state: State) -> None:
-        """Go on from what `state` gave. Raises RuntimeError where it is another network's."""
+        """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
+        tensors = renamed(state.tensors, FORMER_NAMES)
         for part in PARTS:
-            getattr(self, part).load_state_dict(under(part, state.tensors))
-        restore_optimizer(self.optimizer, under("optimizer", state.tensors))
-        if replay := under("replay", state.tensors):
-            self.replay.add(Steps(**{name: tensor.numpy() for name, tensor in replay.items()}))
+            getattr(self, part).load_state_dict(part_of(part, tensors))
+        restore_optimizer(self.optimizer, part_of("optimizer", tensors))
+        if replay := part_of("replay", tensors):
+            self.replay.add(Transitions(**{name: tensor.numpy() for name, tensor in replay.items()}))
         self.replay.added = state.facts["added"]
         self.rounds, self.seconds = state.facts["rounds"], state.facts["seconds"]
         self.curve = [Validated(**point) for point in state.curve]
-
-
-class Exploring(Planner):
-    """Another planner, with random ones of its 81 commands in a `share` of the steps."""
-
-    def __init__(self, planner: ValuePlanner, share: float, seed: int) -> None:
-        self.privileged = planner.privileged
-        self.planner = planner
-        self.share = share
-        self.purpose = f"exploration {seed}"
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """See `Planner`."""
-        commands = self.planner.actions(obs.vehicle.preferred_speed)
-        # Uniform from normal numbers, whose stream depends on nothing but the case and the step.
-        explore, which = ndtr(rng.normal(obs.key, self.purpose, obs.step, 1, 2)[:, 0]).T
-        world = np.arange(len(obs))
-        chosen = commands[world, (which * commands.shape[1]).astype(int)]
-        greedy = explore >= self.share
-        if greedy.any():
-            chosen[greedy] = self.planner.plan(obs.take(greedy))
-        return chosen

@@ -1,62 +1,61 @@
-"""What is asked for of the training of a value network, and the card of what came out."""
+"""What a user asks for in the training of a value network, and what the card says of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
-from crowdbench import catalog
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import Episodes, to_json
-from crowdbench.evaluate.rollout import rollout
-from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.predict import ConstantVelocity
-from crowdbench.predict.load import load_predictor
-from crowdbench.scenario.cases import Cases
-from crowdbench.settings import BATCH
-from crowdbench.train.value import Setup, Training
-from crowdbench.value.networks import NETWORKS
+from crowdbench.train.method import Request, Training, option
+from crowdbench.weights import card as cards
 
-FIGURES = {"validation": Cases("val", 0, 1000), "test": Cases("test", 0, 500)}
-"""The cases that a finished network is measured on, for its card."""
-
-MEASURED = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
+EPISODES = 4000
+"""The episodes of a training where their number is not given."""
 
 
-@dataclass(frozen=True)
-class ValueRequest:
-    """What is asked for, as in the options of `crowdbench train`."""
+@dataclass(frozen=True, kw_only=True)
+class ValueRequest(Request):
+    """What is asked for of the training in `crowdbench.train.value`.
 
-    network: str
-    scenario: str
-    overrides: Mapping[str, Any]
-    predictor: str
-    seed: int
-    episodes: int
-    minutes: float | None
+    Attributes:
+        predictor: The predictor in the lookahead: a name, or the path of its file.
+        episodes: The episodes that the network drives, demonstrations not counted.
+    """
+
+    predictor: str = option("oracle", "The predictor in the lookahead: a name or ./mine.py")
+    episodes: int = option(EPISODES, "Train for this many episodes", least=1)
+
+    length: ClassVar[str] = "episodes"
+
+    @classmethod
+    def check(cls, options: Mapping[str, Any]) -> None:
+        """See `Request`. Any options go together."""
 
     @property
-    def command(self) -> str:
-        """The command that asks for it."""
-        words = ["crowdbench train", self.network, "--scenario", self.scenario]
-        words += [f"--set '{key}={value}'" for key, value in self.overrides.items()]
-        words += ["--predictor", self.predictor, "--seed", str(self.seed)]
-        words += ["--episodes", str(self.episodes)] if self.minutes is None else ["--minutes", f"{self.minutes:g}"]
-        return " ".join(words)
+    def arguments(self) -> Sequence[str]:
+        """See `Request`."""
+        return [*self.scenario_arguments, "--predictor", self.predictor]
+
+    @property
+    def use(self) -> str:
+        """See `Request`."""
+        return f"run --planner {self.network}"
 
     def training(self, device: str) -> Training:
-        """A new training of it. Raises InputError where there is no such network, scenario or predictor."""
-        if self.network not in NETWORKS:
-            raise InputError(f"no network is called {self.network!r}; there are {', '.join(NETWORKS)}, sgan")
+        """See `Request`. Raises InputError where there is no such scenario or predictor."""
+        # Imported here, because torch and the simulator take seconds and the options are shown without them.
+        from crowdbench.catalog import load_scenario
+        from crowdbench.predict.load import load_predictor
+        from crowdbench.train.value import Setup, Training
+
         _, predictor = load_predictor(self.predictor)
-        scenario = catalog.load_scenario(self.scenario, self.overrides)
+        scenario = load_scenario(self.scenario, self.overrides)
         return Training(Setup(self.network, scenario, predictor, self.seed, self.episodes, self.minutes, device))
 
-    def card(self, training: Training, progress: Callable[[int], None]) -> dict[str, Any]:
-        """What its card says of the training and of what the kept network does among the crowd it was trained in."""
+    def card(self, training: Any, progress: Callable[[int], None]) -> dict[str, Any]:
+        """See `Request`. The figures are those of the best network in the scenario that it was trained in."""
+        from crowdbench.train.value_figures import figures
+
         scenario = training.setup.scenario
         return {
             "training": {
@@ -64,23 +63,50 @@ class ValueRequest:
                 "predictor": self.predictor,
                 "seed": self.seed,
                 "episodes": training.curve[-1].episodes,
-                "kept_after_episodes": training.kept.episodes,
+                "kept_after_episodes": training.chosen.episodes,
                 "minutes": round(training.seconds / 60, 1),
             },
-            "figures": {split: _figures(training, cases, progress) for split, cases in FIGURES.items()},
+            "figures": figures(training.best, scenario, progress),
             "data": "simulated episodes only",
         }
 
     @property
-    def measured(self) -> int:
-        """How many cases the card takes."""
-        return sum(map(len, FIGURES.values()))
+    def card_cases(self) -> int:
+        """See `Request`."""
+        from crowdbench.train.value_figures import CASES
 
+        return sum(map(len, CASES.values()))
 
-def _figures(training: Training, cases: Cases, progress: Callable[[int], None]) -> dict[str, Any]:
-    """How the kept network does at constant velocity."""
-    driver = Driver(ValuePlanner(ConstantVelocity(), training.best), training.setup.network)
-    metrics = {name: METRICS[name] for name in MEASURED}
-    traces = (rollout(driver, training.setup.scenario, part, progress=progress) for part in cases.batches(BATCH))
-    parts = [Episodes.of(trace, metrics) for trace in traces]
-    return {"cases": str(cases), "metrics": to_json(Episodes.joined(parts).summary())}
+    @staticmethod
+    def card_headline(card: Mapping[str, Any]) -> str:
+        """See `Request`."""
+        trained, success = card["training"], card["figures"]["test"]["metrics"]["success_rate"]
+        where = f"with the {trained['predictor']} predictor in {cards.crowd(trained['scenario'])}"
+        return f"{where}: {cards.rate(success)} success on test cases"
+
+    @staticmethod
+    def card_rows(card: Mapping[str, Any]) -> Mapping[str, str]:
+        """See `Request`."""
+        trained = card["training"]
+        return {
+            "scenario": f"{cards.crowd(trained['scenario'])} (digest {trained['scenario']['digest']})",
+            "predictor in the lookahead": trained["predictor"],
+            "checkpoint": f"chosen at episode {trained['kept_after_episodes']} of {trained['episodes']}",
+        }
+
+    @staticmethod
+    def card_figures(card: Mapping[str, Any]) -> Sequence[str]:
+        """See `Request`."""
+        lines = [
+            "Measured once, after training, in the same scenario, with the constant-velocity predictor in the "
+            "lookahead (95 % intervals):",
+            "",
+            "| cases | success | collisions | time-outs | navigation time |",
+            "|---|---|---|---|---|",
+        ]
+        for split, figures in card["figures"].items():
+            measured = figures["metrics"]
+            rates = [cards.rate(measured[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
+            time = cards.seconds(measured["navigation_time"])
+            lines.append(f"| {split} {figures['cases']} | {' | '.join(rates)} | {time} |")
+        return lines

@@ -1,7 +1,7 @@
-"""Trained weights: a safetensors file, and beside it a card that says where it comes from and what it must hold.
+"""Trained weights on disk: a safetensors file, and beside it a card, which says where the weights come from.
 
-The card is JSON: `network`, `sha256` of the weights file, how it was trained, and what it was measured to do.
-Nothing is ever unpickled.
+The card is JSON: `network`, the `sha256` of the weights file, how the network was trained, and what it was measured to
+do. No pickle is ever opened, because that would run code from the file.
 """
 
 from __future__ import annotations
@@ -20,24 +20,23 @@ from torch import nn
 from crowdbench.errors import InputError
 from crowdbench.files import whole
 from crowdbench.plugins import ROOT
-from crowdbench.weights import card as cards
 
 WEIGHTS = ROOT / "agents" / "weights"
-"""Where the weights that ship lie."""
+"""The folder of the built-in weights."""
 
 SUFFIX = ".safetensors"
-"""How files of weights end."""
+"""The suffix of files of weights."""
 
 Network = TypeVar("Network", bound=nn.Module)
 
 
 def built_in() -> list[Path]:
-    """The files of the weights that ship, ordered by name."""
+    """The files of the built-in weights, ordered by name."""
     return sorted(WEIGHTS.glob(f"*{SUFFIX}"))
 
 
 def weights_file(weights: str) -> Path:
-    """The file of the weights of that name, or the path that ends in `.safetensors`, as it is.
+    """The file of the built-in weights of that name; a path that ends in `.safetensors` is returned as it is.
 
     Raises InputError where no weights have that name.
     """
@@ -50,20 +49,29 @@ def weights_file(weights: str) -> Path:
     return WEIGHTS / f"{weights}{SUFFIX}"
 
 
-def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> None:
-    """Write the weights to `path`, which ends in .safetensors, and the card beside them, for programs and people."""
+def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> dict[str, Any]:
+    """Write weights, and their card beside them.
+
+    Args:
+        network: The network.
+        name: The name of the network.
+        path: The file of the weights, which ends in .safetensors.
+        card: What the card says, without the name of the network and the sha256 of the file.
+
+    Returns:
+        The whole card.
+    """
     content = save({key: tensor.detach().cpu().contiguous() for key, tensor in network.state_dict().items()})
     about = {"network": name, "sha256": hashlib.sha256(content).hexdigest(), **card}
     with whole(path) as partial:
         partial.write_bytes(content)
     with whole(path.with_suffix(".json")) as partial:
         partial.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-    with whole(path.with_suffix(".md")) as partial:
-        partial.write_text(cards.markdown(about), encoding="utf-8")
+    return about
 
 
 def read_card(path: Path) -> dict[str, Any]:
-    """The card of the weights at `path`. Raises InputError where there is none or it is none."""
+    """The card of the weights at `path`. Raises InputError where there is no card or it is not one."""
     card = path.with_suffix(".json")
     try:
         table = json.loads(card.read_text(encoding="utf-8"))
@@ -77,10 +85,19 @@ def read_card(path: Path) -> dict[str, Any]:
 
 
 def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> Network:
-    """Give a network, which is called `name`, the weights at `path`.
+    """Give a network the weights in a file.
 
-    Raises InputError where they are missing, altered, of another network, or no weights at all, and where
-    there is no such device.
+    Args:
+        network: The network, with any weights.
+        name: The name of the network, which the card must have too.
+        path: The file of the weights.
+        device: `cpu` or `cuda`.
+
+    Returns:
+        The same network, on the device.
+
+    Raises:
+        InputError: The weights are missing, altered, of another network, or no weights; or there is no such device.
     """
     try:
         content = path.read_bytes()

@@ -1,4 +1,4 @@
-"""A training in a directory: what was asked for, checkpoints, the curve, and in the end weights with their card."""
+"""A training in its directory: checkpoints and the training curve, and in the end the weights with their card."""
 
 from __future__ import annotations
 
@@ -16,11 +16,9 @@ import torch
 
 from crowdbench.errors import InputError
 from crowdbench.files import whole
-from crowdbench.predict.social_gan import NAME as SGAN
 from crowdbench.record import curves
-from crowdbench.train import checkpoint
-from crowdbench.train.sgan_request import SganRequest
-from crowdbench.train.value_request import ValueRequest
+from crowdbench.train import checkpoint, methods
+from crowdbench.train.method import Request, Training
 from crowdbench.weights.store import save_network
 
 CHECKPOINT = "checkpoint.safetensors"
@@ -30,16 +28,36 @@ WEIGHTS = "weights.safetensors"
 
 
 @dataclass(frozen=True)
-class Session:
-    """A training in its directory. `train` it, and then `finish`."""
+class TrainingRun:
+    """A training in its directory. Call `train`, and then `finish`.
 
-    request: ValueRequest | SganRequest
-    training: Any
+    Attributes:
+        request: What is asked for.
+        training: The training and its state.
+        directory: Where everything is written.
+        device: `cpu` or `cuda`.
+    """
+
+    request: Request
+    training: Training
     directory: Path
+    device: str
 
     @classmethod
-    def new(cls, request: ValueRequest | SganRequest, directory: Path, device: str) -> Session:
-        """Start from nothing. Raises InputError where something asked for does not exist, or the directory does."""
+    def new(cls, request: Request, directory: Path, device: str) -> TrainingRun:
+        """A training that is not begun, in a new directory.
+
+        Args:
+            request: What is asked for.
+            directory: The directory, which must not exist.
+            device: `cpu` or `cuda`.
+
+        Returns:
+            The run.
+
+        Raises:
+            InputError: Something that is asked for does not exist, or the directory does.
+        """
         _check(device)
         training = request.training(device)
         try:
@@ -49,19 +67,27 @@ class Session:
                 f"{directory} exists already: name another place with --out, or go on with what is there: "
                 f"--resume {directory}"
             ) from None
-        return cls(request, training, directory)
+        return cls(request, training, directory, device)
 
     @classmethod
-    def resumed(cls, directory: Path, device: str) -> Session:
-        """Go on from the checkpoint in a directory, as if nothing had happened.
+    def resumed(cls, directory: Path, device: str) -> TrainingRun:
+        """A training at its last checkpoint; it goes on as if it had never been interrupted.
 
-        Raises InputError where there is none, or its training cannot go on.
+        Args:
+            directory: The directory of the training.
+            device: `cpu` or `cuda`.
+
+        Returns:
+            The run.
+
+        Raises:
+            InputError: There is no checkpoint, or the training is finished or cannot go on.
         """
         if (directory / WEIGHTS).exists():
             raise InputError(f"the training in {directory} is finished: its weights are {directory / WEIGHTS}")
         about = checkpoint.read_about(directory / CHECKPOINT)
         _check(device)
-        request = SganRequest(**about) if about["network"] == SGAN else ValueRequest(**about)
+        request = methods.method_of(about["network"])(**about)
         training = request.training(device)
         try:
             training.restore(checkpoint.read(directory / CHECKPOINT))
@@ -69,44 +95,54 @@ class Session:
             raise InputError(
                 f"{directory / CHECKPOINT} is a checkpoint of another network than {request.network}"
             ) from None
-        return cls(request, training, directory)
+        return cls(request, training, directory, device)
 
-    def train(self, tell: Callable[[Any, float], None]) -> None:
-        """Train to the end; `tell` is given every point of the curve, and the progress from 0 to 1.
+    def train(self, after_validation: Callable[[Any, float], None]) -> None:
+        """Train to the end, and write a checkpoint after every validation.
 
-        What stops it leaves the last checkpoint, or no directory where there is none yet.
+        An exception leaves the last checkpoint, and no directory where there is no checkpoint yet.
+
+        Args:
+            after_validation: Is given every new point of the curve, and the progress from 0 to 1.
         """
 
-        def keep() -> None:
+        def save() -> None:
             checkpoint.save(self.training.state(), self.directory / CHECKPOINT, dataclasses.asdict(self.request))
             _write_curve(self.training.curve, self.directory / CURVE)
-            tell(self.training.curve[-1], self.training.progress)
+            after_validation(self.training.curve[-1], self.training.progress)
 
         try:
-            self.training.run(keep)
+            self.training.run(save)
         finally:
-            # Raised where there is something in it: then there is something to go on with.
+            # Fails where there is a checkpoint in it, as it should.
             with contextlib.suppress(OSError):
                 self.directory.rmdir()
 
     def finish(self, progress: Callable[[int], None]) -> Path:
-        """Measure what was kept and write weights, card and curves; the path of the weights.
+        """Measure the best network and write weights, card and curves; the checkpoint is removed.
 
-        `progress` is told how many of the `request.measured` cases have ended.
+        Args:
+            progress: Is told how many more of the `request.card_cases` have ended.
+
+        Returns:
+            The path of the weights.
         """
         points = [dataclasses.asdict(point) for point in self.training.curve]
         curves.write(self.directory / RECORDING, self.request.command, points)
-        card = {
+        about = {
             "command": self.request.command,
             **self.request.card(self.training, progress),
             "commit": _commit(),
-            "machine": f"{_processor()}, {torch.get_num_threads()} threads, {self.training.setup.device}",
+            "machine": f"{_processor()}, {torch.get_num_threads()} threads, {self.device}",
             "versions": {"python": platform.python_version(), "torch": torch.__version__},
             "licence": "MIT",
         }
-        save_network(self.training.best, self.request.network, self.directory / WEIGHTS, card)
+        weights = self.directory / WEIGHTS
+        card = save_network(self.training.best, self.request.network, weights, about)
+        with whole(weights.with_suffix(".md")) as partial:
+            partial.write_text(methods.markdown(card), encoding="utf-8")
         (self.directory / CHECKPOINT).unlink()
-        return self.directory / WEIGHTS
+        return weights
 
 
 def _write_curve(curve: Sequence[Any], path: Path) -> None:
@@ -117,6 +153,7 @@ def _write_curve(curve: Sequence[Any], path: Path) -> None:
 
 
 def _check(device: str) -> None:
+    """Raises InputError where torch cannot use the device."""
     try:
         torch.empty(0, device=device)
     except (RuntimeError, AssertionError) as error:
@@ -135,6 +172,7 @@ def _commit() -> str | None:
 
 
 def _processor() -> str:
+    """The name of the processor."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
         for line in cpuinfo.read_text().splitlines():

@@ -1,0 +1,197 @@
+"""What a training method consists of: a request, which is what a user asks for, and a training, which carries it out.
+
+A new method is a subclass of `Request`, a class with the members of `Training`, and a line in
+`crowdbench.train.methods`. Nothing here imports torch, so that the command line can show all options at once.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import json
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from crowdbench.train.checkpoint import State
+
+SCENARIO = "circle_crossing_mixed"
+"""The scenario to train in where none is given."""
+
+Default = TypeVar("Default")
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of `crowdbench train` that belongs to one method.
+
+    Attributes:
+        type: `str`, `int`, `float` or `bool`; a `bool` is a flag.
+        default: Its value where it is not given.
+        help: What it means, in one sentence without a full stop.
+        least: The smallest number allowed, or None.
+    """
+
+    type: type
+    default: Any
+    help: str
+    least: float | None
+
+
+def option(default: Default, help: str, least: float | None = None) -> Default:
+    """A field of a request that is an option of its method; see `Option` for the arguments."""
+    return dataclasses.field(default=default, metadata={"help": help, "least": least})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request(abc.ABC):
+    """What a user asks for in `crowdbench train`. Every method has a subclass, a dataclass.
+
+    The fields below are common to all methods. A subclass declares the options of its own method with `option`.
+
+    Attributes:
+        network: The name of the network.
+        scenario: A scenario by name, or the path of its TOML file.
+        overrides: Keys of the scenario that are changed, dotted: `{"pedestrians.number": 5}`.
+        seed: The seed of weights, batches and training cases.
+        minutes: How long to train, in minutes; None to train as long as the option named `length` says.
+    """
+
+    network: str
+    scenario: str = SCENARIO
+    overrides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    seed: int = 0
+    minutes: float | None = None
+
+    length: ClassVar[str]
+    """The option that says how long to train where `minutes` is not given."""
+
+    @classmethod
+    @abc.abstractmethod
+    def check(cls, options: Mapping[str, Any]) -> None:
+        """Check that the options of a user do not contradict each other.
+
+        Args:
+            options: The values that the user has given, by field name.
+
+        Raises:
+            InputError: Some of them contradict each other.
+        """
+
+    @classmethod
+    def own_options(cls) -> dict[str, Option]:
+        """The options of this method alone, by field name."""
+        hints = typing.get_type_hints(cls)
+        return {
+            field.name: Option(_without_none(hints[field.name]), field.default, **field.metadata)
+            for field in dataclasses.fields(cls)
+            if field.metadata
+        }
+
+    @property
+    def command(self) -> str:
+        """The command that asks for the same."""
+        length = "minutes" if self.minutes is not None else self.length
+        time = f"{self.minutes:g}" if self.minutes is not None else str(getattr(self, self.length))
+        words = ["crowdbench train", self.network, *self.arguments]
+        return " ".join([*words, f"--seed {self.seed}", f"--{length} {time}"])
+
+    @property
+    @abc.abstractmethod
+    def arguments(self) -> Sequence[str]:
+        """The arguments of `command`, without network, seed and length of training."""
+
+    @property
+    def scenario_arguments(self) -> Sequence[str]:
+        """The arguments of `command` that name the scenario."""
+        values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in self.overrides.items()}
+        return ["--scenario", self.scenario, *(f"--set '{key}={value}'" for key, value in values.items())]
+
+    @property
+    @abc.abstractmethod
+    def use(self) -> str:
+        """The words after `crowdbench` that run the trained network; the weights are given as an option to them."""
+
+    @abc.abstractmethod
+    def training(self, device: str) -> Training:
+        """A new training.
+
+        Args:
+            device: `cpu` or `cuda`.
+
+        Returns:
+            The training, not begun.
+
+        Raises:
+            InputError: Something that is asked for does not exist.
+        """
+
+    @abc.abstractmethod
+    def card(self, training: Any, progress: Callable[[int], None]) -> dict[str, Any]:
+        """The method's part of the card of trained weights, as JSON: `training`, `figures` and `data`.
+
+        Args:
+            training: What `training` made, at its end.
+            progress: Is told how many more of the `card_cases` have ended.
+
+        Returns:
+            `training` says what was trained, `figures` what it was measured to do, `data` what it has learnt from.
+        """
+
+    @property
+    @abc.abstractmethod
+    def card_cases(self) -> int:
+        """The number of cases that `card` runs."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def card_headline(card: Mapping[str, Any]) -> str:
+        """How a card goes on in one line after network, seed and training time: the training and its main figure."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def card_rows(card: Mapping[str, Any]) -> Mapping[str, str]:
+        """What a card for people says of the training: the rows of its table that only this method has."""
+
+    @staticmethod
+    @abc.abstractmethod
+    def card_figures(card: Mapping[str, Any]) -> Sequence[str]:
+        """The figures of a card for people, as lines of Markdown."""
+
+
+@runtime_checkable
+class Training(Protocol):
+    """A training and all its state. It can be restored from a checkpoint, and then goes on bit for bit the same."""
+
+    @property
+    def curve(self) -> Sequence[Any]:
+        """The validations so far, dataclasses: the first field is the x axis, `str` gives a line for the user."""
+
+    @property
+    def progress(self) -> float:
+        """The part of the training that is done, from 0 to 1."""
+
+    @property
+    def best(self) -> nn.Module:
+        """The network that was best on validation: what is saved in the end."""
+
+    def run(self, after_validation: Callable[[], None]) -> None:
+        """Train to the end, and call `after_validation` whenever `curve` has a new point."""
+
+    def state(self) -> State:
+        """The state of the training, for a checkpoint."""
+
+    def restore(self, state: State) -> None:
+        """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
+
+
+def _without_none(hint: Any) -> type:
+    """The type in `type | None`."""
+    if isinstance(hint, types.UnionType):
+        [hint] = [each for each in typing.get_args(hint) if each is not types.NoneType]
+    return typing.cast(type, hint)

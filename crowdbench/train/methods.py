@@ -1,0 +1,88 @@
+"""The training methods, by the networks that they train.
+
+A further method is one more line in `METHODS`. The options of `crowdbench train`, its errors and the text of cards
+follow from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from crowdbench.errors import InputError
+from crowdbench.train.method import Option, Request
+from crowdbench.train.social_gan_request import SocialGANRequest
+from crowdbench.train.value_request import ValueRequest
+from crowdbench.weights import card as cards
+
+METHODS: dict[str, type[Request]] = {
+    "cadrl": ValueRequest,
+    "lstm_rl": ValueRequest,
+    "sarl": ValueRequest,
+    "sgan": SocialGANRequest,
+}
+"""The class of requests by the name of the network, which is also the name of a planner or predictor."""
+
+
+def method_of(network: str) -> type[Request]:
+    """The method that trains a network. Raises InputError where no network has the name."""
+    if network not in METHODS:
+        raise InputError(f"no network is called {network!r}; there are {', '.join(METHODS)}")
+    return METHODS[network]
+
+
+def own_options() -> dict[str, tuple[Option, list[str]]]:
+    """The options that only some networks have, by field name, each with these networks.
+
+    Methods that share the name of an option mean the same by it: the first of them describes it.
+    """
+    found: dict[str, tuple[Option, list[str]]] = {}
+    for network, method in METHODS.items():
+        for name, option in method.own_options().items():
+            found.setdefault(name, (option, []))[1].append(network)
+    return found
+
+
+def check_options(network: str, options: Mapping[str, Any]) -> None:
+    """Check that options belong to a network and do not contradict each other.
+
+    Args:
+        network: The name of the network.
+        options: The options that a user has given, by field name of the request.
+
+    Raises:
+        InputError: There is no such network, an option is another network's, or two of them set the same.
+    """
+    method = method_of(network)
+    for name, (_, networks) in own_options().items():
+        if name in options and network not in networks:
+            raise InputError(f"--{name.replace('_', '-')} is not for {network}, only for {_joined(networks)}")
+    if "minutes" in options and method.length in options:
+        raise InputError(f"--minutes and --{method.length} both say how long to train: give one")
+    method.check(options)
+
+
+def headline(card: Mapping[str, Any]) -> str:
+    """The card of trained weights in one line."""
+    trained = card["training"]
+    rest = method_of(card["network"]).card_headline(card)
+    return f"{card['network']}, seed {trained['seed']}, {trained['minutes']:.1f} min {rest}"
+
+
+def built_in_weights() -> list[tuple[str, str]]:
+    """Name and headline of the built-in weights."""
+    # Imported here, because torch takes a second and the options are shown without it.
+    from crowdbench.weights.store import built_in, read_card
+
+    return [(path.stem, headline(read_card(path))) for path in built_in()]
+
+
+def markdown(card: Mapping[str, Any]) -> str:
+    """The card of trained weights for people."""
+    method = method_of(card["network"])
+    return cards.markdown(card, method.card_rows(card), method.card_figures(card))
+
+
+def _joined(names: list[str]) -> str:
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last

@@ -1,0 +1,285 @@
+"""Trains Social GAN (Gupta et al. 2018): a generator with the variety loss, against a discriminator.
+
+Differs from the published training, because a training must take minutes: the variety loss takes the mean distance over
+the steps instead of the squared distance, learning rates are annealed along a cosine (Loshchilov and Hutter 2017),
+scenes are rotated and mirrored at random, and what is validated and saved is an exponential moving average of the
+generator.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+from torch.nn.functional import softplus
+
+from crowdbench.evaluate.prediction_errors import TOGETHER, displacement
+from crowdbench.predict import Prediction
+from crowdbench.predict.social_gan import scattered
+from crowdbench.predict.social_gan_network import NOISE, Discriminator, Generator
+from crowdbench.train.checkpoint import State, optimizer_state, part_of, renamed, restore_optimizer, tensors_of
+from crowdbench.train.social_gan_samples import HORIZON, Samples
+from crowdbench.types import HISTORY
+
+BATCH = 64
+"""Scenes of an update."""
+
+MODES = 20
+"""Sampled futures of which the best one is learned from: the k of the variety loss, 20 as published."""
+
+ADVERSARIAL = 0.05
+"""Weight of the adversarial loss, beside a variety loss in metres."""
+
+LEARNING_RATE = 1e-3
+"""At the start; it is annealed to 0."""
+
+CLIP = 1.0
+"""Largest norm of a gradient."""
+
+AVERAGING = 0.005
+"""Weight of the generator in its moving average, at every update."""
+
+EPOCHS_PER_SEED = 1_000_000
+"""Every seed has random numbers of its own, for so many epochs."""
+
+VALIDATIONS = 24
+"""How often, over a whole training, the generator is measured on validation windows."""
+
+NETWORKS = ("generator", "discriminator", "average", "best")
+"""The networks of a training."""
+
+OPTIMIZERS = ("generator_optimizer", "discriminator_optimizer")
+
+FORMER_NAMES = {
+    "optimizer": "generator_optimizer",
+    "opponent": "discriminator_optimizer",
+    "discriminator.judge": "discriminator.head",
+}
+"""Tensors that had another name in older checkpoints."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is trained, and for how long.
+
+    Attributes:
+        training: The windows to train on.
+        validation: The windows to validate on.
+        pooling: Whether the generator has the social pooling module.
+        seed: The seed of weights, batches and noise.
+        epochs: How many epochs to train for, where `minutes` is None.
+        minutes: How long to train, in minutes, or None.
+        device: `cpu` or `cuda`.
+    """
+
+    training: Samples
+    validation: Samples
+    pooling: bool
+    seed: int
+    epochs: int
+    minutes: float | None
+    device: str
+
+
+@dataclass(frozen=True)
+class Validated:
+    """One validation: a point of the training curve.
+
+    Errors are those of the best of `MODES` futures, chosen jointly for all pedestrians of a window.
+
+    Attributes:
+        epochs: The epochs trained so far.
+        seconds: The training time so far in seconds, without validations.
+        loss: The mean loss of the generator in the last epoch.
+        discriminator_loss: The mean loss of the discriminator in the last epoch.
+        ade: The mean distance to the true position over the predicted steps, in metres.
+        fde: The distance to the true position at the last predicted step, in metres.
+    """
+
+    epochs: int
+    seconds: float
+    loss: float
+    discriminator_loss: float
+    ade: float
+    fde: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.epochs:4d} epochs, {self.seconds:4.0f} s: on validation windows ADE {self.ade:.3f} m, FDE "
+            f"{self.fde:.3f} m (best of {MODES} futures)"
+        )
+
+
+class Training:
+    """A training of a Social GAN and all its state. `run` may be called on a new or on a restored one."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(setup.seed)
+            self.generator = Generator(setup.pooling).to(setup.device)
+            self.discriminator = Discriminator().to(setup.device)
+        self.average = copy.deepcopy(self.generator)
+        self.best = copy.deepcopy(self.generator)
+        self.generator_optimizer = torch.optim.Adam(self.generator.parameters(), lr=LEARNING_RATE)
+        self.discriminator_optimizer = torch.optim.Adam(self.discriminator.parameters(), lr=LEARNING_RATE)
+        self.epochs = 0
+        self.seconds = 0.0
+        self.curve: list[Validated] = []
+
+    @property
+    def progress(self) -> float:
+        """The part of the training that is done, from 0 to 1."""
+        epochs, minutes = self.setup.epochs, self.setup.minutes
+        return min(1.0, self.seconds / (60.0 * minutes) if minutes else self.epochs / epochs)
+
+    def run(self, after_validation: Callable[[], None]) -> None:
+        """Train to the end, and call `after_validation` whenever the curve has a new point."""
+        while self.progress < 1.0:
+            start = time.perf_counter()
+            loss, discriminator_loss = self._epoch()
+            self.seconds += time.perf_counter() - start
+            self.epochs += 1
+            if len(self.curve) < int(self.progress * VALIDATIONS):
+                self._validate(loss, discriminator_loss)
+                after_validation()
+
+    def _epoch(self) -> tuple[float, float]:
+        """Learn from every training window once. The mean losses of generator and discriminator."""
+        rate = 0.5 * LEARNING_RATE * (1.0 + np.cos(np.pi * self.progress))
+        for optimizer in (self.generator_optimizer, self.discriminator_optimizer):
+            for group in optimizer.param_groups:
+                group["lr"] = rate
+        rng = torch.Generator().manual_seed(self.setup.seed * EPOCHS_PER_SEED + self.epochs)
+        order = torch.randperm(len(self.setup.training), generator=rng).numpy()
+        batches = [order[start : start + BATCH] for start in range(0, len(order), BATCH)]
+        loss, discriminator_loss = np.mean([self._update(rows, rng) for rows in batches], axis=0).tolist()
+        return loss, discriminator_loss
+
+    def _update(self, rows: np.ndarray, rng: torch.Generator) -> tuple[float, float]:
+        """One step of both optimizers on the windows of the given rows. The losses."""
+        position, present = self._scenes(self.setup.training, rows)
+        position = position @ _rotations(len(rows), rng).to(position)[:, None]
+        noise = torch.randn((len(rows), MODES, NOISE), generator=rng).to(position)
+        scene, pedestrian = present.nonzero(as_tuple=True)
+        real = position.transpose(1, 2)[scene, pedestrian].diff(dim=1)
+        observed, future = real[:, : HISTORY - 1], real[:, HISTORY - 1 :]
+        predicted = self.generator(position[:, :HISTORY], present, noise, HORIZON)
+        # The discriminator sees one future of each scene.
+        fake = torch.cat([observed, predicted[0]], dim=1)
+        variety = variety_loss(predicted, future, scene, len(rows))
+        loss = variety + ADVERSARIAL * non_saturating_loss(self.discriminator(fake))
+        _step(self.generator_optimizer, loss, self.generator)
+        discriminator_loss = cross_entropy(self.discriminator(real), self.discriminator(fake.detach()))
+        _step(self.discriminator_optimizer, discriminator_loss, self.discriminator)
+        with torch.no_grad():
+            torch._foreach_lerp_(list(self.average.parameters()), list(self.generator.parameters()), AVERAGING)
+        return loss.item(), discriminator_loss.item()
+
+    def _scenes(
+        self, samples: Samples, rows: np.ndarray
+    ) -> tuple[Float[Tensor, "scene time pedestrian 2"], Bool[Tensor, "scene pedestrian"]]:
+        """Positions in metres and presence in the windows of the given rows, as tensors."""
+        present = samples.present[rows]
+        widest = int(present.sum(axis=1).max())  # whoever is present comes first
+        position = torch.from_numpy(samples.position[rows, :, :widest])
+        return position.to(self.setup.device), torch.from_numpy(present[:, :widest]).to(self.setup.device)
+
+    @torch.inference_mode()
+    def _validate(self, loss: float, discriminator_loss: float) -> None:
+        """Add a point to the curve, and keep the generator if it is the best one so far."""
+        rng = torch.Generator().manual_seed(0)
+        total, count = np.zeros(2), 0
+        for start in range(0, len(self.setup.validation), 2 * BATCH):
+            rows = np.arange(start, min(start + 2 * BATCH, len(self.setup.validation)))
+            position, present = self._scenes(self.setup.validation, rows)
+            noise = torch.randn((len(rows), MODES, NOISE), generator=rng).to(position)
+            predicted = self.average(position[:, :HISTORY], present, noise, HORIZON)
+            moves = scattered(predicted, present).cpu().numpy()
+            path = position.cpu().numpy()
+            prediction = Prediction(path[:, None, HISTORY - 1, None] + moves.cumsum(axis=2), moves)
+            error = displacement(prediction, path[:, HISTORY:], present.cpu().numpy())[present.cpu().numpy()]
+            total, count = total + error[:, TOGETHER, :, -1].sum(axis=0), count + len(error)
+        ade, fde = (total / count).tolist()
+        self.curve.append(Validated(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
+        if self.chosen is self.curve[-1]:
+            self.best.load_state_dict(self.average.state_dict())
+
+    @property
+    def chosen(self) -> Validated:
+        """The point of the curve with the smallest ADE; of equals the last."""
+        return min(reversed(self.curve), key=lambda point: point.ade)
+
+    def state(self) -> State:
+        """The state of the training, for a checkpoint."""
+        tensors = {key: value for part in NETWORKS for key, value in tensors_of(part, getattr(self, part)).items()}
+        for part in OPTIMIZERS:
+            tensors |= optimizer_state(part, getattr(self, part))
+        return State(tensors, {"epochs": self.epochs, "seconds": self.seconds}, self.curve)
+
+    def restore(self, state: State) -> None:
+        """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
+        tensors = renamed(state.tensors, FORMER_NAMES)
+        for part in NETWORKS:
+            getattr(self, part).load_state_dict(part_of(part, tensors))
+        for part in OPTIMIZERS:
+            restore_optimizer(getattr(self, part), part_of(part, tensors))
+        self.epochs, self.seconds = state.facts["epochs"], state.facts["seconds"]
+        self.curve = [Validated(**point) for point in state.curve]
+
+
+def variety_loss(
+    predicted: Float[Tensor, "mode row time 2"],
+    future: Float[Tensor, "row time 2"],
+    scene: Int[Tensor, "row"],
+    scenes: int,
+) -> Float[Tensor, ""]:
+    """The variety loss of Gupta et al. (2018, section 3.5): only the best of the sampled futures is learned from.
+
+    L = min_k |Y - Y^(k)|, where the minimum is over the modes of a whole scene, and the distance is the mean over
+    pedestrians and steps.
+
+    Args:
+        predicted: Displacements from step to step in metres; a row is a pedestrian of a scene.
+        future: The true displacements in metres.
+        scene: The number of each row's scene.
+        scenes: How many scenes there are.
+
+    Returns:
+        The mean over all pedestrians, in metres.
+    """
+    distance = torch.linalg.vector_norm((predicted - future).cumsum(dim=2), dim=-1).mean(dim=2)
+    by_scene = distance.new_zeros((len(distance), scenes)).index_add(1, scene, distance)
+    return by_scene.amin(dim=0).sum() / len(scene)
+
+
+def non_saturating_loss(fake: Float[Tensor, "row"]) -> Float[Tensor, ""]:
+    """The generator's adversarial loss, -log D(fake), from the discriminator's logits (Goodfellow et al. 2014)."""
+    return softplus(-fake).mean()
+
+
+def cross_entropy(real: Float[Tensor, "row"], fake: Float[Tensor, "row"]) -> Float[Tensor, ""]:
+    """The discriminator's loss, -log D(real) - log(1 - D(fake)), from its logits (Goodfellow et al. 2014, eq. 1)."""
+    return softplus(-real).mean() + softplus(fake).mean()
+
+
+def _rotations(scenes: int, rng: torch.Generator) -> Float[Tensor, "scene 2 2"]:
+    """A random rotation for each scene, with a reflection in half of them."""
+    angle = 2.0 * np.pi * torch.rand(scenes, generator=rng)
+    mirror = 1.0 - 2.0 * torch.randint(2, (scenes,), generator=rng)
+    rows = [torch.stack([angle.cos(), angle.sin()], -1), torch.stack([-angle.sin() * mirror, angle.cos() * mirror], -1)]
+    return torch.stack(rows, dim=1)
+
+
+def _step(optimizer: torch.optim.Optimizer, loss: Float[Tensor, ""], network: nn.Module) -> None:
+    """A step of an optimizer, with the gradient's norm clipped."""
+    optimizer.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    nn.utils.clip_grad_norm_(network.parameters(), CLIP)
+    optimizer.step()

@@ -1,0 +1,144 @@
+"""Windows of pedestrians to train Social GAN on: of recorded tracks, or of a scenario's simulated pedestrians."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from crowdbench.errors import InputError
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.geometry import norm
+from crowdbench.planners.reactive import ORCAPlanner
+from crowdbench.predict.tracks import Tracks, read_folder, windows
+from crowdbench.predict.training_tracks import resampled, training_split
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.types import HISTORY
+
+HORIZON = 8
+"""Steps to predict in a window, after the `HISTORY` observed ones."""
+
+LENGTH = HISTORY + HORIZON
+
+STRIDE = 4
+"""Steps from the start of one window of simulated pedestrians to the start of the next."""
+
+TRAINING_CASES = Cases("train", 0, 2000)
+"""The cases of a scenario to train on."""
+
+VALIDATION_CASES = Cases("val", 0, 200)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Windows of `HISTORY` observed steps and `HORIZON` steps to predict.
+
+    Attributes:
+        position: In metres, from the position of the window's first pedestrian in the last observed step; 0 for the
+            absent.
+        present: Who is there in all steps of a window; these come first.
+    """
+
+    position: Float32[np.ndarray, "window time pedestrian 2"]
+    present: Bool[np.ndarray, "window pedestrian"]
+
+    def __len__(self) -> int:
+        return len(self.present)
+
+
+def of_recordings(folder: Path, held_out: str | None, dt: float | None) -> tuple[Samples, Samples]:
+    """The windows of recorded tracks.
+
+    Args:
+        folder: The folder of the recordings.
+        held_out: The scene to leave out, or None.
+        dt: The time step to which recordings are resampled, in seconds, or None for their own.
+
+    Returns:
+        Windows to train on and windows to validate on.
+
+    Raises:
+        InputError: There are no recordings, there is no such scene, or no recording is long enough.
+    """
+    training, validation = training_split(read_folder(folder), held_out)
+    return _checked(from_tracks(training, dt), from_tracks(validation, dt))
+
+
+def of_scenario(scenario: Scenario) -> tuple[Samples, Samples]:
+    """The windows of a scenario's pedestrians, to train on and to validate on.
+
+    Raises InputError where no episode is long enough.
+    """
+    return _checked(from_scenario(scenario, TRAINING_CASES), from_scenario(scenario, VALIDATION_CASES))
+
+
+def _checked(training: Samples, validation: Samples) -> tuple[Samples, Samples]:
+    if not (len(training) and len(validation)):
+        raise InputError(f"there is no window of {LENGTH} consecutive steps to train and validate on")
+    return training, validation
+
+
+def from_tracks(recordings: Sequence[Tracks], dt: float | None) -> Samples:
+    """All windows of recordings, resampled to `dt` seconds per step where that is given."""
+    found = [windows(tracks if dt in (None, tracks.dt) else resampled(tracks, dt), LENGTH) for tracks in recordings]
+    return _joined([_ordered(part.position, part.present) for part in found])
+
+
+def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
+    """Windows of a scenario's pedestrians until each reaches its goal, in episodes that last as long as the vehicle's.
+
+    The pedestrians do not see the vehicle, which drives with ORCA. The steps before the start are extrapolated
+    backwards from the first displacement, as the predictor does.
+
+    Args:
+        scenario: The scenario.
+        cases: The cases to run.
+
+    Returns:
+        The windows that start at every `STRIDE`-th step.
+    """
+    blind = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, visible=False))
+    trace = rollout(Driver(ORCAPlanner(), "orca"), blind, cases)
+    path = trace.position[:, :, 1:]
+    back = np.arange(HISTORY - 2, 0, -1)[:, None, None]
+    path = np.concatenate([path[:, :1] - back * (path[:, 1:2] - path[:, :1]), path], axis=1)
+    found = []
+    for start in range(0, path.shape[1] - LENGTH + 1, STRIDE):
+        position = path[:, start : start + LENGTH]
+        under_way = norm(position[:, HISTORY - 1] - trace.goal[:, 0, 1:]) >= trace.radius[:, 0, 1:]
+        used = trace.present[:, 0, 1:] & under_way & np.isfinite(position).all(axis=(1, 3))
+        found.append(_ordered(position[used.any(axis=1)], used[used.any(axis=1)]))
+    return _joined(found)
+
+
+def _ordered(
+    position: Float[np.ndarray, "window time pedestrian 2"], present: Bool[np.ndarray, "window pedestrian"]
+) -> Samples:
+    """Windows with those who are present first, at positions relative to the first of them.
+
+    float32 is coarse far from the origin, so positions in metres are made relative before they are converted.
+    """
+    order = np.argsort(~present, axis=1, kind="stable")
+    present = np.take_along_axis(present, order, axis=1)
+    position = np.take_along_axis(position, order[:, None, :, None], axis=2)
+    near = position - position[:, HISTORY - 1 : HISTORY, :1]
+    return Samples(np.where(present[:, None, :, None], near, 0.0).astype(np.float32), present)
+
+
+def _joined(parts: Sequence[Samples]) -> Samples:
+    """All windows in one batch, padded to the largest number of pedestrians."""
+    widest = max((part.present.shape[1] for part in parts), default=0)
+
+    def padded(array: np.ndarray, axis: int) -> np.ndarray:
+        widths = [(0, 0)] * array.ndim
+        widths[axis] = (0, widest - array.shape[axis])
+        return np.pad(array, widths)
+
+    position = np.concatenate([padded(part.position, 2) for part in parts])
+    return Samples(position, np.concatenate([padded(part.present, 1) for part in parts]))

@@ -1,0 +1,44 @@
+"""What a trained value network is measured to do, for its card."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.results import Episodes, to_json
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.predict import ConstantVelocity
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.settings import BATCH
+from crowdbench.value.networks import ValueNetwork
+
+CASES = {"validation": Cases("val", 0, 1000), "test": Cases("test", 0, 500)}
+"""The cases that are run, by the name of their split on the card."""
+
+MEASURED = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
+"""The metrics on the card."""
+
+
+def figures(network: ValueNetwork, scenario: Scenario, progress: Callable[[int], None]) -> dict[str, Any]:
+    """Run a network with constant-velocity lookahead.
+
+    Args:
+        network: The trained network.
+        scenario: The scenario that it was trained in.
+        progress: Is told how many more cases have ended.
+
+    Returns:
+        For every split of `CASES` the cases and the mean of every metric with its 95 % interval, as JSON.
+    """
+    driver = Driver(ValuePlanner(ConstantVelocity(), network), network.name)
+    metrics = {name: METRICS[name] for name in MEASURED}
+    found = {}
+    for split, cases in CASES.items():
+        traces = (rollout(driver, scenario, part, progress=progress) for part in cases.batches(BATCH))
+        parts = [Episodes.of(trace, metrics) for trace in traces]
+        found[split] = {"cases": str(cases), "metrics": to_json(Episodes.joined(parts).summary())}
+    return found
