@@ -25,7 +25,7 @@ OVER_SOLVED = (TIME, DISCOMFORT, JERK, GAP)
 NOTES = (
     "Success has Wilson's 95 % interval. Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the "
     "smallest of an episode) are means over the cases that the planner itself solves, with 95 % intervals of a "
-    "bootstrap. A planner that fails often solves the easier cases, which its means are over."
+    "bootstrap. The means of a planner that fails often are over easier cases."
 )
 PAIRED = (
     "The second table of a crowd says in which measures the planner of the row is significantly better or worse than "
