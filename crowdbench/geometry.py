@@ -1,4 +1,4 @@
-"""Plane geometry of moving discs and headings."""
+"""Geometry in the plane: moving discs, headings, vectors."""
 
 from __future__ import annotations
 
@@ -13,10 +13,20 @@ from numba import njit
 @no_type_check
 @njit(cache=True)
 def nearest_in_step(i, position, motion, radius, seen):
-    """The least distance in a step between agent i's rim and another's, in metres, and whose it is.
+    """The smallest distance between an agent's rim and any other agent's during a step, in one world.
 
-    Of one world: `position [agent, 2]` before the step, `motion [agent, 2]` in metres, straight and even,
-    `radius [agent]`, `seen [agent]`. Infinite and -1 where nobody is seen. The only place that sweeps discs.
+    Everybody moves in a straight line at constant speed. This is the only test of moving discs. Compiled.
+
+    Args:
+        i (int): Index of the agent.
+        position (array): `[agent, 2]`, positions before the step in metres.
+        motion (array): `[agent, 2]`, displacements in the step in metres.
+        radius (array): `[agent]`, in metres.
+        seen (array): `[agent]`, whether each agent counts.
+
+    Returns:
+        tuple: The distance in metres, negative where discs overlap, and the index of the nearest agent; infinite and
+            -1 where nobody counts.
     """
     least, nearest = np.inf, -1
     for j in range(len(radius)):
@@ -33,7 +43,7 @@ def nearest_in_step(i, position, motion, radius, seen):
 
 
 def norm(vector: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
-    """Length of each vector."""
+    """The length of each vector."""
     x, y = vector[..., 0], vector[..., 1]
     return np.sqrt(x * x + y * y)
 
@@ -41,19 +51,36 @@ def norm(vector: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
 @no_type_check
 @njit(cache=True)
 def heading_of(vx, vy, before):
-    """The direction of a velocity in radians, or the heading `before` where there is no motion. Compiled."""
+    """The direction of a velocity. Compiled.
+
+    Args:
+        vx (float): x of the velocity in m/s.
+        vy (float): Its y.
+        before (float): The heading before, in radians.
+
+    Returns:
+        float: The direction in radians; the heading before where the velocity is zero.
+    """
     return math.atan2(vy, vx) if vx != 0.0 or vy != 0.0 else before
 
 
 @no_type_check
 @njit(cache=True)
 def turn(before, after):
-    """The change from one heading to another, in [-pi, pi), all in radians. Compiled, for one pair."""
+    """The change from one heading to another. Compiled.
+
+    Args:
+        before (float): A heading in radians.
+        after (float): Another one.
+
+    Returns:
+        float: The change in radians, in [-pi, pi).
+    """
     return (after - before + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def wrap_angle(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-    """The same angle in [-pi, pi), in radians."""
+    """Angles in radians, reduced to [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -62,9 +89,18 @@ def toward_goal(
     goal: Float[np.ndarray, "*batch 2"],
     preferred_speed: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch 2"]:
-    """The vector to the goal, read as a velocity in m/s and shortened to the preferred speed.
+    """The velocity towards the goal at the preferred speed, which decreases with the distance over the last metre.
 
-    So an agent slows down over its last metre, as in CrowdNav.
+    As in CrowdNav it is the vector to the goal in metres, taken as a velocity in m/s and shortened to the preferred
+    speed.
+
+    Args:
+        position: Positions in metres.
+        goal: Goals in metres.
+        preferred_speed: In m/s.
+
+    Returns:
+        Velocities in m/s.
     """
     out = np.empty(position.shape)
     _toward_goal(np.ascontiguousarray(position), np.ascontiguousarray(goal), np.ascontiguousarray(preferred_speed), out)
@@ -74,7 +110,8 @@ def toward_goal(
 @no_type_check
 @njit(cache=True)
 def _toward_goal(position, goal, preferred_speed, out):
-    # Reshaped here, where it costs nothing: these few numbers are wanted at every step.
+    """See `toward_goal`; fills `out`."""
+    # Reshaped here and not in Python, where it would take most of the time.
     position, goal, out = position.reshape(-1, 2), goal.reshape(-1, 2), out.reshape(-1, 2)
     preferred_speed = preferred_speed.reshape(-1)
     for i in range(len(position)):

@@ -1,1 +1,1 @@
-"""The simulator: kernels that move pedestrians, the policies around them, and the rules of an episode."""
+"""The simulator: pedestrian policies and their kernels, motion, the rule of an episode, and the vehicle's sensor."""

@@ -1,7 +1,7 @@
-"""The rule of an episode: what ends it, and how. The only home of collision, arrival and time-out.
+"""The rule of an episode: collision, arrival and time-out are defined here and nowhere else.
 
-The simulator asks `check_step` about a step that was made; environments and lookahead call the compiled
-`step_outcome` for agents and steps of their own.
+The simulator calls `check_step` for the vehicle of each world. Environments (for pedestrians as agents) and the
+lookahead (for predicted steps) call the compiled `step_outcome`.
 """
 
 from __future__ import annotations
@@ -33,12 +33,14 @@ class StepCheck(NamedTuple):
 
 
 def check_step(before: World, after: World) -> StepCheck:
-    """Find out whether a step ended the episode, and how close the vehicle came to anything in it.
+    """Find out whether a step ended the episode, and how close the vehicle came to pedestrians and obstacles in it.
 
-    The vehicle collides with a pedestrian where their discs touch during the step: under the rule `swept` in their
-    true relative motion; under `crowdnav` with the pedestrian's velocity from before the step, as CrowdNav does. It
-    succeeds where its centre ends nearer to its goal than its radius. The step after which `Rules.max_steps` are done
-    is a time-out, whatever happens in it. CrowdNav's order of precedence: time-out, collision, success.
+    - Time-out: it is the last step of `Rules.max_steps`, whatever else happens in it.
+    - Collision: the discs of the vehicle and of a pedestrian overlap during the step. Under the rule `swept` both move
+      as they really did; under `crowdnav` the pedestrian moves with its velocity from before the step, as in CrowdNav.
+    - Success: after the step, the vehicle's centre is nearer to its goal than its radius.
+
+    The first of these that applies is the outcome, in CrowdNav's order.
 
     Args:
         before: The worlds before the step.
@@ -69,16 +71,16 @@ def swept_motion(
     velocity_before: Float[np.ndarray, "world agent 2"],
     rules: Rules,
 ) -> Float[np.ndarray, "world agent 2"]:
-    """How the collision check sees everybody move in a step, in metres.
+    """The motion of all agents in a step, as the collision check takes it.
 
     Args:
         before: Positions before the step in metres.
         after: Positions after the step in metres.
         velocity_before: Velocities before the step in m/s.
-        rules: Its `collision` says which rule holds.
+        rules: Its `collision` names the rule.
 
     Returns:
-        The motion of each agent during the step, straight and at constant speed.
+        Displacement of each agent in metres, along a straight line at constant speed.
     """
     motion = after - before
     if rules.collision == "crowdnav":
@@ -89,11 +91,18 @@ def swept_motion(
 @no_type_check
 @njit(cache=True, nogil=True)
 def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
-    """The outcome of a step for one agent, as an int.
+    """The outcome of a step for one agent.
 
-    `gap` and `wall_gap` are the smallest distances in metres to other agents and to obstacles during the step,
-    `dx, dy` is the way from the agent's centre to its goal after the step in metres, `radius` its radius in metres,
-    and `is_last` whether the time is over after this step.
+    Args:
+        gap (float): Smallest distance in metres between its rim and another agent's during the step.
+        wall_gap (float): The same to the obstacles.
+        dx (float): x of the way from its centre to its goal after the step, in metres.
+        dy (float): Its y.
+        radius (float): Its radius in metres.
+        is_last (bool): Whether this is the last step of the time limit.
+
+    Returns:
+        int: An `Outcome`.
     """
     if is_last:
         return Outcome.TIMEOUT.value
@@ -109,6 +118,21 @@ def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
 @no_type_check
 @njit(cache=True)
 def _check(position, motion, end, goal, radius, present, step, max_steps, outcome, gap, wall_gap):
+    """Check a step of each world's vehicle.
+
+    Args:
+        position: `[world, agent, 2]`, before the step, in metres.
+        motion: `[world, agent, 2]`, displacement in the step in metres.
+        end: `[world, agent, 2]`, positions after the step in metres.
+        goal: `[world, agent, 2]`, in metres.
+        radius: `[world, agent]`, in metres.
+        present: `[world, agent]`.
+        step: `[world]`, steps done before this one.
+        max_steps: Steps after which an episode times out.
+        outcome: `[world]`, filled: an `Outcome`.
+        gap: `[world]`, filled, in metres.
+        wall_gap: `[world]`, filled, in metres.
+    """
     for w in range(len(radius)):
         gap[w], _ = nearest_in_step(0, position[w], motion[w], radius[w], present[w])
         wall_gap[w] = np.inf

@@ -1,4 +1,4 @@
-"""What compiled kernels are built with: arguments that are a number or an array, loops for one thread and for all."""
+"""Tools for compiled kernels: loops for one thread and for all, and arguments that are a number or an array."""
 
 from __future__ import annotations
 
@@ -12,16 +12,31 @@ from numba import njit
 
 
 def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """A function with a loop over `prange`, compiled for one thread and for all."""
-    # Under a name of its own: numba's cache on disk tells functions apart by name and line, not by options,
-    # and would hand out one's machine code for the other.
+    """Compile a function twice.
+
+    Args:
+        loop: A function with a loop over `prange`.
+
+    Returns:
+        The function compiled for one thread, and for all threads.
+    """
+    # The second one gets another name, because numba's cache on disk identifies functions by name and line, without
+    # the options of the compilation.
     twin = types.FunctionType(loop.__code__, loop.__globals__, f"{loop.__name__}_parallel")
     twin.__module__, twin.__qualname__ = loop.__module__, twin.__name__
     return njit(cache=True, error_model="numpy")(loop), njit(cache=True, error_model="numpy", parallel=True)(twin)
 
 
 def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> np.ndarray:
-    """A number, or an array [world] or [world, agent], in the form in which kernels read it by `at`."""
+    """An argument of a kernel in the form in which `at` reads it.
+
+    Args:
+        value: A number for all agents, or an array `[world]` or `[world, agent]`.
+        dtype: Type of the array's elements.
+
+    Returns:
+        An array with two axes. An axis of length 1 holds one value for all.
+    """
     if not isinstance(value, np.ndarray):
         return _number(value, dtype)
     array: np.ndarray = np.ascontiguousarray(value, dtype)
@@ -30,13 +45,19 @@ def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> np.ndarray
 
 @functools.cache
 def _number(value: float, dtype: type) -> np.ndarray:
-    # Kept, because a kernel's call for one world takes microseconds, and so would making these.
+    # Cached, because making this array takes as long as a kernel does for one world.
     return np.full((1, 1), value, dtype)
 
 
 @no_type_check
 @njit(cache=True)
 def at(array, w, i):
-    """The value for agent i of world w: an axis of length 1 stands for all."""
-    # The index of a prange is unsigned, and numba compares unsigned with signed as floats.
+    """One agent's value in an array that `per_agent` made.
+
+    Args:
+        array (array): The array.
+        w (int): Index of the world.
+        i (int): Index of the agent.
+    """
+    # The index of a prange is unsigned, and numba compares unsigned with signed integers as floats.
     return array[min(np.int64(w), array.shape[0] - 1), min(i, array.shape[1] - 1)]

@@ -1,10 +1,14 @@
-"""Optimal reciprocal collision avoidance (van den Berg, Guy, Lin and Manocha 2011), compiled.
+"""Optimal reciprocal collision avoidance, ORCA (van den Berg et al. 2011), compiled.
 
-Every agent forbids itself, for each neighbour, the velocities on one side of a line (a half-plane of
-the velocity space), and takes the permitted velocity nearest to the one it prefers: a linear program in
-two dimensions (section 4 of the paper). Where nothing is permitted, a program in three dimensions finds
-the velocity that violates the lines least (section 5.3). A line is (point, direction); what lies to the
-left of its direction is permitted.
+Equations and sections are those of the paper, the current velocity is its optimization velocity (section 5.2).
+
+For each neighbour, an agent may only take velocities in a half-plane of the velocity space (equations 5 and 6). Among
+the velocities that all half-planes and the speed limit permit, it takes the one nearest to its preferred velocity: a
+linear program in two dimensions (section 5.1). If there is none, a linear program in three dimensions finds the
+velocity whose largest distance beyond a half-plane is smallest (section 5.3).
+
+A half-plane is stored as its boundary line, `(point x, point y, direction x, direction y)` in m/s with a direction of
+length 1. What lies to the left of the direction is permitted.
 """
 
 from __future__ import annotations
@@ -19,18 +23,18 @@ from numba import njit, prange
 from crowdbench.sim.kernels import at, per_agent, serial_and_parallel
 
 PARALLEL_AGENTS = 400
-"""Agents in a batch from which the 110 microseconds that starting threads costs are worth paying."""
+"""Batches with at least this many agents run on several threads, whose start takes 110 microseconds."""
 
 _BLOCKS = 64
-"""Worlds are shared out to threads in this many blocks, each with memory of its own to work in."""
+"""Worlds are divided among threads in this many blocks. Each block allocates its working memory once."""
 
 _EVERYBODY = per_agent(True, np.bool_)
 
 _TINY = 1e-9
-"""The least time horizon in seconds: with none at all, others are avoided once they overlap."""
+"""Smallest time horizon in seconds, in place of 0, with which only overlapping agents avoid each other."""
 
 _PARALLEL = 1e-5
-"""Two lines whose directions' cross product is below this count as parallel (RVO2's constant)."""
+"""Lines are parallel if the cross product of their directions is not larger than this, as in the library RVO2."""
 
 
 def orca_velocities(
@@ -47,12 +51,23 @@ def orca_velocities(
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
 ) -> Float[np.ndarray, "world agent 2"]:
-    """The velocity that each agent takes next, in m/s.
+    """The velocity that each agent takes next.
 
-    Positions and radii are in metres and used as given, nothing is added to them. Neighbours are the
-    `max_neighbors` nearest agents (one number, one per world, or one per agent) within
-    `neighbor_distance` metres; `time_horizon` is the paper's tau, in seconds. Agents that are not `seen`
-    are nobody's neighbours; the velocity of agents that do not move (`moves`) is not computed and zero.
+    Args:
+        position: Centres in metres.
+        velocity: Current velocities in m/s.
+        preferred_velocity: Velocities in m/s that the agents would take if they were alone.
+        radius: Radii in metres. No safety margin is added to them.
+        max_speed: Largest speeds in m/s.
+        time_step: Length of a step in seconds. Agents that overlap part within one step.
+        neighbor_distance: Agents whose centres are at least this far away, in metres, are not avoided.
+        max_neighbors: An agent avoids at most this many, the nearest ones: one number, or one per world or agent.
+        time_horizon: The paper's tau: an agent avoids collisions that would happen within this time, in seconds.
+        seen: Whether the agent is avoided by the others; all are if None.
+        moves: Whether the agent's velocity is computed; all are if None.
+
+    Returns:
+        Velocities in m/s; 0 for agents that do not move.
     """
     out = np.empty((*radius.shape, 2))
     compute = _orca_parallel if radius.size >= PARALLEL_AGENTS else _orca_serial
@@ -88,7 +103,22 @@ def _orca(
     moves,
     out,
 ):
-    """The loop over worlds, compiled twice: for one thread and for all."""
+    """The loop over worlds, compiled twice: for one thread and for all.
+
+    Args:
+        position: `[world, agent, 2]`, in metres.
+        velocity: `[world, agent, 2]`, in m/s.
+        preferred: `[world, agent, 2]`, preferred velocities in m/s.
+        radius: `[world, agent]`, in metres.
+        max_speed: `[world, agent]`, in m/s.
+        time_step: Length of a step in seconds.
+        neighbor_distance: In metres, read by `at` like all that follow.
+        max_neighbors: Number of agents.
+        time_horizon: In seconds.
+        seen: Whether the agent is avoided.
+        moves: Whether the agent's velocity is computed.
+        out: `[world, agent, 2]`, filled: velocities in m/s.
+    """
     worlds, agents = radius.shape
     blocks = min(worlds, _BLOCKS)
     for block in prange(blocks):
@@ -118,7 +148,20 @@ _orca_serial, _orca_parallel = serial_and_parallel(_orca)
 @no_type_check
 @njit(cache=True, error_model="numpy", inline="always")
 def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
-    """Fill `neighbor` with the nearest agents, nearest first; return how many there are."""
+    """Find the neighbours of agent i of world w.
+
+    Args:
+        w, i: Indices of the world and of the agent.
+        position: `[world, agent, 2]`, in metres.
+        seen: Whether each agent is avoided, read by `at`.
+        reach: Neighbours are nearer than this, in metres.
+        limit: Largest number of neighbours.
+        neighbor: `[agent]`, filled: indices of the neighbours, nearest first.
+        distance: `[agent]`, filled: squared distances in square metres.
+
+    Returns:
+        The number of neighbours.
+    """
     n = 0
     reach_squared = reach * reach
     for j in range(position.shape[1]):
@@ -143,6 +186,7 @@ def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
 @no_type_check
 @njit(cache=True, error_model="numpy", inline="always")
 def _unit(x, y):
+    """The unit vector along (x, y), which is (1, 0) for the zero vector, and the length of (x, y)."""
     length = math.sqrt(x * x + y * y)
     if length == 0.0:
         return 1.0, 0.0, 0.0
@@ -152,10 +196,20 @@ def _unit(x, y):
 @no_type_check
 @njit(cache=True, error_model="numpy", inline="always")
 def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, lines, k):
-    """Line k: what agent i of world w owes its neighbour j (section 4, figure 2).
+    """Write line k: the velocities that agent i of world w may take because of its neighbour j (equation 6, figure 2).
 
-    The velocity obstacle, in relative velocities, is a cone with a round tip. The line goes through the
-    agent's velocity plus half of the smallest change that leads out of it.
+    The velocity obstacle, in relative velocities, is a cone with a round tip (equation 2). The line goes through
+    the agent's velocity plus half of u, the smallest change of the relative velocity that leads out of it (equation 5).
+
+    Args:
+        position: `[world, agent, 2]`, in metres.
+        velocity: `[world, agent, 2]`, in m/s.
+        radius: `[world, agent]`, in metres.
+        w, i, j: Indices of the world, of the agent and of the neighbour.
+        time_horizon: Avoid collisions within this time, in seconds.
+        time_step: Length of a step in seconds.
+        lines: `[line, 4]`, of which row k is filled.
+        k: Index of the line.
     """
     px, py, qx, qy = position[w, i, 0], position[w, i, 1], position[w, j, 0], position[w, j, 1]
     vx, vy, ux, uy = velocity[w, i, 0], velocity[w, i, 1], velocity[w, j, 0], velocity[w, j, 1]
@@ -164,7 +218,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
     reach = radius[w, i] + radius[w, j]
     squared = dx * dx + dy * dy
     overlapping = squared <= reach * reach
-    # Those who overlap must part within the step, the others within the horizon.
+    # Agents that overlap must part within the step.
     rate = 1.0 / (time_step if overlapping else max(time_horizon, _TINY))
     wx, wy = rx - rate * dx, ry - rate * dy
     dot = wx * dx + wy * dy
@@ -174,7 +228,8 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
         depth = reach * rate - length
         sx, sy = depth * nx, depth * ny
     else:
-        # The legs are the way to the neighbour turned by the half angle of the cone; the right one leads back.
+        # The legs of the cone are the direction to the neighbour, turned by half the angle of the cone. The right one
+        # points back to the tip, so that what is permitted lies to its left.
         side = 1.0 if _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate) else -1.0
         leg, scale = side * math.sqrt(squared - reach * reach), 1.0 / squared
         cx, cy = (dx * leg - dy * reach) * scale, (dx * reach + dy * leg) * scale
@@ -189,8 +244,15 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
 def _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
     """Whether the nearer leg of the cone is the left one.
 
-    In float32, because RVO2 is: two agents who walk straight at each other are exactly in between, and
-    the side that rounding chooses for them decides the whole encounter.
+    Computed in float32, as in RVO2: for two agents that walk straight at each other both legs are equally near, and
+    rounding decides on which side they pass.
+
+    Args:
+        px, py: Position of the agent in metres.
+        vx, vy: Velocity of the agent in m/s.
+        qx, qy: Position of the neighbour in metres.
+        ux, uy: Velocity of the neighbour in m/s.
+        rate: 1 over the time in which they must avoid each other, in 1/s.
     """
     dx, dy = np.float32(qx) - np.float32(px), np.float32(qy) - np.float32(py)
     wx = np.float32(vx) - np.float32(ux) - np.float32(rate) * dx
@@ -201,7 +263,18 @@ def _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
 @no_type_check
 @njit(cache=True, error_model="numpy", inline="always")
 def _nearest_on_line(lines, k, speed, x, y, as_direction):
-    """The best velocity on line k that lines 0 to k - 1 and the speed permit; the first result says if any."""
+    """The best velocity on line k that the lines before it and the speed limit permit.
+
+    Args:
+        lines: `[line, 4]`.
+        k: Index of the line.
+        speed: Largest speed in m/s.
+        x, y: The wanted velocity in m/s, or the wanted direction.
+        as_direction: Whether to go as far as possible in the direction (x, y), instead of as near as possible to it.
+
+    Returns:
+        Whether there is such a velocity, and its x and y, or (x, y) where there is none.
+    """
     px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
     dot = px * dx + py * dy
     discriminant = dot * dot + speed * speed - (px * px + py * py)
@@ -233,9 +306,18 @@ def _nearest_on_line(lines, k, speed, x, y, as_direction):
 @no_type_check
 @njit(cache=True, error_model="numpy", inline="always")
 def _nearest_permitted(lines, n, speed, x, y, as_direction):
-    """The permitted velocity nearest to (x, y), or farthest in its direction, no faster than `speed`.
+    """The permitted velocity nearest to (x, y), or farthest in its direction (section 5.1).
 
-    Returns n and the velocity, or the number of the first line that cannot be met and the best so far.
+    Args:
+        lines: `[line, 4]`.
+        n: Number of lines.
+        speed: Largest speed in m/s.
+        x, y: The wanted velocity in m/s, or the wanted direction.
+        as_direction: Whether (x, y) is a direction.
+
+    Returns:
+        n and the velocity; or the index of the first line that the lines before it contradict, and the best velocity
+        for those.
     """
     best_x, best_y = x, y
     if as_direction:
@@ -255,7 +337,19 @@ def _nearest_permitted(lines, n, speed, x, y, as_direction):
 @no_type_check
 @njit(cache=True, error_model="numpy")
 def _least_violation(lines, n, failed, speed, x, y, scratch):
-    """The velocity that lies least far beyond any line, from the best before line `failed` (section 5.3)."""
+    """The velocity whose largest distance beyond a line is smallest (section 5.3).
+
+    Args:
+        lines: `[line, 4]`.
+        n: Number of lines.
+        failed: Index of the first line that cannot be met.
+        speed: Largest speed in m/s.
+        x, y: The best velocity for the lines before `failed`, in m/s.
+        scratch: `[line, 4]`, working memory.
+
+    Returns:
+        x and y of the velocity in m/s.
+    """
     worst = 0.0
     for k in range(failed, n):
         px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
@@ -274,7 +368,7 @@ def _least_violation(lines, n, failed, speed, x, y, scratch):
             scratch[m, 2], scratch[m, 3], _ = _unit(lines[j, 2] - dx, lines[j, 3] - dy)
             m += 1
         missed, new_x, new_y = _nearest_permitted(scratch, m, speed, -dy, dx, True)
-        # By construction a solution exists; rounding alone can miss it, and then the last one stands.
+        # A solution always exists. Only rounding can miss it, and then the last one is kept.
         if missed == m:
             x, y = new_x, new_y
         worst = dx * (py - y) - dy * (px - x)

@@ -1,4 +1,4 @@
-"""What moves the pedestrians: policies around the kernels."""
+"""Pedestrian policies: what moves the pedestrians."""
 
 from __future__ import annotations
 
@@ -16,33 +16,38 @@ from crowdbench.sim.social_force import FLUCTUATION, SIGHT_ANGLE, social_force_v
 from crowdbench.types import World
 
 ORCA_MARGIN = 0.01
-"""Metres that CrowdNav adds to every radius before ORCA sees it."""
+"""Safety margin in metres that CrowdNav adds to each radius for ORCA."""
 
 
 class PedestrianPolicy(abc.ABC):
-    """Moves pedestrians. Subclass it, name what a scenario may set in `parameters`, and fill `velocities`.
+    """Moves pedestrians. A subclass lists its parameters in `parameters` and implements `velocities`.
 
-    A policy keeps no state and changes nothing: what it returns depends on the world alone, and noise comes
-    from `crowdbench.rng.normal(world.key, purpose, world.step, ...)`. It is shown a world in which a vehicle
-    that pedestrians cannot see is not `present`.
+    A policy has no state and changes nothing: what it returns depends only on the world. It takes noise from
+    `crowdbench.rng.normal(world.key, purpose, world.step, ...)`. In the world that it is given, a vehicle that
+    pedestrians cannot see is not `present`.
     """
 
     parameters: ClassVar[Mapping[str, float]] = {}
-    """Each parameter that a scenario may set, with its default."""
+    """The parameters that a scenario can set, with their defaults."""
 
     @abc.abstractmethod
     def velocities(
         self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
     ) -> Float[np.ndarray, "world pedestrian 2"]:
-        """The velocities, in m/s, that the pedestrians take next.
+        """The velocities that the pedestrians take next.
 
-        All pedestrians are asked for; those that another policy moves, or that are absent, are ignored.
-        `parameters` has a value for every agent, of which column 0, the vehicle's, is not used.
+        Args:
+            world: The worlds as they are now.
+            parameters: For each parameter a value per agent; column 0, the vehicle's, is not used.
+
+        Returns:
+            A velocity in m/s for every pedestrian. Those of pedestrians that another policy moves, or that are not
+            present, are ignored.
         """
 
 
 class ORCA(PedestrianPolicy):
-    """Optimal reciprocal collision avoidance, with CrowdNav's parameters."""
+    """Optimal reciprocal collision avoidance (van den Berg et al. 2011), with CrowdNav's parameters."""
 
     parameters: ClassVar[Mapping[str, float]] = {
         "neighbor_distance": 10.0,
@@ -54,7 +59,7 @@ class ORCA(PedestrianPolicy):
     def velocities(
         self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
     ) -> Float[np.ndarray, "world pedestrian 2"]:
-        """See `PedestrianPolicy`; `safety_space` metres are added to each pedestrian's radius."""
+        """See `PedestrianPolicy`. `safety_space`, in metres, is added to each radius for avoidance."""
         pedestrian = world.present.copy()
         pedestrian[:, 0] = False
         return orca_velocities(
@@ -73,7 +78,7 @@ class ORCA(PedestrianPolicy):
 
 
 class SocialForce(PedestrianPolicy):
-    """The social force model of Helbing and Molnár (1995), with their parameters; the fluctuation's size is ours."""
+    """The social force model (Helbing and Molnár 1995), with the paper's parameters; the fluctuation's size is ours."""
 
     parameters: ClassVar[Mapping[str, float]] = {
         "relaxation_time": 0.5,
@@ -88,7 +93,7 @@ class SocialForce(PedestrianPolicy):
     def velocities(
         self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
     ) -> Float[np.ndarray, "world pedestrian 2"]:
-        """See `PedestrianPolicy`; the parameters are those of `social_force_velocities`."""
+        """See `PedestrianPolicy`. The parameters are those of `social_force_velocities`."""
         pedestrian = world.present.copy()
         pedestrian[:, 0] = False
         noise = np.zeros_like(world.position)

@@ -1,4 +1,4 @@
-"""What the vehicle sees of a world."""
+"""The vehicle's sensor: makes observations of worlds."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def observe(
     future: Float[np.ndarray, "world pedestrian 2"] | None = None,
     record: Callable[[str, np.ndarray], None] | None = None,
 ) -> Observation:
-    """What the vehicle sees with perfect sight: every pedestrian that is present, exactly and at once.
+    """Observe with a perfect sensor: every pedestrian that is present, without error or delay.
 
     Args:
-        world: The worlds, as they are now.
-        future: The pedestrians' next velocities in m/s, where the planner is privileged.
-        record: Keeps what the planner logs.
+        world: The worlds as they are now.
+        future: The pedestrians' next velocities in m/s, for privileged planners only.
+        record: Receives what the planner logs.
 
     Returns:
-        The observation, in arrays of its own: what a planner does to them does not reach the world.
+        The observation. Its arrays are copies, so that a planner cannot change the world.
     """
     seen = world.present[:, 1:].copy()
     observed, age = np.empty(seen.shape, np.int64), np.empty(seen.shape)
@@ -65,9 +65,9 @@ def observe(
 @no_type_check
 @njit(cache=True)
 def _see(seen, step, observed, age):
-    """Fill in how many positions of each pedestrian were observed, and how many seconds ago it was seen.
+    """How many positions of each pedestrian were observed, and how long ago it was seen.
 
-    Compiled, because NumPy takes longer for this in one world than for all the rest of an observation.
+    Compiled, because in one world NumPy would take half as long for this as for the rest of an observation.
 
     Args:
         seen: `[world, pedestrian]`, whether the pedestrian is seen now.

@@ -1,4 +1,4 @@
-"""One step of the world: batched, pure, compiled."""
+"""One step of a batch of worlds."""
 
 from __future__ import annotations
 
@@ -17,14 +17,24 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import World
 
 SPEED_TOLERANCE = 1e-6
-"""A speed above the preferred speed by no more than this share is rounding, not speeding."""
+"""A speed is not limited if it exceeds the preferred speed by at most this share, which is rounding."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:
-    """The velocities that the pedestrians' policies ask for, each pedestrian by its own policy.
+    """The velocities that the pedestrians' policies ask for.
 
-    The only place that hides an invisible vehicle from policies: in the world they are shown it is not present.
-    Raises InputError, naming the policy, where one raises or does not return a finite velocity per pedestrian.
+    The only place that hides an invisible vehicle from the policies: in the world that they are given, it is not
+    `present`.
+
+    Args:
+        world: The worlds as they are now.
+        policies: The scenario's policies by name.
+
+    Returns:
+        A velocity in m/s per pedestrian, by the pedestrian's own policy.
+
+    Raises:
+        InputError: A policy raises an exception, or does not return a finite velocity per pedestrian.
     """
     shown = world if world.rules.visible else _without_vehicle(world)
     asked = [_asked(shown, name, policy) for name, policy in policies.items()]
@@ -46,7 +56,7 @@ def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarra
     if not isinstance(velocity, np.ndarray) or velocity.shape != expected or velocity.dtype != np.float64:
         found = f"{velocity.dtype} of shape {velocity.shape}" if isinstance(velocity, np.ndarray) else repr(velocity)
         raise InputError(f"pedestrian policy {name} returned {found}, but must return float64 of shape {expected}")
-    # A sum is finite only where all its terms are, and takes half the time of asking each.
+    # A sum is finite only if all its terms are, and takes half the time of a test of each.
     if not math.isfinite(velocity.sum()) and len(wrong := np.argwhere(~np.isfinite(velocity))):
         row, pedestrian, _ = wrong[0]
         raise InputError(
@@ -57,7 +67,7 @@ def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarra
 
 
 def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World:
-    """The world one step later, all agents moving at once (holonomic discs).
+    """Move all agents by one step, as holonomic discs.
 
     The only place where speed is limited: an agent that is faster than its preferred speed is slowed down to it.
 
@@ -98,7 +108,7 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
 def step(
     world: World, command: Float[np.ndarray, "world 2"], crowd: Float[np.ndarray, "world pedestrian 2"]
 ) -> tuple[World, StepCheck]:
-    """One step of the simulation. Rollouts and environments all step by this.
+    """One step of the simulation, for rollouts and for environments: motion, then the check of how it ended.
 
     Args:
         world: The worlds before the step.
@@ -128,6 +138,22 @@ def _advance(
     angular_speed,
     new_history,
 ):
+    """Move agents, limit their speeds, and update heading and history.
+
+    Args:
+        position: `[world, agent, 2]`, in metres.
+        velocity: `[world, agent, 2]`, wanted velocities in m/s.
+        heading: `[world]`, the vehicle's heading in radians.
+        max_speed: `[world, agent]`, in m/s.
+        present: `[world, agent]`; agents that are not present do not move.
+        history: `[world, time, pedestrian, 2]`, in metres, oldest first.
+        dt: Length of the step in seconds.
+        new_position: Filled, like `position`.
+        limited: Filled, like `velocity`: the velocities that were taken.
+        new_heading: Filled, like `heading`.
+        angular_speed: `[world]`, filled: the vehicle's angular speed in rad/s.
+        new_history: Filled, like `history`.
+    """
     worlds, agents = max_speed.shape
     length = history.shape[1]
     for w in range(worlds):

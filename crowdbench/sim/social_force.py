@@ -1,21 +1,21 @@
-"""The social force model of pedestrians (Helbing and Molnár 1995), compiled.
+"""The social force model of pedestrians (Helbing and Molnár 1995), compiled. Equation numbers are that paper's.
 
-Phys. Rev. E 51, 4282; equation numbers are that paper's. A pedestrian accelerates towards the velocity it
-desires within a relaxation time (eq. 2), is pushed away by the others, each surrounded by elliptical
-equipotential lines that reach ahead over its next steps (eqs. 3 and 4), less by those out of its sight
-(eqs. 7 and 8), and fluctuates (eq. 10). Borders and attractions (eqs. 5 and 6) are left out.
+A pedestrian accelerates towards its desired velocity within a relaxation time (equation 2). The others repel it: each
+is surrounded by elliptical equipotential lines that reach ahead over its next step (equations 3 and 4), and repels
+less where the pedestrian does not see it (equations 7 and 8). A fluctuation is added (equation 10). Borders and
+attractions (equations 5 and 6) are left out.
 
-Where this differs from the paper, and why:
+This differs from the paper:
 
-- Pedestrians there are points, here discs: repulsion acts on the distance less the radii, see `_rim_vector`.
-- The ellipse of a pedestrian points there in its desired direction, here in the direction in which it walks:
-  a vehicle cannot see where others want to go, and discs that want to pass each other would stay locked in
-  pairs (in circle_crossing_5_social_force 34 % would come within 0.3 m of their goals in time, now 97 % do).
-- The speed limit there is 1.3 times the preferred speed and applies to the velocity walked, not to the one
-  that forces accumulate (eqs. 11 and 12). Here it is the preferred speed, as everywhere in crowdbench, and
-  there is one velocity, because it is all that a world keeps.
-- In the last metre the desired speed sinks with the distance to the goal, so that pedestrians come to rest.
-- The paper gives no size for the fluctuation: it is ours.
+- Pedestrians are discs here and points there: repulsion depends on the distance less the radii, see `_rim_vector`.
+- The ellipse points in the direction in which a pedestrian walks, there in its desired direction. A vehicle cannot
+  see where others want to go, and discs that want to pass each other would stay locked in pairs: in
+  circle_crossing_5_social_force 34 % of the pedestrians would come within 0.3 m of their goals in time, now 97 % do.
+- The speed limit is the preferred speed, as everywhere in crowdbench, there 1.3 times as much. It applies to the only
+  velocity that a world keeps; there it applies to the walked velocity, and forces accumulate in another one
+  (equations 11 and 12).
+- Over the last metre the desired speed decreases with the distance to the goal, so that pedestrians come to rest.
+- The size of the fluctuation is ours, because the paper gives none.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ SUB_STEP = 0.05
 """Longest step of the integration, in seconds."""
 
 SIGHT_ANGLE = math.radians(200.0)
-"""The paper's 2 phi."""
+"""The paper's 2 phi in radians."""
 
 FLUCTUATION = 0.05
-"""Our size of the fluctuation, in m/s: enough to choose a side, a heading of 3 degrees at 1 m/s."""
+"""Size of the fluctuation in m/s. It turns a pedestrian at 1 m/s by 3 degrees, enough to choose a side."""
 
 SOFTNESS = 0.025
-"""Metres that rims which touch are apart for the repulsion. Of circle_crossing_5_social_force's 500 cases,
-43 have pedestrians that overlap at 0.1, 3 at 0.05, and none at 0.025 or 0.01."""
+"""Distance in metres at which repulsion acts between two rims that touch. Pedestrians overlap in 43 of the 500 cases of
+circle_crossing_5_social_force if this is 0.1, in 3 if it is 0.05, and in none if it is 0.025 or 0.01."""
 
 PARALLEL_PAIRS = 1000
-"""Pairs of agents in a batch from which the 110 microseconds that starting threads costs are worth paying."""
+"""Batches with at least this many pairs of agents run on several threads, whose start takes 110 microseconds."""
 
 _TINY = 1e-9
-"""What stands for zero where a formula divides by a parameter."""
+"""Takes the place of 0 where a formula divides by a parameter."""
 
 _HEAD_ON = 1e-7
-"""Semi-minor axis in metres, a few times its rounding error, below which the way is blocked head-on."""
+"""Semi-minor axis in metres below which two pedestrians meet head-on: a few times its rounding error."""
 
 
 def social_force_velocities(
@@ -72,20 +72,36 @@ def social_force_velocities(
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
 ) -> Float[np.ndarray, "world agent 2"]:
-    """The velocity that each agent has at the end of the step, in m/s.
+    """The velocity that each agent has at the end of the step.
 
-    The end and not the mean, because the simulator keeps it as the velocity from which the next step
-    starts: so an agent alone gains speed with exactly the relaxation time. Within the step everybody
-    moves at once, in equal sub-steps no longer than `sub_step` seconds; agents that do not move
-    (`moves`) go on with their velocity, and zero is returned for them. Agents that are not `seen`
-    repel nobody.
+    It is not the mean velocity of the step, because the next step starts from it: thus an agent that is alone gains
+    speed with exactly the relaxation time. Within the step all agents move at once, in equal sub-steps.
 
-    Defaults are the paper's: `relaxation_time` tau in seconds, `repulsion_strength` V0 in m^2/s^2,
-    `repulsion_range` sigma in metres, `look_ahead` Delta t in seconds, `sight_angle` 2 phi in radians,
-    `behind_weight` c. All belong to the agent that feels the force: one number, or one per agent. `noise`
-    is standard normal and held during the step. It is scaled so that, whatever the time step, the velocity
-    of an agent alone across its way has the standard deviation `fluctuation`, in m/s, and it fades while
-    the agent slows down for its goal.
+    The parameters from `relaxation_time` on are of the agent that feels the force, one number or one per agent. Their
+    defaults are the paper's, except that of `fluctuation`.
+
+    Args:
+        position: Centres in metres.
+        velocity: Current velocities in m/s.
+        goal: Goals in metres.
+        radius: Radii in metres.
+        preferred_speed: Preferred and largest speeds in m/s.
+        noise: Standard normal numbers, one per agent and axis, for the fluctuation during this step.
+        time_step: Length of the step in seconds.
+        sub_step: Longest sub-step in seconds.
+        relaxation_time: tau, in seconds.
+        repulsion_strength: V0, in m^2/s^2.
+        repulsion_range: sigma, in metres.
+        look_ahead: Delta t, in seconds: an ellipse reaches over the way of this time.
+        sight_angle: 2 phi, the angle of sight, in radians.
+        behind_weight: c, the weight of repulsion from outside that angle.
+        fluctuation: Standard deviation, in m/s, of the velocity of an agent alone, across its way. It does not depend
+            on the time step, and decreases over the last metre as the desired speed does.
+        seen: Whether the agent repels others; all do if None.
+        moves: Whether the agent's velocity is computed; all are if None. The others keep their velocity in this step.
+
+    Returns:
+        Velocities in m/s; 0 for agents that do not move.
     """
     shape = radius.shape
     everybody = np.ones(shape, np.bool_)
@@ -120,8 +136,15 @@ def social_force_velocities(
 def _acceleration(relaxation: float | np.ndarray, time_step: float) -> float | np.ndarray:
     """The standard deviation of the acceleration that gives the velocity a standard deviation of 1.
 
-    Held during a step, an acceleration moves the velocity by itself times relaxation * (1 - decay), while what
-    earlier steps did decays: the balance is an Ornstein-Uhlenbeck process, seen at every step.
+    The acceleration is constant during a step and changes the velocity by itself times relaxation * (1 - decay). The
+    effect of earlier steps decays: an Ornstein-Uhlenbeck process, sampled at every step.
+
+    Args:
+        relaxation: Relaxation time in seconds, a number or `[world, agent]`.
+        time_step: Length of a step in seconds.
+
+    Returns:
+        In 1/s: an acceleration per velocity.
     """
     decay = np.exp(-time_step / relaxation)
     return np.sqrt((1.0 + decay) / (1.0 - decay)) / relaxation
@@ -131,7 +154,23 @@ def _acceleration(relaxation: float | np.ndarray, time_step: float) -> float | n
 def _social_force(
     position, velocity, goal, radius, preferred_speed, noise, traits, time_step, sub_steps, seen, moves, out
 ):
-    """The loop over worlds, compiled twice: for one thread and for all."""
+    """The loop over worlds, compiled twice: for one thread and for all.
+
+    Args:
+        position: `[world, agent, 2]`, in metres.
+        velocity: `[world, agent, 2]`, in m/s.
+        goal: `[world, agent, 2]`, in metres.
+        radius: `[world, agent]`, in metres.
+        preferred_speed: `[world, agent]`, in m/s.
+        noise: `[world, agent, 2]`, standard normal.
+        traits: `[world, agent, 7]`, the parameters of each agent: relaxation time, strength, range, look-ahead, cosine
+            of half the angle of sight, weight behind, standard deviation of the fluctuating acceleration.
+        time_step: Length of the step in seconds.
+        sub_steps: Number of sub-steps.
+        seen: `[world, agent]`, whether the agent repels others.
+        moves: `[world, agent]`, whether the agent's velocity is computed.
+        out: `[world, agent, 2]`, zeros, filled: velocities in m/s.
+    """
     worlds, agents = radius.shape
     h = time_step / sub_steps
     for w in prange(worlds):
@@ -144,7 +183,8 @@ def _social_force(
                 gx, gy, eagerness = _desired(x[i], goal[w, i], limit)
                 fx, fy = _repulsion(i, x, v, gx, gy, radius[w], seen[w], traits[w, i])
                 fx, fy = fx + eagerness * push * noise[w, i, 0], fy + eagerness * push * noise[w, i, 1]
-                # Exact for constant forces: explicit Euler steps of 0.05 s shorten a relaxation time of 0.5 s by 5 %.
+                # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a relaxation
+                # time 5 % shorter.
                 gain = 1.0 - math.exp(-h / tau)
                 vx, vy = v[i, 0] + gain * (gx + tau * fx - v[i, 0]), v[i, 1] + gain * (gy + tau * fy - v[i, 1])
                 slower = limit / max(math.sqrt(vx * vx + vy * vy), limit)
@@ -163,7 +203,16 @@ _social_force_serial, _social_force_parallel = serial_and_parallel(_social_force
 @no_type_check
 @njit(cache=True)
 def _desired(position, goal, preferred_speed):
-    """The desired velocity (eqs. 1 and 2), and its share of the preferred speed; `geometry.toward_goal` in a loop."""
+    """The desired velocity (equations 1 and 2), as `geometry.toward_goal` computes it.
+
+    Args:
+        position: `[2]`, in metres.
+        goal: `[2]`, in metres.
+        preferred_speed: In m/s.
+
+    Returns:
+        x and y of the velocity in m/s, and the ratio of its length to the preferred speed.
+    """
     x, y = goal[0] - position[0], goal[1] - position[1]
     distance = math.sqrt(x * x + y * y)
     scale = preferred_speed / max(distance, preferred_speed)
@@ -173,7 +222,20 @@ def _desired(position, goal, preferred_speed):
 @no_type_check
 @njit(cache=True)
 def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
-    """What agent i feels from all others, weighted by whether it sees them (eqs. 7 and 8)."""
+    """The sum of the repulsion of all others on agent i, weighted by whether it sees them (equations 7 and 8).
+
+    Args:
+        i: Index of the agent.
+        position: `[agent, 2]`, in metres.
+        velocity: `[agent, 2]`, in m/s.
+        gx, gy: The agent's desired velocity in m/s.
+        radius: `[agent]`, in metres.
+        seen: `[agent]`, whether the agent repels others.
+        traits: `[7]`, the parameters of agent i, see `_social_force`.
+
+    Returns:
+        x and y of an acceleration in m/s^2.
+    """
     strength, reach, look_ahead, sight, behind = traits[1], traits[2], traits[3], traits[4], traits[5]
     ax, ay = 0.0, 0.0
     desired = math.sqrt(gx * gx + gy * gy)
@@ -191,10 +253,17 @@ def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
 @no_type_check
 @njit(cache=True)
 def _rim_vector(x, y, radii):
-    """The vector between two centres shortened by the radii: the paper's r for pedestrians that are discs.
+    """The vector between two centres, shortened by the radii: the paper's r for pedestrians that are discs.
 
-    Its length is nearly the gap where there is one, SOFTNESS where the rims touch, and goes smoothly to zero,
-    never through it, the deeper they overlap.
+    Its length is almost the gap between the rims where there is one, `SOFTNESS` where they touch, and goes smoothly
+    to 0 the more they overlap.
+
+    Args:
+        x, y: The vector between the centres in metres.
+        radii: Sum of the radii in metres.
+
+    Returns:
+        x and y of the shortened vector in metres.
     """
     distance = math.sqrt(x * x + y * y)
     if distance == 0.0:
@@ -207,16 +276,25 @@ def _rim_vector(x, y, radii):
 @no_type_check
 @njit(cache=True)
 def _force(x, y, sx, sy, strength, reach):
-    """The repulsion at (x, y) from a pedestrian at the origin who walks by (sx, sy) within the look-ahead.
+    """The repulsion at (x, y) by a pedestrian at the origin.
 
-    Minus the gradient of strength * exp(-b / reach) (eq. 3), b being the semi-minor axis of the ellipse
-    through (x, y) with the foci (0, 0) and (sx, sy) (eq. 4).
+    It is minus the gradient of strength * exp(-b / reach) (equation 3), where b is the semi-minor axis of the ellipse
+    through (x, y) with the foci (0, 0) and (sx, sy) (equation 4).
+
+    Args:
+        x, y: The place in metres.
+        sx, sy: The displacement of that pedestrian within the look-ahead, in metres.
+        strength: V0, in m^2/s^2.
+        reach: sigma, in metres.
+
+    Returns:
+        x and y of an acceleration in m/s^2.
     """
     tx, ty = x - sx, y - sy
     here, there = math.sqrt(x * x + y * y), math.sqrt(tx * tx + ty * ty)
     total = here + there
     b = 0.5 * math.sqrt(max(total * total - (sx * sx + sy * sy), 0.0))
-    # Exactly in the other's way the gradient does not exist: no side is better, and the fluctuation decides.
+    # Exactly in front of the other the gradient does not exist. No side is better, and the fluctuation decides.
     if b < _HEAD_ON or here == 0.0 or there == 0.0:
         return 0.0, 0.0
     scale = strength / reach * math.exp(-b / reach) * total / (4.0 * b)
