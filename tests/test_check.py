@@ -110,7 +110,7 @@ OFFENCES = {
         "asked for 12.7279 m/s, but the vehicle's maximum is 1 m/s (case 2, step 3)",
     ),
     "meddling": (meddle, "observation", "changes obs.pedestrians.velocity (case 0, step 3)"),
-    "dice": (dice_for_case_2, "deterministic", "of commands differ when the same episodes are driven again"),
+    "dice": (dice_for_case_2, "deterministic", "of commands differ when a new planner sees the same episodes"),
 }
 
 

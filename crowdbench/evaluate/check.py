@@ -27,15 +27,20 @@ ROUNDING = 1e-6
 """Commands that differ by no more than this, in m/s, are the same up to rounding."""
 
 TIES = 0.01
-"""Share of commands that may depend on the batch: ties between a network's commands fall either way."""
-
+"""Share of commands that may depend on the batch: a network's values are rounded otherwise in each, which breaks ties."""
 
 NO_COMMAND = "not examined: the planner returned no array of velocities"
 
 
 @dataclass(frozen=True)
 class Point:
-    """One point of the contract: whether it is kept, None where it could not be examined, and what was seen."""
+    """One point of the contract.
+
+    Attributes:
+        name: What it is called.
+        kept: Whether the planner keeps it; None where that could not be examined.
+        seen: What was seen, in a few words.
+    """
 
     name: str
     kept: bool | None
@@ -75,14 +80,14 @@ def check(
         Point("exceptions", not raised, raised or f"none in {len(witness.calls)} calls"),
         _decision_time(witness, late, decision_limit),
         *_answers(witness),
-        again.point("deterministic", "when the same episodes are driven again", [cases.indices], most=0.0),
+        again.point("deterministic", "when a new planner sees the same episodes", [cases.indices], most=0.0),
         again.point("batch", "when a case runs alone", alone, most=TIES),
     ]
 
 
 @dataclass(frozen=True)
 class _Call:
-    """What a planner was shown, what it answered where that is velocities in m/s, and how many seconds it took."""
+    """What a planner was shown, its commands in m/s (None where it returned something else), and how long it took."""
 
     obs: Observation
     command: Float[np.ndarray, "world 2"] | None
@@ -121,7 +126,7 @@ class _Witness(Planner):
         seconds = time.perf_counter() - start
         self.dtypes.add(str(answer.dtype) if isinstance(answer, np.ndarray) else type(answer).__name__)
         examined = examine(answer, shown.vehicle.preferred_speed)
-        self.calls.append(_Call(shown, None if examined.commands is None else examined.commands.copy(), seconds))
+        self.calls.append(_Call(shown, examined.commands, seconds))
         for point, fault in examined.points.items():
             self._note(point, fault, shown)
         self._note("observation", _changed(shown, obs), shown)
