@@ -27,7 +27,7 @@ ROUNDING = 1e-6
 """Commands that differ by no more than this, in m/s, are the same up to rounding."""
 
 TIES = 0.01
-"""Share of commands that may depend on the batch: a network's values are rounded otherwise in each, which breaks ties."""
+"""Share of commands that may depend on the batch, whose size changes how a network's values are rounded."""
 
 NO_COMMAND = "not examined: the planner returned no array of velocities"
 
