@@ -7,8 +7,7 @@ the velocities that all half-planes and the speed limit permit, it takes the one
 linear program in two dimensions (section 5.1). If there is none, a linear program in three dimensions finds the
 velocity whose largest distance beyond a half-plane is smallest (section 5.3).
 
-A half-plane is stored as its boundary line, `(point x, point y, direction x, direction y)` in m/s with a direction of
-length 1. What lies to the left of the direction is permitted.
+The half-planes and the linear programs are in `linear_program`.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from jaxtyping import Bool, Float, Shaped
 from numba import njit, prange
 
 from crowdbench.sim.kernels import at, per_agent, serial_and_parallel
+from crowdbench.sim.linear_program import least_violation, nearest_permitted, unit
 
 PARALLEL_AGENTS = 400
 """Batches with at least this many agents run on several threads, whose start takes 110 microseconds."""
@@ -32,9 +32,6 @@ _EVERYBODY = per_agent(True, np.bool_)
 
 _TINY = 1e-9
 """Smallest time horizon in seconds, in place of 0, with which only overlapping agents avoid each other."""
-
-_PARALLEL = 1e-5
-"""Lines are parallel if the cross product of their directions is not larger than this, as in the library RVO2."""
 
 
 def orca_velocities(
@@ -136,9 +133,9 @@ def _orca(
                     for k in range(n):
                         _half_plane(position, velocity, radius, w, i, neighbor[k], horizon, time_step, lines, k)
                     x, y = preferred[w, i, 0], preferred[w, i, 1]
-                    failed, x, y = _nearest_permitted(lines, n, max_speed[w, i], x, y, False)
+                    failed, x, y = nearest_permitted(lines, n, max_speed[w, i], x, y, False)
                     if failed < n:
-                        x, y = _least_violation(lines, n, failed, max_speed[w, i], x, y, scratch)
+                        x, y = least_violation(lines, n, failed, max_speed[w, i], x, y, scratch)
                 out[w, i, 0], out[w, i, 1] = x, y
 
 
@@ -185,16 +182,6 @@ def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
 
 @no_type_check
 @njit(cache=True, error_model="numpy", inline="always")
-def _unit(x, y):
-    """The unit vector along (x, y), which is (1, 0) for the zero vector, and the length of (x, y)."""
-    length = math.sqrt(x * x + y * y)
-    if length == 0.0:
-        return 1.0, 0.0, 0.0
-    return x / length, y / length, length
-
-
-@no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
 def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, lines, k):
     """Write line k: the velocities that agent i of world w may take because of its neighbour j (equation 6, figure 2).
 
@@ -223,7 +210,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
     wx, wy = rx - rate * dx, ry - rate * dy
     dot = wx * dx + wy * dy
     if overlapping or (dot < 0.0 and dot * dot > reach * reach * (wx * wx + wy * wy)):
-        nx, ny, length = _unit(wx, wy)
+        nx, ny, length = unit(wx, wy)
         cx, cy = ny, -nx
         depth = reach * rate - length
         sx, sy = depth * nx, depth * ny
@@ -258,118 +245,3 @@ def _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
     wx = np.float32(vx) - np.float32(ux) - np.float32(rate) * dx
     wy = np.float32(vy) - np.float32(uy) - np.float32(rate) * dy
     return dx * wy - dy * wx > np.float32(0.0)
-
-
-@no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
-def _nearest_on_line(lines, k, speed, x, y, as_direction):
-    """The best velocity on line k that the lines before it and the speed limit permit.
-
-    Args:
-        lines: `[line, 4]`.
-        k: Index of the line.
-        speed: Largest speed in m/s.
-        x, y: The wanted velocity in m/s, or the wanted direction.
-        as_direction: Whether to go as far as possible in the direction (x, y), instead of as near as possible to it.
-
-    Returns:
-        Whether there is such a velocity, and its x and y, or (x, y) where there is none.
-    """
-    px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
-    dot = px * dx + py * dy
-    discriminant = dot * dot + speed * speed - (px * px + py * py)
-    if discriminant < 0.0:
-        return False, x, y
-    root = math.sqrt(discriminant)
-    left, right = -dot - root, -dot + root
-    for j in range(k):
-        cross = dx * lines[j, 3] - dy * lines[j, 2]
-        offset = lines[j, 2] * (py - lines[j, 1]) - lines[j, 3] * (px - lines[j, 0])
-        if abs(cross) <= _PARALLEL:
-            if offset < 0.0:
-                return False, x, y
-            continue
-        t = offset / cross
-        if cross >= 0.0:
-            right = min(right, t)
-        else:
-            left = max(left, t)
-        if left > right:
-            return False, x, y
-    if as_direction:
-        t = right if x * dx + y * dy > 0.0 else left
-    else:
-        t = min(max(dx * (x - px) + dy * (y - py), left), right)
-    return True, px + t * dx, py + t * dy
-
-
-@no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
-def _nearest_permitted(lines, n, speed, x, y, as_direction):
-    """The permitted velocity nearest to (x, y), or farthest in its direction (section 5.1).
-
-    Args:
-        lines: `[line, 4]`.
-        n: Number of lines.
-        speed: Largest speed in m/s.
-        x, y: The wanted velocity in m/s, or the wanted direction.
-        as_direction: Whether (x, y) is a direction.
-
-    Returns:
-        n and the velocity; or the index of the first line that the lines before it contradict, and the best velocity
-        for those.
-    """
-    best_x, best_y = x, y
-    if as_direction:
-        best_x, best_y = x * speed, y * speed
-    elif x * x + y * y > speed * speed:
-        ux, uy, _ = _unit(x, y)
-        best_x, best_y = ux * speed, uy * speed
-    for k in range(n):
-        if lines[k, 2] * (lines[k, 1] - best_y) - lines[k, 3] * (lines[k, 0] - best_x) > 0.0:
-            found, new_x, new_y = _nearest_on_line(lines, k, speed, x, y, as_direction)
-            if not found:
-                return k, best_x, best_y
-            best_x, best_y = new_x, new_y
-    return n, best_x, best_y
-
-
-@no_type_check
-@njit(cache=True, error_model="numpy")
-def _least_violation(lines, n, failed, speed, x, y, scratch):
-    """The velocity whose largest distance beyond a line is smallest (section 5.3).
-
-    Args:
-        lines: `[line, 4]`.
-        n: Number of lines.
-        failed: Index of the first line that cannot be met.
-        speed: Largest speed in m/s.
-        x, y: The best velocity for the lines before `failed`, in m/s.
-        scratch: `[line, 4]`, working memory.
-
-    Returns:
-        x and y of the velocity in m/s.
-    """
-    worst = 0.0
-    for k in range(failed, n):
-        px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
-        if dx * (py - y) - dy * (px - x) <= worst:
-            continue
-        m = 0
-        for j in range(k):
-            cross = dx * lines[j, 3] - dy * lines[j, 2]
-            if abs(cross) <= _PARALLEL:
-                if dx * lines[j, 2] + dy * lines[j, 3] > 0.0:
-                    continue
-                scratch[m, 0], scratch[m, 1] = 0.5 * (px + lines[j, 0]), 0.5 * (py + lines[j, 1])
-            else:
-                t = (lines[j, 2] * (py - lines[j, 1]) - lines[j, 3] * (px - lines[j, 0])) / cross
-                scratch[m, 0], scratch[m, 1] = px + t * dx, py + t * dy
-            scratch[m, 2], scratch[m, 3], _ = _unit(lines[j, 2] - dx, lines[j, 3] - dy)
-            m += 1
-        missed, new_x, new_y = _nearest_permitted(scratch, m, speed, -dy, dx, True)
-        # A solution always exists. Only rounding can miss it, and then the last one is kept.
-        if missed == m:
-            x, y = new_x, new_y
-        worst = dx * (py - y) - dy * (px - x)
-    return x, y
