@@ -25,8 +25,8 @@ def nearest_in_step(i, position, motion, radius, seen):
         seen (array): `[agent]`, whether each agent counts.
 
     Returns:
-        tuple: The distance in metres, negative where discs overlap, and the index of the nearest agent; infinite and
-            -1 where nobody counts.
+        distance (float): In metres, negative where discs overlap; infinite where nobody counts.
+        nearest (int): Index of the nearest agent; -1 where nobody counts.
     """
     least, nearest = np.inf, -1
     for j in range(len(radius)):
@@ -59,7 +59,7 @@ def heading_of(vx, vy, before):
         before (float): The heading before, in radians.
 
     Returns:
-        float: The direction in radians; the heading before where the velocity is zero.
+        direction (float): In radians; the heading before where the velocity is zero.
     """
     return math.atan2(vy, vx) if vx != 0.0 or vy != 0.0 else before
 
@@ -74,7 +74,7 @@ def turn(before, after):
         after (float): Another one.
 
     Returns:
-        float: The change in radians, in [-pi, pi).
+        change (float): In radians, in [-pi, pi).
     """
     return (after - before + math.pi) % (2.0 * math.pi) - math.pi
 

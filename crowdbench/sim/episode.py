@@ -102,7 +102,7 @@ def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
         is_last (bool): Whether this is the last step of the time limit.
 
     Returns:
-        int: An `Outcome`.
+        outcome (int): An `Outcome`.
     """
     if is_last:
         return Outcome.TIMEOUT.value

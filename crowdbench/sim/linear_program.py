@@ -82,8 +82,9 @@ def nearest_permitted(lines, n, speed, x, y, as_direction):
         as_direction (bool): Whether (x, y) is a direction.
 
     Returns:
-        tuple: n, and x and y of the velocity in m/s; or the index of the first line that the lines before it
-            contradict, and the best velocity for those.
+        met (int): Number of lines before the first one that the lines before it contradict; n if there is none.
+        x (float): x of the best velocity for those lines, in m/s.
+        y (float): Its y.
     """
     best_x, best_y = x, y
     if as_direction:
@@ -115,7 +116,8 @@ def least_violation(lines, n, failed, speed, x, y, scratch):
         scratch (array): `[line, 4]`, working memory.
 
     Returns:
-        tuple: x and y of the velocity in m/s.
+        x (float): x of the velocity in m/s.
+        y (float): Its y.
     """
     worst = 0.0
     for k in range(failed, n):
