@@ -307,6 +307,19 @@ def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
         compare(tmp_path / "a", tmp_path / "c")
 
 
+def test_results_of_the_same_scenario_are_compared_whatever_digest_they_were_given(tmp_path):
+    go(tmp_path / "a", cases="5")
+    go(tmp_path / "b", cases="5")
+    result = json.loads((tmp_path / "a" / "result.json").read_text())
+    result["scenario"]["digest"] = "of version 1"
+    (tmp_path / "a" / "result.json").write_text(json.dumps(result))
+    assert compare(tmp_path / "a", tmp_path / "b").cases == 5
+    result["scenario"]["layout"] = 3
+    (tmp_path / "a" / "result.json").write_text(json.dumps(result))
+    with pytest.raises(InputError, match="not a result of crowdbench"):
+        compare(tmp_path / "a", tmp_path / "b")
+
+
 def test_a_pooled_metric_is_compared_pooled(tmp_path):
     go(tmp_path / "a", cases="40")
     go(tmp_path / "b", load_planner("orca", {"safety_space": 0.1})[1], cases="40")

@@ -14,6 +14,7 @@ from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import OVER_ALL, POOLED
 from crowdbench.evaluate.results import EPISODES, Episodes, planner_label, read_result
 from crowdbench.evaluate.summary import NOTHING, Estimate, bootstrap_distribution, interval, weighted_mean
+from crowdbench.scenario.digest import digest_of
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,8 @@ def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
 
 def _same(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> None:
     (one, two), scenarios = results, [result["scenario"] for result in results]
-    if scenarios[0]["digest"] != scenarios[1]["digest"]:
+    # Computed again, because results of earlier versions hold digests that were computed otherwise.
+    if digest_of(scenarios[0]) != digest_of(scenarios[1]):
         keys = sorted(_flat(scenarios[0]).items() ^ _flat(scenarios[1]).items())
         differ = ", ".join(dict.fromkeys(key for key, _ in keys if key not in ("digest", "description")))
         raise InputError(f"{a} and {b} are runs of different scenarios, in {differ}: run both planners on the same one")

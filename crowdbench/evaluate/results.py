@@ -120,7 +120,7 @@ def read_result(directory: Path) -> dict[str, Any]:
     if (
         not isinstance(result, dict)
         or not all(isinstance(result.get(key), kind) for key, kind in expected.items())
-        or "digest" not in result["scenario"]
+        or not all(isinstance(result["scenario"].get(key), dict) for key in ("layout", "pedestrians"))
     ):
         raise InputError(f"{path} is not a result of crowdbench: it must hold {', '.join(expected)}, each of its type")
     return result

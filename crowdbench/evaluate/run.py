@@ -142,7 +142,7 @@ def _result(
 
 
 def _versions() -> dict[str, str]:
-    packages = {name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba")}
+    packages = {name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba", "scipy")}
     return {"python": platform.python_version(), **packages}
 
 
