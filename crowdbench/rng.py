@@ -1,7 +1,8 @@
-"""Random streams keyed by (seed, split, case, purpose), so that a case is the same in any batch and order.
+"""Random numbers keyed by seed, split, case and purpose, so that a case is the same in any batch and order.
 
-All streams come from Philox 4x64-10 (Salmon et al. 2011), a counter-based generator: NumPy's own where
-a `Generator` is wanted, the same function compiled here where noise is drawn for whole batches.
+All of them come from Philox 4x64-10 (Salmon et al. 2011), a counter-based generator: a function of a key and a counter.
+`generator` uses NumPy's; noise for whole batches is drawn by the same function compiled here, since a NumPy generator
+per case is slow to make.
 """
 
 from __future__ import annotations
@@ -16,23 +17,51 @@ from jaxtyping import Float, Int, UInt
 from numba import njit
 
 SPLITS = ("train", "val", "test")
-"""The splits of a scenario's cases; each has cases 0, 1, 2, ... without end."""
+"""The splits of a scenario's cases. Each has the cases 0, 1, 2, ... without an end."""
 
 
 def case_keys(seed: int, split: str, cases: Int[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
-    """The 64-bit key from which all streams of each case start."""
+    """The key of every case, from which all its random numbers follow.
+
+    Args:
+        seed: The seed of the scenario.
+        split: One of `SPLITS`.
+        cases: The case numbers.
+
+    Returns:
+        64-bit keys.
+    """
     return _keys(np.uint64(seed), np.uint64(SPLITS.index(split)), cases.astype(np.uint64))
 
 
 def generator(key: np.uint64, purpose: str) -> np.random.Generator:
-    """A NumPy generator for one purpose in one case."""
+    """A NumPy generator.
+
+    Args:
+        key: The key of a case.
+        purpose: A name for what is drawn. Other purposes of the same case have independent random numbers.
+
+    Returns:
+        The generator, at its start.
+    """
     return np.random.Generator(np.random.Philox(key=np.array([key, _purpose(purpose)], np.uint64)))
 
 
 def normal(
     key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], pedestrians: int, n: int
 ) -> Float[np.ndarray, "world pedestrian n"]:
-    """Standard normal noise, a function of (key, purpose, step, pedestrian, index) alone."""
+    """Standard normal numbers. Each depends only on key, purpose, step, pedestrian and its own index.
+
+    Args:
+        key: The key of the case in every world.
+        purpose: A name for what is drawn. Other purposes of the same case have independent random numbers.
+        step: The step of every world.
+        pedestrians: Number of pedestrians.
+        n: How many numbers each pedestrian gets.
+
+    Returns:
+        The numbers.
+    """
     out = np.empty((len(key), pedestrians, n))
     _normal(key, _purpose(purpose), step, out)
     return out
@@ -40,11 +69,14 @@ def normal(
 
 @functools.cache
 def _purpose(name: str) -> np.uint64:
+    """The 64 bits that stand for a purpose: the second half of the generator's key."""
     return np.uint64(int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little"))
 
 
 _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
+
+# The multipliers of Philox 4x64, and the constants by which its key grows each round.
 _MULTIPLIERS = (np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157))
 _WEYL = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B))
 
@@ -61,7 +93,19 @@ def _high_product(a, b):
 @no_type_check
 @njit(cache=True)
 def philox(c0, c1, c2, c3, k0, k1):
-    """Four random 64-bit words for a 256-bit counter and a 128-bit key, all uint64."""
+    """Philox 4x64-10 (Salmon et al. 2011): random bits from ten rounds of mixing.
+
+    Args:
+        c0: The counter's first 64 bits, uint64 like all arguments.
+        c1: Its second 64 bits.
+        c2: Its third 64 bits.
+        c3: Its fourth 64 bits.
+        k0: The key's first 64 bits.
+        k1: Its second 64 bits.
+
+    Returns:
+        Four random numbers of 64 bits, uint64.
+    """
     for _ in range(10):
         c0, c1, c2, c3 = (
             _high_product(_MULTIPLIERS[1], c2) ^ c1 ^ k0,
@@ -77,6 +121,7 @@ def philox(c0, c1, c2, c3, k0, k1):
 @no_type_check
 @njit(cache=True)
 def _keys(seed, split, cases):
+    """The random numbers for key `seed` and counters (case, split)."""
     zero = np.uint64(0)
     out = np.empty(len(cases), np.uint64)
     for w in range(len(cases)):
@@ -87,7 +132,7 @@ def _keys(seed, split, cases):
 @no_type_check
 @njit(cache=True)
 def _pair(a, b):
-    """Two normal numbers from two random words (Box and Muller 1958)."""
+    """Two normal numbers from two random uint64 (Box and Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - (a >> np.uint64(11)) * 2.0**-53))
     angle = 2.0 * math.pi * ((b >> np.uint64(11)) * 2.0**-53)
     return radius * math.cos(angle), radius * math.sin(angle)
@@ -96,6 +141,7 @@ def _pair(a, b):
 @no_type_check
 @njit(cache=True)
 def _normal(key, purpose, step, out):
+    """Fill `out [world, pedestrian, n]`: key (case, purpose), counter (index, pedestrian, step), four at a time."""
     worlds, pedestrians, n = out.shape
     for w in range(worlds):
         for p in range(pedestrians):

@@ -1,4 +1,4 @@
-"""What foresees the pedestrians' motion."""
+"""The interface of predictors: models of the pedestrians' future motion."""
 
 from __future__ import annotations
 
@@ -16,10 +16,14 @@ from crowdbench.types import Observation
 
 @dataclass(frozen=True)
 class Prediction:
-    """The pedestrians' positions in metres and velocities in m/s; time index 0 is the next step, one dt ahead.
+    """Predicted futures of the pedestrians. Each mode is one possible future of the whole crowd.
 
-    Each mode is one possible future of the whole crowd. What is said of absent pedestrians is finite but means
-    nothing.
+    Time index 0 is the next step, one time step ahead. Values of pedestrians that are not seen are finite and
+    meaningless.
+
+    Attributes:
+        position: Centres in metres.
+        velocity: Velocities in m/s.
     """
 
     position: Float[np.ndarray, "world mode time pedestrian 2"]
@@ -27,20 +31,28 @@ class Prediction:
 
 
 class Predictor(abc.ABC):
-    """Predicts the pedestrians in every world of a batch. Complete once it is constructed."""
+    """Predicts the pedestrians in every world of a batch. The base class of predictors."""
 
     privileged: ClassVar[bool] = False
-    """Whether it calls `Observation.true_next`: a planner that uses it must be privileged too."""
+    """Whether it calls `Observation.true_next`. A planner that uses it must be privileged too."""
 
     facts: Mapping[str, str] = MappingProxyType({})
-    """What results say of it beyond its name and options, such as the digest of its weights."""
+    """What results record of it beside its name and options, such as the digest of its weights."""
 
     @abc.abstractmethod
     def predict(self, obs: Observation, steps: int) -> Prediction:
-        """The next `steps` steps of every pedestrian, `obs.dt` apart."""
+        """Predict all pedestrians.
+
+        Args:
+            obs: The observation of every world.
+            steps: Number of steps to predict, each of `obs.dt` seconds.
+
+        Returns:
+            The futures.
+        """
 
     def unseen(self, scene: str) -> Predictor:
-        """The predictor to be scored on a recorded scene: one that was not trained on it."""
+        """The predictor to be evaluated on a recorded scene: one that was not trained on it."""
         return self
 
 
@@ -50,7 +62,17 @@ def straight_on(
     dt: float,
     steps: int,
 ) -> Prediction:
-    """The futures in which everybody goes on from `start` (metres) with the constant `velocity` (m/s) of the mode."""
+    """The futures in which all pedestrians keep a constant velocity.
+
+    Args:
+        start: Present positions in metres.
+        velocity: Velocities in m/s, for each mode.
+        dt: Length of a step in seconds.
+        steps: Number of steps to predict.
+
+    Returns:
+        The futures, with as many modes as there are velocities.
+    """
     elapsed = dt * np.arange(1, steps + 1)[:, None, None]
     position = start[:, None, None] + elapsed * velocity[:, :, None]
     return Prediction(position, np.repeat(velocity[:, :, None], steps, axis=2))

@@ -1,4 +1,4 @@
-"""Predictors that go straight on."""
+"""Predictors in which pedestrians keep a constant velocity."""
 
 from __future__ import annotations
 
@@ -11,45 +11,51 @@ from crowdbench.types import Observation
 
 
 class Linear(Predictor):
-    """Straight on along the least-squares line through the points observed so far, 8 at most: the paper's Lin.
+    """The least-squares line through the last 8 observed positions: Lin (Li et al. 2020).
 
-    Positions lie on the line, so the first does not follow from the last one seen; the velocity is the line's
-    slope. A pedestrian seen only once stands still.
+    Predicted positions lie on the line, which the last observed position need not. The velocity is the slope of the
+    line. A pedestrian that was observed once stands still.
     """
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
-        """One mode."""
+        """See `Predictor`. There is one mode."""
         crowd = obs.pedestrians
         points = crowd.history.shape[1]
         time = obs.dt * np.arange(1 - points, 1)
-        # Weight 0 for the points that only repeat the first: they would make everybody look slow.
+        # 0 before the first observation, because the positions there only repeat it and would lower the speed.
         weight = (np.arange(points) >= points - crowd.observed[:, :, None]).astype(float)
-        share = weight / np.maximum(weight.sum(axis=2, keepdims=True), 1.0)
-        mean_time = (share * time).sum(axis=2, keepdims=True)
-        offset = weight * (time - mean_time)
-        spread = (offset**2).sum(axis=2, keepdims=True)
-        slope = np.divide(offset, spread, out=np.zeros_like(offset), where=spread > 0.0)
-        velocity, mean = (_weighted_sum(each, crowd.history) for each in (slope, share))
+        mean_weight = weight / np.maximum(weight.sum(axis=2, keepdims=True), 1.0)
+        mean_time = (mean_weight * time).sum(axis=2, keepdims=True)
+        deviation = weight * (time - mean_time)
+        variance = (deviation**2).sum(axis=2, keepdims=True)
+        slope_weight = np.divide(deviation, variance, out=np.zeros_like(deviation), where=variance > 0.0)
+        velocity, mean = (_weighted_sum(each, crowd.history) for each in (slope_weight, mean_weight))
         return straight_on(mean - velocity * mean_time, velocity[:, None], obs.dt, steps)
 
 
 class ConstantVelocity(Predictor):
-    """Straight on with the velocity of the last step: CVM (Schöller et al. 2020).
+    """The velocity of the last step: the constant velocity model, CVM (Schöller et al. 2020).
 
-    A pedestrian seen only once stands still.
+    A pedestrian that was observed once stands still.
     """
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
-        """One mode."""
+        """See `Predictor`. There is one mode."""
         return straight_on(obs.pedestrians.history[:, -1], last_velocity(obs)[:, None], obs.dt, steps)
 
 
 class ConstantVelocitySampled(Predictor):
-    """Straight on with the velocity of the last step, turned at random: CVM-S (Schöller et al. 2020).
+    """The velocity of the last step, turned by random angles: CVM-S (Schöller et al. 2020).
 
-    In each of `modes` futures every pedestrian turns by an angle of its own, whose standard deviation is `angle`
-    degrees. A pedestrian seen only once stands still. Raises InputError where it has no modes, or `angle` is negative
-    or infinite.
+    In every future each pedestrian turns once, by a normally distributed angle of its own. A pedestrian that was
+    observed once stands still.
+
+    Args:
+        modes: Number of futures [1].
+        angle: Standard deviation of the angle [degrees].
+
+    Raises:
+        InputError: `modes` is not a whole number, 1 or more, or `angle` is negative or infinite.
     """
 
     def __init__(self, modes: int = 20, angle: float = 25.0) -> None:
@@ -61,7 +67,7 @@ class ConstantVelocitySampled(Predictor):
         self.angle = np.radians(angle)
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
-        """As many modes as it was made with, all of them random."""
+        """See `Predictor`. There are `modes` modes, all of them random."""
         turn = self.angle * obs.normal("constant_velocity_sampled", self.modes).transpose(0, 2, 1)
         x, y = np.moveaxis(last_velocity(obs)[:, None], -1, 0)
         turned = np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)], axis=-1)
@@ -71,13 +77,13 @@ class ConstantVelocitySampled(Predictor):
 def _weighted_sum(
     weight: Float[np.ndarray, "world pedestrian time"], history: Float[np.ndarray, "world time pedestrian 2"]
 ) -> Float[np.ndarray, "world pedestrian 2"]:
-    """The sum over time of weighted positions."""
-    # Not by matrix products, whose last bits depend on how many worlds there are.
+    """The weighted sum over time of positions in metres."""
+    # Without matrix products, whose last bits depend on the number of worlds.
     return (np.ascontiguousarray(weight.swapaxes(1, 2))[..., None] * history).sum(axis=1)
 
 
 def last_velocity(obs: Observation) -> Float[np.ndarray, "world pedestrian 2"]:
-    """The velocity of the last step in m/s, zero for whoever was seen only once."""
+    """The velocities of the last step in m/s, zero for pedestrians that were observed once."""
     crowd = obs.pedestrians
     moved = (crowd.history[:, -1] - crowd.history[:, -2]) / obs.dt
     return np.where(crowd.observed[:, :, None] > 1, moved, 0.0)

@@ -40,7 +40,20 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
 
 
 def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
-    """Social GAN (Gupta et al. 2018): several futures of the crowd, from a generator trained on real pedestrians."""
+    """Social GAN (Gupta et al. 2018): several futures of the crowd, from a generator trained on real pedestrians.
+
+    Args:
+        weights: The trained generator: a name (`crowdbench list weights`) or a file.
+        modes: Number of futures [1].
+        rescaled: Whether displacements are rescaled to the time step that the generator was trained on.
+        device: Where the generator runs: `cpu` or `cuda`.
+
+    Returns:
+        The predictor.
+
+    Raises:
+        InputError: An option is impossible, or the weights are missing or of another network.
+    """
     # Imported here, because torch takes a second and most planners do without.
     from crowdbench.predict.social_gan import load_social_gan
 
@@ -48,7 +61,18 @@ def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device
 
 
 def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
-    """Social GAN trained on the crowds of the simulator instead of real pedestrians."""
+    """Social GAN, from a generator trained on simulated instead of real pedestrians.
+
+    Args:
+        modes: Number of futures [1].
+        device: Where the generator runs: `cpu` or `cuda`.
+
+    Returns:
+        The predictor.
+
+    Raises:
+        InputError: An option is impossible.
+    """
     return _sgan("sgan_simulated", modes, device=device)
 
 
@@ -60,4 +84,4 @@ PREDICTORS: Mapping[str, Callable[..., Predictor]] = {
     "sgan": _sgan,
     "sgan_simulated": _sgan_simulated,
 }
-"""What constructs each built-in predictor: a class, or a function that imports torch only when it is called."""
+"""The built-in predictors: classes, or functions that import torch only when they are called."""

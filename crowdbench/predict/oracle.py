@@ -1,4 +1,4 @@
-"""A predictor that looks into the simulator."""
+"""A predictor that knows the next step of the simulator."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from crowdbench.types import Observation
 
 
 class Oracle(Predictor):
-    """The true next step of the simulator, and straight on from there: shows what perfect foresight is worth."""
+    """The true velocity of the next step, kept constant: shows what a perfect prediction of one step is worth."""
 
     privileged: ClassVar[bool] = True
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
-        """One mode. Raises PermissionError where the observation does not show the future."""
+        """See `Predictor`. There is one mode. Raises PermissionError where the planner is not privileged."""
         return straight_on(obs.pedestrians.position, obs.true_next()[:, None], obs.dt, steps)

@@ -24,10 +24,21 @@ NAME = "sgan"
 class SocialGAN(Predictor):
     """Samples futures of the whole crowd from the generator of a Social GAN (Gupta et al. 2018).
 
-    The generator was trained on steps of `about["dt"]` seconds. Where the observation has another time step, it takes
-    one step for the other, as Li et al. (2020) do, or it is rescaled: displacements are multiplied with the ratio of
-    the time steps before it, and divided by it after it. Steps before the first observation are extrapolated backwards
-    from the first displacement; a pedestrian with one observation was standing still.
+    The generator was trained with steps of `about["dt"]` seconds. Where the observation has another time step, it is
+    given the displacements per step as they are, as in Li et al. (2020), or `rescaled` to its own time step; predicted
+    displacements are then scaled back. Steps before the first observation are extrapolated backwards from the first
+    displacement; for a pedestrian that was observed once, there is no displacement.
+
+    Args:
+        generator: The trained generator.
+        about: What its card says of the training: at least `dt`, the time step in seconds, and `scenes`, the
+            recorded scenes that it was trained on.
+        modes: Number of futures [1]. Fewer futures are the first of more.
+        rescaled: Whether displacements are rescaled to the time step that the generator was trained on.
+        trained_without: Gives the predictor that was trained without a scene.
+
+    Raises:
+        InputError: `modes` is not a whole number, 1 or more.
     """
 
     def __init__(
@@ -38,19 +49,6 @@ class SocialGAN(Predictor):
         rescaled: bool = False,
         trained_without: Callable[[str], Predictor] | None = None,
     ) -> None:
-        """Make a predictor of a trained generator.
-
-        Args:
-            generator: The generator.
-            about: What its card says of the training: at least `dt`, the time step in seconds, and `scenes`, the
-                recorded scenes that it was trained on.
-            modes: Number of futures. Fewer are the first of more.
-            rescaled: Whether displacements are rescaled to the time step of the training.
-            trained_without: Gives the predictor that was trained without a scene.
-
-        Raises:
-            InputError: `modes` is not a whole number, 1 or more.
-        """
         if not (isinstance(modes, int) and modes >= 1):
             raise InputError(f"modes is {modes!r}, but must be a whole number of futures, 1 or more")
         self.generator = generator.eval()
@@ -125,8 +123,8 @@ def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> So
 
     Args:
         weights: The name of built-in weights or `file.safetensors`, with its card beside it.
-        modes: Number of futures.
-        rescaled: Whether displacements are scaled to the time step that the generator was trained on.
+        modes: Number of futures [1].
+        rescaled: Whether displacements are rescaled to the time step that the generator was trained on.
         device: `cpu` or `cuda`.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Recorded tracks of real pedestrians, in the form in which ETH/UCY is passed on, and windows of them.
+"""Recorded tracks of real pedestrians, in the usual format of ETH/UCY, and windows of consecutive frames.
 
 A file has one line for each pedestrian in each annotated frame: frame, pedestrian, x and y in metres, separated by
 tabs or spaces. Lines may come in any order.
@@ -18,10 +18,10 @@ from crowdbench.errors import InputError
 from crowdbench.types import Observation, Pedestrians, Vehicle
 
 FRAME_STEP = 10
-"""Frames from one annotation to the next."""
+"""Difference between the numbers of two consecutive annotated frames."""
 
 DT = 0.4
-"""Seconds from one annotation to the next, in files."""
+"""Seconds between two consecutive annotated frames."""
 
 COLUMNS = ("frame", "pedestrian", "x", "y")
 
@@ -32,20 +32,25 @@ SCENES: Mapping[str, tuple[str, ...]] = {
     "zara1": ("crowds_zara01",),
     "zara2": ("crowds_zara02",),
 }
-"""The five scenes of ETH/UCY (Pellegrini et al. 2009, Lerner et al. 2007), each with the files that are its test."""
+"""The five scenes of ETH/UCY (Pellegrini et al. 2009, Lerner et al. 2007), each with the files to test on."""
 
 TRAINING_ONLY = ("crowds_zara03", "uni_examples")
-"""Files of ETH/UCY that are in no scene's test."""
+"""Files of ETH/UCY that no scene is tested on."""
 
 FEWEST = 2
-"""Pedestrians that a window has at least: windows of one are left out, as in Social GAN (Gupta et al. 2018)."""
+"""The smallest number of pedestrians in a window, as in the evaluation of Social GAN (Gupta et al. 2018)."""
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Where the pedestrians of one recording were in each frame, in metres; rows by pedestrian, then frame.
+    """The annotations of one recording, a row each, ordered by pedestrian and then by frame.
 
-    `FRAME_STEP` frames are `dt` seconds.
+    Attributes:
+        name: The name of the file, without suffix.
+        frame: The number of the frame.
+        pedestrian: The number of the pedestrian.
+        position: Position in metres.
+        dt: Seconds between two consecutive annotated frames, whose numbers differ by `FRAME_STEP`.
     """
 
     name: str
@@ -57,10 +62,14 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Windows:
-    """Stretches of consecutive annotations, `dt` seconds apart, as a batch.
+    """A batch of windows: consecutive annotated frames with the pedestrians that are there in all of them.
 
-    What is not `present` is padding, at the origin. `frame` is the first of each window; `pedestrian` tells who is
-    who, and is 0 in the padding.
+    Attributes:
+        frame: The number of the first frame of each window.
+        pedestrian: The numbers of the pedestrians, 0 where none is `present`.
+        present: Whether there is a pedestrian; the others are padding.
+        position: Positions in metres, 0 where no pedestrian is `present`.
+        dt: Seconds between two consecutive frames.
     """
 
     frame: Int[np.ndarray, "window"]
@@ -77,12 +86,18 @@ class Windows:
         return Windows(self.frame[rows], self.pedestrian[rows], self.present[rows], self.position[rows], self.dt)
 
     def observation(self, seen: int) -> Observation:
-        """What a predictor is shown: the first `seen` positions, all of them really observed.
+        """The observation of each window, for a predictor.
 
-        The first frame stands for the case. There is no vehicle, and pedestrians are points: its numbers are NaN,
-        their radii zero.
+        The number of the first frame takes the place of the case. There is no vehicle: its values are NaN. Recordings
+        have no radii: they are 0.
+
+        Args:
+            seen: Number of frames that are observed, the first ones of a window; the last of them is the present.
+
+        Returns:
+            The observation, a world per window.
         """
-        # Copies, as the simulator's: what a predictor does to its observation must not reach the recording.
+        # A copy, so that a predictor that changes its observation does not change the recording.
         history = self.position[:, :seen].copy()
         nowhere = np.full((len(self), 2), np.nan)
         return Observation(
@@ -115,7 +130,7 @@ class Windows:
 
 
 def read_folder(folder: Path) -> list[Tracks]:
-    """The recordings of all `*.txt` files in a folder. Raises InputError where there are none, or one is broken."""
+    """The recordings in all `*.txt` files of a folder. Raises InputError where there are none, or one is wrong."""
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder} with recorded tracks")
     files = sorted(folder.glob("*.txt"))
@@ -125,7 +140,7 @@ def read_folder(folder: Path) -> list[Tracks]:
 
 
 def read_tracks(path: Path) -> Tracks:
-    """A recording. Raises InputError, naming the line, where the file cannot be read or is not in the form."""
+    """A recording. Raises InputError, with the line, where the file cannot be read or has another format."""
     try:
         lines = path.read_text(encoding="utf-8").split("\n")
     except OSError as error:
@@ -154,7 +169,7 @@ def read_tracks(path: Path) -> Tracks:
 
 
 def _numbers(path: Path, lines: list[str]) -> tuple[Float[np.ndarray, "row 4"], list[int]]:
-    """The finite numbers of each line that is not blank, and the line's number, from 1."""
+    """The numbers in each line that is not blank, and the line's number, from 1. Raises InputError as `read_tracks`."""
     fields = [line.split() for line in lines]
     number = [n for n, found in enumerate(fields, 1) if found]
     rows = [found for found in fields if found]
@@ -177,6 +192,7 @@ def _numbers(path: Path, lines: list[str]) -> tuple[Float[np.ndarray, "row 4"], 
 
 
 def _number(path: Path, line: int, text: str) -> float:
+    """A number in a line. Raises InputError where it is not one."""
     try:
         return float(text)
     except ValueError:
@@ -184,6 +200,7 @@ def _number(path: Path, line: int, text: str) -> float:
 
 
 def _whole(path: Path, table: Float[np.ndarray, "row 4"], number: list[int], column: int) -> Int[np.ndarray, "row"]:
+    """A column of whole numbers. Raises InputError where they are not whole."""
     values = table[:, column]
     wrong = (values != np.rint(values)) | (np.abs(values) > 2**53)
     if wrong.any():
@@ -193,20 +210,28 @@ def _whole(path: Path, table: Float[np.ndarray, "row 4"], number: list[int], col
 
 
 def scenes(recordings: Iterable[Tracks]) -> dict[str, list[Tracks]]:
-    """The recordings to test on: by scene those of ETH/UCY that are complete, every other one by itself."""
+    """The scenes to test on, by name: those of ETH/UCY whose files are all there, and every other recording."""
     left = {tracks.name: tracks for tracks in recordings if tracks.name not in TRAINING_ONLY}
     whole = {scene: [left.pop(name) for name in names] for scene, names in SCENES.items() if left.keys() >= set(names)}
     return whole | {name: [tracks] for name, tracks in left.items()}
 
 
 def windows(tracks: Tracks, length: int) -> Windows:
-    """All stretches of `length` annotations, one starting at every annotated frame.
+    """All windows of a recording, one for every annotated frame that it can start at.
 
-    A window has the pedestrians that are there all the time; it is left out where they are fewer than `FEWEST`.
+    A window has the pedestrians that are annotated in all its frames. It is left out if there are fewer than `FEWEST`.
+
+    Args:
+        tracks: The recording.
+        length: Number of frames of a window.
+
+    Returns:
+        The windows, ordered by frame.
     """
     first = np.arange(len(tracks.frame) - length + 1)
     last = first + length - 1
-    # Rows are sorted and unique: where so many rows on it is the same pedestrian as many frames on, none is missing.
+    # Rows are sorted and unique. If `length - 1` rows later it is the same pedestrian and as many frames later, no
+    # frame is missing in between.
     complete = (tracks.pedestrian[first] == tracks.pedestrian[last]) & (
         tracks.frame[last] - tracks.frame[first] == FRAME_STEP * (length - 1)
     )
@@ -217,7 +242,16 @@ def windows(tracks: Tracks, length: int) -> Windows:
 
 
 def _padded(tracks: Tracks, first: Int[np.ndarray, "stretch"], length: int) -> Windows:
-    """Windows from the row at which each stretch starts; those of one frame follow each other."""
+    """Windows, padded to the largest number of pedestrians.
+
+    Args:
+        tracks: The recording.
+        first: The row of each pedestrian's first frame in a window; rows of the same window follow each other.
+        length: Number of frames of a window.
+
+    Returns:
+        The windows.
+    """
     frame, start, window, count = np.unique(
         tracks.frame[first], return_index=True, return_inverse=True, return_counts=True
     )

@@ -1,4 +1,4 @@
-"""Recorded tracks to train predictors on: which of them, and in steps of which length."""
+"""Recorded tracks to train predictors on: the split into training and validation, and resampling."""
 
 from __future__ import annotations
 
@@ -12,17 +12,24 @@ from crowdbench.errors import InputError
 from crowdbench.predict.tracks import FRAME_STEP, Tracks, scenes
 
 TRAINING_SHARE = 0.8
-"""Of a file's annotated frames, how many are for training: where Social GAN (Gupta et al. 2018) cut all of ETH/UCY."""
+"""The part of a file's annotated frames that is for training, as in the data of Social GAN (Gupta et al. 2018)."""
 
 ROUNDING = 1e-6
-"""Steps by which an annotation may miss one and still count as being at it."""
+"""Tolerance in steps: an annotation this close to the time of a step is at this time."""
 
 
 def training_split(recordings: Sequence[Tracks], held_out: str | None) -> tuple[list[Tracks], list[Tracks]]:
-    """What to train on and what to validate on: the first and the last frames of every recording.
+    """Split recordings in time: the first frames of each are for training, the last ones for validation.
 
-    The recordings of the scene `held_out`, which is to be tested on, are in neither. Raises InputError where there is
-    no such scene, or nothing else.
+    Args:
+        recordings: The recordings.
+        held_out: The scene to test on, which is left out of both, or None.
+
+    Returns:
+        The training part and the validation part of every recording.
+
+    Raises:
+        InputError: There is no such scene, or there are no other recordings.
     """
     parts = scenes(recordings)
     if held_out is not None and held_out not in parts:
@@ -36,32 +43,41 @@ def training_split(recordings: Sequence[Tracks], held_out: str | None) -> tuple[
 
 
 def resampled(tracks: Tracks, dt: float) -> Tracks:
-    """The same recording in steps of `dt` seconds, each pedestrian's position interpolated linearly.
+    """Resample a recording by linear interpolation of each pedestrian's positions.
 
-    Frame 0 stays frame 0, and one step is `FRAME_STEP` frames again. Gaps stay gaps: only between two annotations
-    that follow each other is anything known.
+    Positions are interpolated only between consecutive annotated frames, so that a gap in a track stays a gap.
+
+    Args:
+        tracks: The recording.
+        dt: The new time step in seconds.
+
+    Returns:
+        The recording with annotations every `dt` seconds, whose frame numbers differ by `FRAME_STEP` again. The time of
+        frame 0 is the same.
     """
     time = tracks.frame / FRAME_STEP * (tracks.dt / dt)
-    goes_on = (np.diff(tracks.pedestrian) == 0) & (np.diff(tracks.frame) == FRAME_STEP)
-    goes_on = np.append(goes_on, False)
-    # The steps from each row up to the next one, without it; a pedestrian's last row has at most its own.
+    continued = (np.diff(tracks.pedestrian) == 0) & (np.diff(tracks.frame) == FRAME_STEP)
+    continued = np.append(continued, False)
+    # The new steps from each row to before the next one; where a track stops or has a gap, at most the row's own time.
     first = np.ceil(time - ROUNDING).astype(np.int64)
-    end = np.where(goes_on, np.roll(first, -1), np.floor(time + ROUNDING).astype(np.int64) + 1)
+    end = np.where(continued, np.roll(first, -1), np.floor(time + ROUNDING).astype(np.int64) + 1)
     row = np.repeat(np.arange(len(time)), end - first)
     step = np.arange(len(row)) - np.searchsorted(row, row) + first[row]
-    share = np.where(goes_on[row], (step - time[row]) * dt / tracks.dt, 0.0)
+    part = np.where(continued[row], (step - time[row]) * dt / tracks.dt, 0.0)
     moved = np.roll(tracks.position, -1, axis=0) - tracks.position
-    position = tracks.position[row] + share[:, None] * moved[row]
+    position = tracks.position[row] + part[:, None] * moved[row]
     return Tracks(tracks.name, step * FRAME_STEP, tracks.pedestrian[row], position, dt)
 
 
 def _cut(tracks: Tracks) -> tuple[Tracks, Tracks]:
+    """The first and the last frames of a recording."""
     frames = np.unique(tracks.frame)
     early = tracks.frame < frames[int(TRAINING_SHARE * len(frames))]
     return _rows(tracks, early), _rows(tracks, ~early)
 
 
 def _rows(tracks: Tracks, kept: Bool[np.ndarray, "row"]) -> Tracks:
+    """Some rows of a recording."""
     return dataclasses.replace(
         tracks, frame=tracks.frame[kept], pedestrian=tracks.pedestrian[kept], position=tracks.position[kept]
     )

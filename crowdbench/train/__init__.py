@@ -1,1 +1,1 @@
-"""Training: one file per method, and what they share."""
+"""Training of networks: a file for each method, the requests for it, and what the methods share."""

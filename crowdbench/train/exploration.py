@@ -16,16 +16,14 @@ class EpsilonGreedy(Planner):
     """Takes one of another planner's commands at random with probability epsilon, and else the best one.
 
     The random choice depends only on seed, case and step.
+
+    Args:
+        planner: The planner that knows the best command.
+        epsilon: The probability of a random command, from 0 to 1.
+        seed: The seed of the random choices.
     """
 
     def __init__(self, planner: ValuePlanner, epsilon: float, seed: int) -> None:
-        """Wrap a planner.
-
-        Args:
-            planner: The planner that knows the best command.
-            epsilon: The probability of a random command, from 0 to 1.
-            seed: The seed of the random choices.
-        """
         self.privileged = planner.privileged
         self.planner = planner
         self.epsilon = epsilon

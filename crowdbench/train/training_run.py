@@ -133,7 +133,7 @@ class TrainingRun:
             "command": self.request.command,
             **self.request.card(self.training, progress),
             "commit": _commit(),
-            "machine": f"{_processor()}, {torch.get_num_threads()} threads, {self.device}",
+            "machine": f"{_processor()}, threads: {torch.get_num_threads()}, {self.device}",
             "versions": {"python": platform.python_version(), "torch": torch.__version__},
             "licence": "MIT",
         }

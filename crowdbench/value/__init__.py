@@ -1,1 +1,1 @@
-"""Value networks: how much a state of vehicle and crowd is worth."""
+"""Value networks: the expected return of a state of the vehicle and the pedestrians around it."""

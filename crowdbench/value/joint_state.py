@@ -1,9 +1,20 @@
-"""The joint state: 13 numbers per pedestrian, in the frame whose x axis points from the vehicle to its goal.
+"""The joint state of the vehicle and a pedestrian: 13 numbers, the input of value networks.
 
-CrowdNav's (Chen et al. 2019, section III-A), as its code computes it. The vehicle's six come first and are the
-same for all pedestrians: distance to the goal, preferred speed, heading (0, as it is holonomic), radius, velocity
-x and y. Then the pedestrian's own seven: position x and y relative to the vehicle, velocity x and y, radius,
-distance between the centres, sum of the radii.
+It is that of Chen et al. (2019, section III-A), as CrowdNav computes it. Coordinates are in the frame whose origin is the
+vehicle and whose x axis points to its goal. Lengths are in metres and speeds in m/s.
+
+| index | of | quantity |
+|---|---|---|
+| 0 | vehicle | distance to the goal |
+| 1 | vehicle | preferred speed |
+| 2 | vehicle | heading, always 0 because the vehicle is holonomic |
+| 3 | vehicle | radius |
+| 4, 5 | vehicle | velocity, x and y |
+| 6, 7 | pedestrian | position, x and y |
+| 8, 9 | pedestrian | velocity, x and y |
+| 10 | pedestrian | radius |
+| 11 | both | distance between the centres |
+| 12 | both | sum of the radii |
 """
 
 from __future__ import annotations
@@ -16,12 +27,13 @@ from jaxtyping import Bool, Float, Float32
 from numba import njit
 
 VEHICLE = 6
-"""So many numbers are the vehicle's."""
+"""The first six numbers are the vehicle's, the same with every pedestrian."""
 
 SIZE = 13
+"""The size of a joint state."""
 
 DISTANCE = 11
-"""Place of the distance between the centres."""
+"""Index of the distance between the centres."""
 
 
 def joint_states(
@@ -32,9 +44,19 @@ def joint_states(
     goal: Float[np.ndarray, "*batch 2"],
     preferred_speed: Float[np.ndarray, "*batch"],
 ) -> Float32[np.ndarray, "*batch pedestrian 13"]:
-    """The joint states of the vehicle, agent 0, with every other agent; `goal` and `preferred_speed` are its own.
+    """The joint states of the vehicle with every pedestrian.
 
-    The row of an absent pedestrian has zeros for its own numbers, and there is a row even without pedestrians.
+    Args:
+        position: Centres in metres; agent 0 is the vehicle.
+        velocity: Velocities in m/s.
+        radius: Radii in metres.
+        present: Whether there is a pedestrian. The vehicle's own value is not read.
+        goal: The vehicle's goal in metres.
+        preferred_speed: The vehicle's preferred speed in m/s.
+
+    Returns:
+        A row for every pedestrian. An absent one has zeros from index 6 on. Without any pedestrian there is one row,
+        that of an absent one.
     """
     *batch, agents = radius.shape
     out = np.empty((*batch, max(agents - 1, 1), SIZE), np.float32)
@@ -53,10 +75,25 @@ def joint_states(
 @no_type_check
 @njit(cache=True)
 def write_joint_state(out, x, y, vx, vy, radius, goal, speed, position, velocity, radii, present):
-    """Write the joint states of one vehicle with all pedestrians `[pedestrian, ...]` into `out [pedestrian, 13]`."""
+    """Write the joint states of one vehicle with all pedestrians.
+
+    Args:
+        out: `[row, 13]`, where they are written. Rows beyond the pedestrians are those of absent ones.
+        x: The vehicle's position x in metres.
+        y: The vehicle's position y in metres.
+        vx: The vehicle's velocity x in m/s.
+        vy: The vehicle's velocity y in m/s.
+        radius: The vehicle's radius in metres.
+        goal: `[2]`, the vehicle's goal in metres.
+        speed: The vehicle's preferred speed in m/s.
+        position: `[pedestrian, 2]`, centres in metres.
+        velocity: `[pedestrian, 2]`, velocities in m/s.
+        radii: `[pedestrian]`, radii in metres.
+        present: `[pedestrian]`, whether there is a pedestrian.
+    """
     dx, dy = goal[0] - x, goal[1] - y
     distance = math.sqrt(dx * dx + dy * dy)
-    # At its goal the vehicle has no direction to it: the frame is then the world's, as atan2(0, 0) has it.
+    # At the goal there is no direction to it. The frame is then the world's, because CrowdNav takes atan2(0, 0) = 0.
     cos, sin = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)
     for p in range(len(out)):
         out[p, 0] = distance

@@ -1,7 +1,7 @@
-"""The value networks: joint states of a crowd to one number.
+"""The value networks: from the joint states of the vehicle with all pedestrians to the value of the state.
 
-All are called as `network(joint [..., pedestrian, 13], present [..., pedestrian]) -> [...]`. An absent pedestrian
-changes nothing, and where nobody is present the value is known without a network.
+All are called as `network(joint [..., pedestrian, 13], present [..., pedestrian]) -> [...]`. A pedestrian that is absent
+has no influence. Where no pedestrian is present, the value is known, and no network is used.
 """
 
 from __future__ import annotations
@@ -22,7 +22,15 @@ Present = Bool[Tensor, "*batch pedestrian"]
 
 
 def perceptron(*sizes: int, last: bool = False) -> nn.Sequential:
-    """Linear layers of these sizes with rectifiers between them, and one after the last if `last`."""
+    """Linear layers with ReLU between them.
+
+    Args:
+        sizes: The size of the input and of every layer.
+        last: Whether there is a ReLU after the last layer too.
+
+    Returns:
+        The layers.
+    """
     layers: list[nn.Module] = []
     for inputs, outputs in itertools.pairwise(sizes):
         layers += [nn.Linear(inputs, outputs), nn.ReLU(inplace=True)]
@@ -30,41 +38,66 @@ def perceptron(*sizes: int, last: bool = False) -> nn.Sequential:
 
 
 class ValueNetwork(nn.Module, abc.ABC):
-    """A value network: fill `crowd`. `name` is what files of its weights call it."""
+    """A value network. A subclass has a `name` and the method `crowd`."""
 
     name: str
+    """The name of the network on the cards of its weights."""
 
     def forward(self, joint: Joint, present: Present) -> Float[Tensor, "*batch"]:
-        """The value of each state."""
+        """The value of each state.
+
+        Args:
+            joint: The joint states.
+            present: Which pedestrians are present.
+
+        Returns:
+            The expected discounted sum of rewards.
+        """
         return self.attend(joint, present)[0]
 
     def attend(
         self, joint: Joint, present: Present
     ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch pedestrian"]]:
-        """The value of each state and each pedestrian's share in it, which sum to 1, or 0 among nobody."""
+        """The value of each state, and the attention to each pedestrian.
+
+        Args:
+            joint: The joint states.
+            present: Which pedestrians are present.
+
+        Returns:
+            The values, and attention weights. The weights of a state sum to 1; without pedestrians they are 0.
+        """
         batch = present.shape[:-1]
         joint, present = joint.reshape(-1, *joint.shape[-2:]), present.reshape(-1, present.shape[-1])
         value, attention = self.crowd(joint, present)
-        accompanied = present.any(-1)
-        if not accompanied.all():
-            value = torch.where(accompanied, value, alone(joint))
+        any_present = present.any(-1)
+        if not any_present.all():
+            value = torch.where(any_present, value, alone(joint))
         return value.reshape(batch), attention.reshape(*batch, attention.shape[-1])
 
     @abc.abstractmethod
     def crowd(
         self, joint: Float[Tensor, "batch pedestrian 13"], present: Bool[Tensor, "batch pedestrian"]
     ) -> tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]:
-        """Value and attention; whatever value where nobody is present."""
+        """The same as `attend`, for one batch axis. The value of a state without pedestrians is not used.
+
+        Args:
+            joint: The joint states.
+            present: Which pedestrians are present.
+
+        Returns:
+            The values, and the attention weights.
+        """
 
 
 def alone(joint: Float[Tensor, "batch pedestrian 13"]) -> Float[Tensor, "batch"]:
-    """The value where nobody is in the way: the reward for arriving, discounted over the straight way."""
+    """The value of a state without pedestrians: the reward of success, discounted over the straight way to the goal."""
     distance, radius = joint[:, 0, 0], joint[:, 0, 3]
     return SUCCESS * DISCOUNT ** (distance - radius).clamp(min=0.0)
 
 
 class CADRL(ValueNetwork):
-    """Chen et al. 2017 as in CrowdNav: the value of a crowd is the smallest over its pedestrians, taken one by one."""
+    """CADRL (Chen et al. 2017), as in CrowdNav: the smallest of the values with every single pedestrian."""
 
     name = "cadrl"
 
@@ -75,14 +108,14 @@ class CADRL(ValueNetwork):
     def crowd(
         self, joint: Float[Tensor, "batch pedestrian 13"], present: Bool[Tensor, "batch pedestrian"]
     ) -> tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]:
-        """See `ValueNetwork`. All attention is on the pedestrian whose value it is."""
-        pairs = _spread(self.pair(_gathered(joint, present))[:, 0], present, float("inf"))
-        value, who = pairs.min(-1)
-        return value, nn.functional.one_hot(who, present.shape[-1]) * present.to(pairs)
+        """See `ValueNetwork`. The pedestrian with the smallest value has the weight 1."""
+        pairs = _scattered(self.pair(_gathered(joint, present))[:, 0], present, float("inf"))
+        value, chosen = pairs.min(-1)
+        return value, nn.functional.one_hot(chosen, present.shape[-1]) * present.to(pairs)
 
 
 class LSTMRL(ValueNetwork):
-    """Everett et al. 2018 as in CrowdNav: an LSTM over the pedestrians, the farthest first."""
+    """LSTM-RL (Everett et al. 2018), as in CrowdNav: an LSTM over the pedestrians, the farthest first."""
 
     name = "lstm_rl"
 
@@ -94,7 +127,7 @@ class LSTMRL(ValueNetwork):
     def crowd(
         self, joint: Float[Tensor, "batch pedestrian 13"], present: Bool[Tensor, "batch pedestrian"]
     ) -> tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]:
-        """See `ValueNetwork`. It has no attention: everybody's share is the same."""
+        """See `ValueNetwork`. The network has no attention: all pedestrians have the same weight."""
         far_first = torch.where(present, -joint[..., DISTANCE], float("inf")).argsort(dim=-1)
         states, _ = self.lstm(joint.gather(1, far_first[..., None].expand_as(joint)))
         number = present.sum(-1)
@@ -104,7 +137,7 @@ class LSTMRL(ValueNetwork):
 
 
 class SARL(ValueNetwork):
-    """Chen et al. 2019, equations 4 to 9: self-attention over the pedestrians."""
+    """SARL (Chen et al. 2019, equations 4 to 9): self-attention over the pedestrians."""
 
     name = "sarl"
 
@@ -112,8 +145,8 @@ class SARL(ValueNetwork):
         super().__init__()
         self.embedding = perceptron(SIZE, 150, 100, last=True)
         self.features = perceptron(100, 100, 50)
-        # The first layer of the attention sees a pedestrian's embedding joined with the crowd's mean. The mean's
-        # half of it is the same for all pedestrians: it is multiplied once.
+        # The input of the attention is a pedestrian's embedding joined with the mean over all pedestrians. Its first
+        # layer is split in two, so that the product with the mean is computed once for all pedestrians.
         self.attention_own = nn.Linear(100, 100)
         self.attention_mean = nn.Linear(100, 100, bias=False)
         self.attention = perceptron(100, 100, 1)
@@ -125,37 +158,47 @@ class SARL(ValueNetwork):
         """See `ValueNetwork`."""
         embedding = self.embedding(_gathered(joint, present))
         number = present.sum(-1)
-        mean = _spread(embedding, present).sum(1) / number.clamp(min=1)[:, None]
+        mean = _scattered(embedding, present).sum(1) / number.clamp(min=1)[:, None]
         mean_part = self.attention_mean(mean).repeat_interleave(number, dim=0)
         scores = self.attention((self.attention_own(embedding) + mean_part).relu_())[:, 0]
-        # Where nobody is present, a softmax over nothing would be NaN.
-        attention = _spread(scores, present, float("-inf")).softmax(-1).nan_to_num(0.0)
-        # The features' last layer is linear: it is applied once, to the weighted sum.
+        # Without pedestrians, the softmax is NaN.
+        attention = _scattered(scores, present, float("-inf")).softmax(-1).nan_to_num(0.0)
+        # The last layer of the features is linear, and the weights sum to 1: it can be applied to the weighted sum.
         hidden, rectify, last = self.features
-        crowd = last((_spread(rectify(hidden(embedding)), present) * attention[..., None]).sum(1))
+        crowd = last((_scattered(rectify(hidden(embedding)), present) * attention[..., None]).sum(1))
         value = self.value(torch.cat([joint[:, 0, :VEHICLE], crowd], -1))[:, 0]
         return value, attention
 
 
 NETWORKS: dict[str, type[ValueNetwork]] = {network.name: network for network in (CADRL, LSTMRL, SARL)}
+"""The value networks by name. What trains them is in `crowdbench.train.methods`."""
 
 
 def _gathered(
-    places: Float[Tensor, "batch pedestrian k"], present: Bool[Tensor, "batch pedestrian"]
+    everybody: Float[Tensor, "batch pedestrian k"], present: Bool[Tensor, "batch pedestrian"]
 ) -> Float[Tensor, "present k"]:
-    """The rows of those present; a view where all are."""
-    return places.flatten(0, 1) if present.all() else places[present]
+    """The rows of the pedestrians that are present; a view where all are."""
+    return everybody.flatten(0, 1) if present.all() else everybody[present]
 
 
-def _spread(
+def _scattered(
     rows: Float[Tensor, "present *k"], present: Bool[Tensor, "batch pedestrian"], absent: float = 0.0
 ) -> Tensor:
-    """The rows of those present, in the places of a batch whose other places are `absent`: [batch, pedestrian, *k]."""
+    """The inverse of `_gathered`.
+
+    Args:
+        rows: The rows of the pedestrians that are present.
+        present: Which pedestrians are present.
+        absent: The value for the others.
+
+    Returns:
+        A tensor `[batch, pedestrian, *k]`.
+    """
     if len(rows) == present.numel():
         return rows.reshape(*present.shape, *rows.shape[1:])
-    places = rows.new_full((*present.shape, *rows.shape[1:]), absent)
-    places[present] = rows
-    return places
+    everybody = rows.new_full((*present.shape, *rows.shape[1:]), absent)
+    everybody[present] = rows
+    return everybody
 
 
 def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwork:

@@ -1,1 +1,1 @@
-"""Trained weights on disk: safetensors files, and the cards that describe them."""
+"""Trained weights on disk: safetensors files, each with a card that describes it."""
