@@ -1,7 +1,7 @@
 """The joint state of the vehicle and a pedestrian: 13 numbers, the input of value networks.
 
-It is that of Chen et al. (2019, section III-A), as CrowdNav computes it. Coordinates are in the frame whose origin is the
-vehicle and whose x axis points to its goal. Lengths are in metres and speeds in m/s.
+It is that of Chen et al. (2019, section III-A), as CrowdNav computes it. The frame of its coordinates has the vehicle
+as its origin, and its x axis points to the vehicle's goal. Lengths are in metres and speeds in m/s.
 
 | index | of | quantity |
 |---|---|---|

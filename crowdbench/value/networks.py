@@ -1,7 +1,7 @@
 """The value networks: from the joint states of the vehicle with all pedestrians to the value of the state.
 
-All are called as `network(joint [..., pedestrian, 13], present [..., pedestrian]) -> [...]`. A pedestrian that is absent
-has no influence. Where no pedestrian is present, the value is known, and no network is used.
+All are called as `network(joint [..., pedestrian, 13], present [..., pedestrian]) -> [...]`. Absent pedestrians have no
+influence. Where no pedestrian is present, the value is known, and no network is used.
 """
 
 from __future__ import annotations
