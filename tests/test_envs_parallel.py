@@ -11,7 +11,7 @@ from crowdbench.catalog import SCENARIOS as FOLDER
 from crowdbench.catalog import load_scenario
 from crowdbench.envs import spaces
 from crowdbench.envs.observations import flatten, flatten_everybody
-from crowdbench.envs.outcomes import everybodys_outcomes
+from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.errors import InputError
 from crowdbench.scenario.layouts import LAYOUTS
@@ -83,7 +83,7 @@ def test_generators_place_nobody_beyond_the_bound_of_the_spaces(generator):
         layout = {"layout.generator": generator, f"layout.{option}": 9.0, "pedestrians.preferred_speed": 2.0}
         scenario = load_scenario("circle_crossing_5", layout)
         starts = scenario.draw("val", np.arange(100))
-        assert max(np.abs(starts.position).max(), np.abs(starts.goal).max()) <= spaces.place_bound(scenario)
+        assert max(np.abs(starts.position).max(), np.abs(starts.goal).max()) <= spaces.layout_bound(scenario)
 
 
 def test_each_agent_sees_the_others_from_its_own_place():
@@ -184,10 +184,10 @@ def test_the_vehicles_collision_terminates_all():
 def outcomes(before, velocity):
     velocity = np.array([velocity], float)
     after, check = step(before, velocity[:, 0], velocity[:, 1:])
-    return everybodys_outcomes(before, after, check)
+    return outcomes_of_agents(before, after, check)
 
 
-def test_a_pedestrian_is_judged_by_the_motion_of_those_it_sees():
+def test_a_pedestrian_collides_by_the_motion_of_those_it_sees():
     start = world([[0, 0], [9, 0], [10, 0]], goal=[[50, 50], [10, 0], [-50, 0]])
     outcome, gap = outcomes(start, [[0, 0], [0.5, 0], [-0.5, 0]])
     assert outcome.tolist() == [Outcome.RUNNING] * 3

@@ -1,1 +1,1 @@
-"""The simulator as PettingZoo and Gymnasium environments: thin views of it, not simulators of their own."""
+"""PettingZoo and Gymnasium environments: thin layers over the simulator that rollouts use too."""

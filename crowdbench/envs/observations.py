@@ -1,12 +1,13 @@
-"""What is observed, as one row of numbers: the form in which learning libraries want it.
+"""The environments' observations: a vector of `6 * agents` float64 numbers per observing agent.
 
-Six numbers for whoever looks, then six for each other agent, in metres and m/s, along the axes of the
-world (moved with the viewer, not turned):
+The first six numbers are of the observing agent, the next six of each other agent, in metres and m/s. Positions are
+relative to the observing agent; the axes are those of the world, not turned with the agent:
 
-    goal x, y (less own position) | velocity x, y | radius | preferred speed
-    position x, y (less the viewer's) | velocity x, y | radius | 1.0, or all six 0.0 where nobody is seen
+    observing agent: goal x, goal y, velocity x, velocity y, radius, preferred speed
+    other agent:     position x, position y, velocity x, velocity y, radius, 1.0
 
-The vehicle sees the pedestrians in their order; a pedestrian sees the vehicle, then the other pedestrians.
+All six numbers of an agent that is not seen are 0.0. The vehicle observes the pedestrians in their order; a pedestrian
+observes the vehicle first, then the other pedestrians in their order.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from numba import njit
 from crowdbench.types import Observation, World
 
 AGENT_FEATURES = 6
-"""Numbers per agent, the viewer included."""
+"""Numbers per agent in an observation."""
 
 
 def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
-    """What the vehicle sees, as the environments return it: `6 * (1 + pedestrians)` float64 numbers a world."""
+    """What a planner sees, as the vector that the environments return for the vehicle."""
     position, velocity, radius, present = obs.everybody()
     goal = np.ascontiguousarray(obs.vehicle.goal[:, None])
     speed = np.ascontiguousarray(obs.vehicle.preferred_speed[:, None])
@@ -34,9 +35,9 @@ def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
 
 
 def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]:
-    """What each agent sees from its own place, zeros for absent ones. Row 0 is `flatten(observe(world))`.
+    """The observation of each agent; zeros for agents that are not present.
 
-    A vehicle that is not visible is not seen by the pedestrians.
+    Row 0 is `flatten(observe(world))`. Pedestrians do not see a vehicle that is not visible.
     """
     worlds, agents = world.radius.shape
     out = np.zeros((worlds, agents, AGENT_FEATURES * agents))
@@ -56,10 +57,21 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
 @no_type_check
 @njit(cache=True)
 def _flatten(position, velocity, radius, present, goal, preferred_speed, visible, out):
-    """Fill `out[world, viewer]`, which is zero, for as many viewers as it has room for."""
-    worlds, viewers, _ = out.shape
+    """Write observations.
+
+    Args:
+        position: `[world, agent, 2]`, in metres.
+        velocity: `[world, agent, 2]`, in m/s.
+        radius: `[world, agent]`, in metres.
+        present: `[world, agent]`, whether the agent can be seen and observes.
+        goal: `[world, observer, 2]`, in metres.
+        preferred_speed: `[world, observer]`, in m/s.
+        visible: Whether pedestrians see the vehicle.
+        out: `[world, observer, features]`, zeros, filled. The observers are the first agents.
+    """
+    worlds, observers, _ = out.shape
     for w in range(worlds):
-        for i in range(viewers):
+        for i in range(observers):
             if not present[w, i]:
                 continue
             row = out[w, i]

@@ -1,4 +1,4 @@
-"""PettingZoo: one world in which every agent may be given a velocity."""
+"""The PettingZoo environment: one world in which the vehicle and any of the pedestrians act."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pettingzoo import ParallelEnv
 
 from crowdbench.envs import spaces, stepping
 from crowdbench.envs.observations import flatten_everybody
-from crowdbench.envs.outcomes import everybodys_outcomes
+from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
@@ -23,9 +23,9 @@ from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
 VEHICLE = "vehicle"
-"""The name of the agent that is scored; the others are `pedestrian_0`, `pedestrian_1`, ..."""
+"""The name of the vehicle as an agent. The others are `pedestrian_0`, `pedestrian_1`, ..."""
 
-# Members of an enumeration are slow to reach, and this is the innermost loop of a training.
+# As numbers, because access to members of an enumeration is slow, and trainings call `step` most of the time.
 _RUNNING, _SUCCESS, _TIMEOUT = (int(o) for o in (Outcome.RUNNING, Outcome.SUCCESS, Outcome.TIMEOUT))
 _LABELS = stepping.LABELS
 
@@ -36,27 +36,37 @@ Infos = dict[str, dict[str, Any]]
 def parallel_env(
     scenario: str | Path | Scenario = "circle_crossing_5", render_mode: str | None = None
 ) -> CrowdParallelEnv:
-    """The environment of a scenario, given by name, by the path of its file, or itself.
+    """Make the PettingZoo environment of a scenario.
 
-    `render_mode` is "human", "rgb_array" or None. Raises InputError where one of the two does not exist.
+    Args:
+        scenario: The name of a scenario, the path of its file, or a `Scenario`.
+        render_mode: `human`, `rgb_array` or None.
+
+    Raises:
+        InputError: Scenario or render mode do not exist.
     """
     return CrowdParallelEnv(stepping.as_scenario(scenario), render_mode)
 
 
 class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
-    """One world of a scenario. See `crowdbench.envs.observations` for what an agent observes.
+    """One world of a scenario as a PettingZoo `ParallelEnv`. Make it with `parallel_env`.
 
-    An action is a velocity in m/s, slowed down to the agent's preferred speed where it is faster.
-    A pedestrian that is given none (or None) follows the scenario's policy. The vehicle has no policy, so it
-    must be given one.
+    - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case.
+    - Observations: see `crowdbench.envs.observations`.
+    - Actions: velocities `(vx, vy)` in m/s. An action faster than the agent's preferred speed is slowed down to it. A
+      pedestrian without an action, or with None, follows the scenario's policy. The vehicle must have an action.
+    - Rewards: `crowdbench.reward.reward` of each agent's own outcome and gap, see `crowdbench.envs.outcomes`. All
+      agents are rewarded for reaching their goals without coming too close to others.
+    - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
+    - Terminations: a pedestrian terminates when it reaches its goal; it is no agent any more, but stays in the world
+      and follows the scenario's policy. All agents terminate when the vehicle reaches its goal or collides.
+    - Truncations: all agents, at the scenario's time limit.
+    - Infos: `case`, its name such as `test:37`; after a step also `outcome`, the name of the agent's `Outcome`, and
+      `gap`, the smallest distance in metres between the rims of the agent and another one during the step.
 
-    The reward is `crowdbench.reward.reward`, for a pedestrian of its own outcome and gap
-    (`crowdbench.envs.outcomes`): what is right for the vehicle, to arrive without coming too close to
-    anybody, is right for those it walks among. A pedestrian that has arrived terminates: it is no agent any
-    more, but its body stays and follows the policy. When the vehicle arrives or collides, all terminate;
-    at the time limit all are truncated.
-
-    `infos` tells of each agent the case, the outcome of the step for it, and its gap in metres.
+    Args:
+        scenario: The scenario.
+        render_mode: `human`, `rgb_array` or None.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -84,17 +94,25 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self._world: World
 
     def observation_space(self, agent: str) -> Box:
-        """The space of what an agent observes, the same object at each call."""
+        """The observation space of an agent, the same object at each call."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> Box:
-        """The space of an agent's velocities, the same object at each call."""
+        """The action space of an agent, the same object at each call."""
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Observations, Infos]:
-        """Start the case that `options={"case": "test:37"}` names, or else a training case drawn from the seed.
+        """Start a new episode.
 
-        Raises InputError where there is no such case.
+        Args:
+            seed: Seeds the generator that draws training cases. None continues with the same generator.
+            options: `{"case": "test:37"}` starts this case instead of a drawn one.
+
+        Returns:
+            Observations and infos by agent.
+
+        Raises:
+            InputError: There is no such case.
         """
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
@@ -108,40 +126,46 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     def step(
         self, actions: Mapping[str, np.ndarray | None]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """Move everybody by one dt, agents with velocities `[2]`; what is returned is of those who were agents then.
+        """Simulate one step.
 
-        Raises InputError where an action is of nobody who acts (any more), or is no velocity, or the vehicle
-        has none.
+        Args:
+            actions: Velocities `[2]` in m/s by agent: of the vehicle, and of any pedestrians.
+
+        Returns:
+            Observations, rewards, terminations, truncations and infos by agent, of the agents before the step.
+
+        Raises:
+            InputError: The vehicle has no action, an action belongs to no current agent, or is no finite velocity.
         """
         if not self.agents and not actions:
             return {}, {}, {}, {}, {}
         before, agents = self._world, self.agents
         self._world, check = step(before, *self._velocities(actions))
-        outcomes, gaps = everybodys_outcomes(before, self._world, check)
+        outcomes, gaps = outcomes_of_agents(before, self._world, check)
         rewards = reward(outcomes, gaps, before.rules.dt).tolist()
         observations = self._observe()
         outcome, gap_of, case = outcomes.tolist(), gaps.tolist(), self._case
-        at = [(agent, self._column[agent]) for agent in agents]
+        columns = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        terminations = {agent: over or outcome[c] == _SUCCESS for agent, c in at}
+        terminations = {agent: over or outcome[c] == _SUCCESS for agent, c in columns}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
         self._renderer.show(self._world, case)
         return (
             observations,
-            {agent: rewards[c] for agent, c in at},
+            {agent: rewards[c] for agent, c in columns},
             terminations,
             dict.fromkeys(agents, truncated),
-            {agent: {"outcome": _LABELS[outcome[c]], "gap": gap_of[c], "case": case} for agent, c in at},
+            {agent: {"outcome": _LABELS[outcome[c]], "gap": gap_of[c], "case": case} for agent, c in columns},
         )
 
     def render(self) -> np.ndarray | None:
-        """The picture as `[height, width, 3]` uint8 where the mode is "rgb_array", else nothing."""
+        """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
         stepping.require_reset(self._case)
         return self._renderer.frame(self._world, self._case)
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window of mode `human`."""
         self._renderer.close()
 
     def _observe(self) -> Observations:
@@ -151,7 +175,14 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     def _velocities(
         self, actions: Mapping[str, np.ndarray | None]
     ) -> tuple[Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
-        """The vehicle's velocity and the pedestrians', given or by their policies."""
+        """All velocities of a step.
+
+        Args:
+            actions: The actions by agent.
+
+        Returns:
+            The vehicle's velocity and the pedestrians', in m/s: their actions, or else those of their policies.
+        """
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
             raise InputError("the episode is over and nobody acts any more: call reset()")

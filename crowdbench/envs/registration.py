@@ -1,13 +1,13 @@
-"""Makes the environments known to Gymnasium, without importing the simulator."""
+"""Registers the environments with Gymnasium, without importing the simulator."""
 
 import gymnasium
 
 VEHICLE = "crowdbench/Vehicle-v0"
-"""The name under which `gymnasium.make` and `make_vec` know the environment in which the vehicle acts."""
+"""The id of the environment for `gymnasium.make` and `gymnasium.make_vec`."""
 
 
 def register() -> None:
-    """Register `crowdbench/Vehicle-v0`. The environment itself truncates at the scenario's time limit."""
+    """Register `crowdbench/Vehicle-v0`, without `max_episode_steps`: it truncates at the scenario's time limit."""
     gymnasium.register(
         id=VEHICLE,
         entry_point="crowdbench.envs.vehicle:VehicleEnv",

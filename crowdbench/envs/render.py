@@ -1,4 +1,4 @@
-"""Draws a world from above, into an array or into a window."""
+"""Draws a world from above, as an array or in a window."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SIZE = 600
 """Width and height of the picture in pixels."""
 
 MARGIN = 1.0
-"""Metres that are shown around all starts and goals."""
+"""Margin in metres around all starts and goals."""
 
 SMOOTHING = 2
-"""Everything is drawn so many times larger and then scaled down, which smoothes its edges."""
+"""The picture is drawn this many times larger and scaled down, so that its edges are smooth."""
 
 BACKGROUND = (250, 250, 247)
 GRID = (228, 228, 222)
@@ -31,9 +31,13 @@ PEDESTRIAN = (38, 104, 178)
 
 
 class Renderer:
-    """Shows one world at a time as its render mode says; with no mode it does nothing.
+    """Draws one world in a render mode; without a mode it does nothing. It imports pygame when it first draws.
 
-    pygame is imported when there is something to draw. Raises InputError where there is no such mode.
+    Args:
+        mode: `human`, `rgb_array` or None.
+
+    Raises:
+        InputError: There is no such mode.
     """
 
     def __init__(self, mode: str | None) -> None:
@@ -45,7 +49,12 @@ class Renderer:
         self._half_width = 0.0
 
     def show(self, world: World, case: str) -> None:
-        """In mode "human": put the world on the screen and let its dt pass."""
+        """In mode `human`, draw the world in a window and wait for the time of a step.
+
+        Args:
+            world: One world. The first state of an episode sets the scale of the picture.
+            case: The name of the case, shown as text.
+        """
         if int(world.step[0]) == 0:
             shown = np.abs(np.stack([world.position[0], world.goal[0]])[:, world.present[0]])
             self._half_width = float(shown.max()) + MARGIN
@@ -63,7 +72,12 @@ class Renderer:
         self._clock.tick(1 / world.rules.dt)
 
     def frame(self, world: World, case: str) -> UInt8[np.ndarray, "height width 3"] | None:
-        """In mode "rgb_array": the picture. In mode "human" every step has shown itself already."""
+        """The picture of a world in mode `rgb_array`, None in other modes.
+
+        Args:
+            world: One world.
+            case: The name of the case, shown as text.
+        """
         if self.mode is None:
             gymnasium.logger.warn("render() shows nothing, because the environment was made without a render_mode")
         if self.mode != "rgb_array":
@@ -87,7 +101,7 @@ class Renderer:
         colors = [VEHICLE] + [PEDESTRIAN] * (len(agents) - 1)
         for agent, color in zip(agents, colors, strict=True):
             canvas.goal(world.goal[0, agent], float(world.radius[0, agent]), color)
-        # The vehicle last, so that nothing hides it.
+        # The vehicle is drawn last, so that nothing hides it.
         for agent, color in reversed(list(zip(agents, colors, strict=True))):
             canvas.agent(world.position[0, agent], world.velocity[0, agent], float(world.radius[0, agent]), color)
         picture = pygame.transform.smoothscale(large, (SIZE, SIZE))
@@ -99,7 +113,13 @@ class Renderer:
 
 
 class _Canvas:
-    """Draws in metres, y upwards, the origin in the middle."""
+    """Draws in metres, with y upwards and the origin in the middle.
+
+    Args:
+        pygame: The module.
+        surface: The surface to draw on.
+        half_width: Half the width of what is shown, in metres.
+    """
 
     def __init__(self, pygame: Any, surface: Any, half_width: float) -> None:
         self.draw = pygame.draw
@@ -117,7 +137,7 @@ class _Canvas:
                 self.draw.line(self.surface, GRID, self.pixel(np.array(one)), self.pixel(np.array(other)), SMOOTHING)
 
     def goal(self, at: Float[np.ndarray, "2"], radius: float, color: tuple[int, int, int]) -> None:
-        """A ring: who comes into it with its centre has arrived."""
+        """A ring; an agent whose centre is in it has arrived. `at` and `radius` are in metres."""
         self.draw.circle(self.surface, color, self.pixel(at), radius * self.scale, 2 * SMOOTHING)
 
     def agent(
@@ -127,7 +147,7 @@ class _Canvas:
         radius: float,
         color: tuple[int, int, int],
     ) -> None:
-        """A disc, and an arrow as long as the way of one second."""
+        """A disc, and an arrow as long as the way of one second; lengths in metres, `velocity` in m/s."""
         self.draw.circle(self.surface, color, self.pixel(at), radius * self.scale)
         speed = float(np.hypot(*velocity))
         if speed < 1e-3:

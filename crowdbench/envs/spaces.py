@@ -1,4 +1,4 @@
-"""The environments' spaces: float64, so that nothing is rounded on the way, with bounds from the scenario."""
+"""Action and observation spaces, in float64 so that nothing is rounded, with bounds from the scenario."""
 
 from __future__ import annotations
 
@@ -11,20 +11,23 @@ from crowdbench.sim.simulator import SPEED_TOLERANCE
 
 
 def vehicle_action_space(scenario: Scenario) -> Box:
-    """The vehicle's velocity in m/s; a velocity in a corner, too fast, is slowed down to the preferred speed."""
+    """Velocities of the vehicle in m/s, each axis within its preferred speed.
+
+    In a corner the speed is larger than the preferred speed; the simulator limits it.
+    """
     return _action_space(scenario.vehicle_speed)
 
 
 def pedestrian_action_space(scenario: Scenario) -> Box:
-    """A pedestrian's velocity in m/s, bounded by the fastest that the scenario draws."""
+    """Velocities of a pedestrian in m/s, each axis within the largest preferred speed that the scenario draws."""
     return _action_space(_largest(scenario.preferred_speed))
 
 
 def observation_space(scenario: Scenario) -> Box:
-    """What any agent may see, in the form of `crowdbench.envs.observations`."""
+    """Bounds of the observations of any agent, see `crowdbench.envs.observations`."""
     speed = _max_speed(scenario)
     radius = max(scenario.vehicle_radius, _largest(scenario.radius))
-    # Two positions, or a position and a goal, are at most twice as far apart as each from the origin.
+    # The difference of two coordinates is at most twice the largest coordinate.
     offset = 2 * position_bound(scenario)
     viewer = np.array([offset, offset, speed, speed, radius, speed])
     other = np.array([offset, offset, speed, speed, radius, 1.0])
@@ -34,18 +37,18 @@ def observation_space(scenario: Scenario) -> Box:
     return Box(low, high, dtype=np.float64)
 
 
-def place_bound(scenario: Scenario) -> float:
-    """A coordinate, in metres, that nobody's start or goal exceeds.
+def layout_bound(scenario: Scenario) -> float:
+    """A bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
 
-    It is generous, so that it holds for every generator (and a test holds every generator to it): twice the
-    sum of the lengths in the layout, plus a second at the highest speed, by which some shift their places.
+    It is twice the sum of the lengths in the layout's options, plus the way of one second at the highest speed, because
+    layouts shift starts by up to half of it.
     """
     return 2 * sum(scenario.layout.values()) + _max_speed(scenario)
 
 
 def position_bound(scenario: Scenario) -> float:
-    """A coordinate, in metres, that nobody's position exceeds: one walks from the start until the time limit."""
-    return place_bound(scenario) + _max_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
+    """A bound in metres on the coordinates of all positions: of a start, plus the way until the time limit."""
+    return layout_bound(scenario) + _max_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
 
 
 def _action_space(speed: float) -> Box:

@@ -1,4 +1,4 @@
-"""What the environments share: which case an episode is, its world, and what an action may be."""
+"""What all environments share: the choice of a case, its world, and the check of actions."""
 
 from __future__ import annotations
 
@@ -16,30 +16,49 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.types import Outcome, World
 
 TRAINING_CASES = 2**32
-"""Episodes are drawn from this many training cases."""
+"""Without `options={"case": ...}`, `reset` draws one of this many training cases."""
 
 LABELS = tuple(outcome.label for outcome in Outcome)
-"""The word for each outcome, by its number."""
+"""The name of each `Outcome` in infos, by its number."""
 
 
 def as_scenario(scenario: str | Path | Scenario) -> Scenario:
-    """A scenario by name, by the path of its file, or as it is. Raises InputError where there is none."""
+    """Load a scenario by its name or by the path of its file, or return the given one.
+
+    Raises InputError where there is no such scenario.
+    """
     return scenario if isinstance(scenario, Scenario) else load_scenario(str(scenario))
 
 
 def chosen_case(case: object, generator: np.random.Generator) -> str:
-    """The case that `reset` was asked for, such as `test:37`, or a training case drawn where that is None."""
+    """The case of a new episode.
+
+    Args:
+        case: The case that `reset` was asked for, such as `test:37`, or None.
+        generator: Draws a training case where that is None.
+    """
     return f"train:{generator.integers(TRAINING_CASES)}" if case is None else str(case)
 
 
 def require_reset(case: str) -> None:
-    """Raise Gymnasium's ResetNeeded where there is no case yet."""
+    """Raise Gymnasium's `ResetNeeded` if the environment was never reset, so that its case is empty."""
     if not case:
         raise ResetNeeded("call reset() first")
 
 
 def start(scenario: Scenario, cases: Sequence[str]) -> World:
-    """The start of the named cases, in their order. Raises InputError where a name is none of a case."""
+    """The starting states of cases.
+
+    Args:
+        scenario: Their scenario.
+        cases: Names such as `test:37`; splits may differ.
+
+    Returns:
+        A world per case, in the given order.
+
+    Raises:
+        InputError: A name is not that of a case.
+    """
     splits, numbers = zip(*map(parse_case, cases), strict=True)
     number = np.array(numbers, np.int64)
     worlds = scenario.draw(splits[0], number)
@@ -50,7 +69,18 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
 
 
 def velocities(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
-    """Actions as velocities in m/s. Raises InputError where they are no finite numbers in that shape."""
+    """Check actions.
+
+    Args:
+        actions: Velocities in m/s.
+        shape: The shape that they must have.
+
+    Returns:
+        The actions as float64.
+
+    Raises:
+        InputError: They are not finite numbers in that shape.
+    """
     asked = np.asarray(actions, np.float64)
     if asked.shape != shape or not np.isfinite(asked).all():
         raise InputError(f"an action is a finite velocity (vx, vy) in m/s, but these are {actions!r}")

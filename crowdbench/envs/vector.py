@@ -1,4 +1,4 @@
-"""Gymnasium: the vehicle acts in many worlds, which the batched simulator steps all at once."""
+"""The Gymnasium vector environment: the vehicle acts in many worlds, which are simulated at once."""
 
 from __future__ import annotations
 
@@ -26,10 +26,18 @@ LABELS = np.array(stepping.LABELS, object)
 
 
 class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """The vehicle in `num_envs` worlds of a scenario, given by name, by the path of its file, or itself.
+    """The vehicle in many worlds of a scenario, `crowdbench/Vehicle-v0` for `gymnasium.make_vec`.
 
-    Each world is what a `VehicleEnv` with its seed would be, and `autoreset_mode` means what it means to
-    Gymnasium's `SyncVectorEnv`. Raises InputError where there is no such scenario.
+    Observations, actions, rewards, terminations, truncations and infos of each world are those of a `VehicleEnv` with
+    the same seed.
+
+    Args:
+        num_envs: Number of worlds.
+        scenario: The name of a scenario, the path of its file, or a `Scenario`.
+        autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`.
+
+    Raises:
+        InputError: There is no such scenario.
     """
 
     def __init__(
@@ -54,11 +62,19 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float[np.ndarray, "world features"], dict[str, Any]]:
-        """Start new episodes: in all worlds, or in those of `options={"reset_mask": mask}`, a bool per world.
+        """Start new episodes.
 
-        `seed` is one per world, or the first world's, the others' being those that follow it.
-        `options={"case": ...}` names one case for all worlds, or a list of one each; otherwise each world
-        draws training cases from its seed. Raises InputError where an option is wrong.
+        Args:
+            seed: A seed per world, or the seed of the first world, which the others count up from. Each world draws
+                training cases from its seed. None continues with the same generators.
+            options: `case`, the name of a case for all worlds or a list with one per world, instead of drawn ones.
+                `reset_mask`, a bool per world: only these worlds are reset.
+
+        Returns:
+            Observations and infos.
+
+        Raises:
+            InputError: A seed or an option is wrong.
         """
         options = options or {}
         mask = self._mask(options.get("reset_mask"))
@@ -85,10 +101,18 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Bool[np.ndarray, "world"],
         dict[str, Any],
     ]:
-        """Move everybody by one dt, the vehicles with velocities `[world, 2]`. The mode says when an episode restarts.
+        """Simulate one step in all worlds.
 
-        Raises InputError where the actions are no finite velocities, and Gymnasium's ResetNeeded before the
-        first reset or, where the mode is DISABLED, when an episode is over.
+        Args:
+            actions: The vehicles' velocities `[world, 2]` in m/s.
+
+        Returns:
+            Observations, rewards, terminations, truncations and infos. In mode `SAME_STEP`, the last observations and
+            infos of episodes that ended are in infos as `final_obs` and `final_info`.
+
+        Raises:
+            InputError: The actions are not finite velocities.
+            gymnasium.error.ResetNeeded: There was no reset yet or, in mode `DISABLED`, an episode is over.
         """
         if self._worlds is None or (self.autoreset_mode == AutoresetMode.DISABLED and self._over.any()):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
@@ -97,7 +121,7 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         worlds, (outcome, gap, _) = step(self._worlds, command, crowd)
         anew = self._over
         if anew.any():
-            # NEXT_STEP: this step was their reset, and what the simulator made of the ended world is forgotten.
+            # NEXT_STEP: this step is the reset of these worlds. They were simulated with the rest, for nothing.
             worlds = self._restarted(worlds, anew)
             outcome[anew], gap[anew] = Outcome.RUNNING, np.inf
         rewards = reward(outcome, gap, self.scenario.rules.dt)
@@ -117,7 +141,16 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _restarted(
         self, worlds: World | None, mask: Bool[np.ndarray, "world"], cases: Sequence[str | None] | None = None
     ) -> World:
-        """The worlds with new episodes in some of them, in the given cases or else in drawn ones."""
+        """Start new episodes in some worlds.
+
+        Args:
+            worlds: The worlds, None before the first reset.
+            mask: Which of them are reset.
+            cases: The name of each world's new case, None for a drawn one.
+
+        Returns:
+            All worlds.
+        """
         rows = np.flatnonzero(mask)
         names = [self._case(row, cases[row] if cases else None) for row in rows.tolist()]
         fresh = stepping.start(self.scenario, names)
@@ -133,7 +166,14 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _final(
         self, worlds: World, ended: Bool[np.ndarray, "world"], outcome: np.ndarray, gap: Float[np.ndarray, "world"]
     ) -> dict[str, Any]:
-        """What the worlds that ended in this step were like before their reset."""
+        """The infos about episodes that ended in this step, before their worlds are reset.
+
+        Args:
+            worlds: All worlds after the step.
+            ended: Where an episode ended.
+            outcome: The `Outcome` of each world.
+            gap: The smallest distance in metres to a pedestrian in the step.
+        """
         final_obs = np.full(self.num_envs, None, object)
         for row, obs in zip(np.flatnonzero(ended), flatten(observe(worlds.take(ended))), strict=True):
             final_obs[row] = obs
@@ -159,7 +199,13 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _tell(infos: dict[str, Any], mask: Bool[np.ndarray, "world"], **values: np.ndarray) -> None:
-    """Put values into infos as Gymnasium does: each beside a mask that tells which worlds have it."""
+    """Add values to infos in Gymnasium's form, each with a mask `_name`.
+
+    Args:
+        infos: Where to add them.
+        mask: Which worlds have the values; the others get 0 or None.
+        values: An array `[world]` by name.
+    """
     if mask.any():
         for name, value in values.items():
             infos[name] = np.full_like(value, None if value.dtype == object else 0)

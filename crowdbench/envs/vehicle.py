@@ -1,4 +1,4 @@
-"""Gymnasium: the vehicle acts in one world. For many in lock-step see `crowdbench.envs.vector`."""
+"""The Gymnasium environment of one world, in which the vehicle acts. For many worlds see `crowdbench.envs.vector`."""
 
 from __future__ import annotations
 
@@ -20,12 +20,23 @@ from crowdbench.types import Outcome, World
 
 
 class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """The vehicle in one world of a scenario, given by name, by the path of its file, or itself.
+    """The vehicle in one world of a scenario, `crowdbench/Vehicle-v0`.
 
-    The observation is `crowdbench.envs.observations.flatten`'s; the action a velocity in m/s, slowed down
-    to the preferred speed where it is faster; the reward `crowdbench.reward.reward`. Success and collision
-    terminate, the time limit truncates. `info` has the case, and after a step its outcome and gap in metres.
-    Raises InputError where scenario or render mode do not exist.
+    - Observation: see `crowdbench.envs.observations`.
+    - Action: a velocity `(vx, vy)` in m/s. If it is faster than the vehicle's preferred speed, it is slowed down to it.
+    - Reward: see `crowdbench.reward.reward`.
+    - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
+    - Termination: success or collision.
+    - Truncation: the scenario's time limit.
+    - Info: `case`, its name such as `test:37`; after a step also `outcome`, the name of its `Outcome`, and `gap`, the
+      smallest distance in metres between the rims of the vehicle and a pedestrian during the step.
+
+    Args:
+        scenario: The name of a scenario, the path of its file, or a `Scenario`.
+        render_mode: `human`, `rgb_array` or None.
+
+    Raises:
+        InputError: Scenario or render mode do not exist.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": RENDER_MODES, "render_fps": 4}  # type: ignore[misc]
@@ -44,9 +55,17 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float[np.ndarray, "features"], dict[str, Any]]:
-        """Start the case that `options={"case": "test:37"}` names, or else a training case drawn from the seed.
+        """Start a new episode.
 
-        Raises InputError where there is no such case.
+        Args:
+            seed: Seeds the generator that draws training cases. None continues with the same generator.
+            options: `{"case": "test:37"}` starts this case instead of a drawn one.
+
+        Returns:
+            The observation and the info.
+
+        Raises:
+            InputError: There is no such case.
         """
         super().reset(seed=seed)
         self._case = stepping.chosen_case((options or {}).get("case"), self.np_random)
@@ -55,9 +74,16 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return flatten(observe(self._world))[0], {"case": self._case}
 
     def step(self, action: np.ndarray) -> tuple[Float[np.ndarray, "features"], float, bool, bool, dict[str, Any]]:
-        """Move everybody by one dt, the vehicle with a velocity `[2]`.
+        """Simulate one step; the pedestrians follow the scenario's policies.
 
-        Raises InputError where the action is no finite velocity.
+        Args:
+            action: The vehicle's velocity `[2]` in m/s.
+
+        Returns:
+            Observation, reward, terminated, truncated, info.
+
+        Raises:
+            InputError: The action is not a finite velocity.
         """
         stepping.require_reset(self._case)
         command = stepping.velocities(action, (2,))[None]
@@ -74,10 +100,10 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         )
 
     def render(self) -> np.ndarray | None:
-        """The picture as `[height, width, 3]` uint8 where the mode is "rgb_array", else nothing."""
+        """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
         stepping.require_reset(self._case)
         return self._renderer.frame(self._world, self._case)
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window of mode `human`."""
         self._renderer.close()
