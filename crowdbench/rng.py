@@ -96,15 +96,15 @@ def philox(c0, c1, c2, c3, k0, k1):
     """Philox 4x64-10 (Salmon et al. 2011): random bits from ten rounds of mixing.
 
     Args:
-        c0: The counter's first 64 bits, uint64 like all arguments.
-        c1: Its second 64 bits.
-        c2: Its third 64 bits.
-        c3: Its fourth 64 bits.
-        k0: The key's first 64 bits.
-        k1: Its second 64 bits.
+        c0 (uint64): The counter's first 64 bits.
+        c1 (uint64): Its second 64 bits.
+        c2 (uint64): Its third 64 bits.
+        c3 (uint64): Its fourth 64 bits.
+        k0 (uint64): The key's first 64 bits.
+        k1 (uint64): Its second 64 bits.
 
     Returns:
-        Four random numbers of 64 bits, uint64.
+        random (tuple): Four random numbers, uint64.
     """
     for _ in range(10):
         c0, c1, c2, c3 = (

@@ -75,21 +75,21 @@ def joint_states(
 @no_type_check
 @njit(cache=True)
 def write_joint_state(out, x, y, vx, vy, radius, goal, speed, position, velocity, radii, present):
-    """Write the joint states of one vehicle with all pedestrians.
+    """Write the joint states of one vehicle with all pedestrians. Compiled.
 
     Args:
-        out: `[row, 13]`, where they are written. Rows beyond the pedestrians are those of absent ones.
-        x: The vehicle's position x in metres.
-        y: The vehicle's position y in metres.
-        vx: The vehicle's velocity x in m/s.
-        vy: The vehicle's velocity y in m/s.
-        radius: The vehicle's radius in metres.
-        goal: `[2]`, the vehicle's goal in metres.
-        speed: The vehicle's preferred speed in m/s.
-        position: `[pedestrian, 2]`, centres in metres.
-        velocity: `[pedestrian, 2]`, velocities in m/s.
-        radii: `[pedestrian]`, radii in metres.
-        present: `[pedestrian]`, whether there is a pedestrian.
+        out (array): `[row, 13]`, where they are written. Rows beyond the pedestrians are those of absent ones.
+        x (float): The vehicle's position x in metres.
+        y (float): The vehicle's position y in metres.
+        vx (float): The vehicle's velocity x in m/s.
+        vy (float): The vehicle's velocity y in m/s.
+        radius (float): The vehicle's radius in metres.
+        goal (array): `[2]`, the vehicle's goal in metres.
+        speed (float): The vehicle's preferred speed in m/s.
+        position (array): `[pedestrian, 2]`, centres in metres.
+        velocity (array): `[pedestrian, 2]`, velocities in m/s.
+        radii (array): `[pedestrian]`, radii in metres.
+        present (array): `[pedestrian]`, whether there is a pedestrian.
     """
     dx, dy = goal[0] - x, goal[1] - y
     distance = math.sqrt(dx * dx + dy * dy)
