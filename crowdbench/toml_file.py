@@ -75,7 +75,7 @@ class Location:
 
     def wrong_inside(self, error: InputError) -> InputError:
         """The error that says what is wrong with something that this table names."""
-        return InputError(f"{self.file}: in {self.key}, {error}")
+        return InputError(f"{self.file}: in {self.key}, {error}" if self.key else f"{self.file}: {error}")
 
     @contextlib.contextmanager
     def named(self) -> Iterator[None]:

@@ -104,6 +104,17 @@ def test_reported_stands_beside_measured(tmp_path):
     assert alone["navigation_time"].low == pytest.approx(time.low, abs=0.03)
 
 
+@pytest.mark.parametrize("solves", [True, False])
+def test_networks_that_all_solve_every_case_or_none_are_no_more_certain_than_one(tmp_path, solves):
+    alike = table([solves] * 20)
+    found = fill(
+        read(TABLE), tmp_path, mine=[alike] * 2, other=[alike, table([solves] * 19 + [not solves])], orca=[alike]
+    )
+    mine, other, orca = (row.measured["success_rate"] for row in found.rows)
+    assert mine == orca == wilson(alike.columns["success_rate"])
+    assert other.n == 40
+
+
 def test_failures_count_for_success_alone(tmp_path):
     hasty = table([1] * 10 + [0] * 10, change=[1.0] * 10 + [9.0] * 10, jerk=[2.0] * 10 + [9.0] * 10)
     found = fill(read(TABLE), tmp_path, mine=[hasty] * 2, other=[hasty] * 2, orca=[hasty])

@@ -2,8 +2,8 @@
 
 Networks and cases are both drawn with replacement, the cases for all networks alike, as all networks drive the same
 cases: the pigeonhole bootstrap of Owen, "The pigeonhole bootstrap", The Annals of Applied Statistics 1(2) (2007),
-386-411, doi:10.1214/07-AOAS122. With few networks its intervals are too narrow. Where all values are the same, as
-when every network solves every case, an interval has no width.
+386-411, doi:10.1214/07-AOAS122. With few networks its intervals are too narrow. Where all values are the same,
+an interval has no width.
 """
 
 from __future__ import annotations

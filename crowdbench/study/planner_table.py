@@ -177,4 +177,7 @@ def _estimate(measure: Measure, runs: Sequence[Episodes]) -> Estimate:
     solved = SUCCESS.of(runs).astype(bool)
     if measure is not SUCCESS:
         return two_level(np.where(solved, measure.of(runs), np.nan))
-    return wilson(solved[0]) if len(solved) == 1 else two_level(SUCCESS.of(runs))
+    # Where all values are the same, a bootstrap's interval would have no width. The networks drive the same cases, and
+    # count as one then: the interval is rather too wide than too narrow.
+    same = solved.all() or not solved.any()
+    return wilson(solved[0]) if same or len(solved) == 1 else two_level(SUCCESS.of(runs))
