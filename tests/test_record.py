@@ -15,7 +15,7 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
-from crowdbench.record import drawing, exact, view
+from crowdbench.record import drawing, exact, plots, view
 from crowdbench.record.read import Recording, read
 from crowdbench.record.write import Recorder
 from crowdbench.scenario.cases import Cases
@@ -106,7 +106,7 @@ def test_what_is_logged_now_and_then_is_drawn_without_the_gaps(driven):
     for values in logs.values():
         values[:, now_and_then] = 1.0
     logs["never"] = np.full(driven.gap.shape, np.nan)
-    chunks = list(drawing._logs(dataclasses.replace(driven, logs=logs), 0))
+    chunks = list(plots.logs(dataclasses.replace(driven, logs=logs), 0))
     moving = [chunk.to_record_batch() for chunk in chunks if not chunk.is_static]
     asked = list(range(0, int(driven.steps[0]), 8))
     assert [batch.column("step").to_pylist() for batch in moving] == [asked] * 3

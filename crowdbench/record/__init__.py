@@ -1,1 +1,1 @@
-"""Recordings: what an episode leaves in Rerun's format, how it is drawn, read back and viewed."""
+"""Recordings of episodes in Rerun's format: written, read back and viewed."""

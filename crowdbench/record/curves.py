@@ -12,7 +12,13 @@ from crowdbench.files import whole
 
 
 def write(path: Path, title: str, points: Sequence[Mapping[str, float]]) -> None:
-    """Write every quantity of the points as a curve over the first of them."""
+    """Write training curves.
+
+    Args:
+        path: The file to write.
+        title: Name of the recording.
+        points: Quantities by name, at several times. The first quantity is the horizontal axis of the others.
+    """
     axis, *names = points[0]
     views = [rrb.TimeSeriesView(name=name.replace("_", " "), origin=f"/{name}") for name in names]
     with whole(path) as partial:

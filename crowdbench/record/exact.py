@@ -1,8 +1,9 @@
-"""What `read` restores an episode from, in full precision: the entities under `/exact`, which no view shows.
+"""The part of a recording that is read back: episodes in full precision, under `/exact`, which no view shows.
 
-`/exact/states` has a row per state: what changes in the episode. `/exact/episode` has one row: what does not.
-A quantity of a step stands beside the state that the step leads to. Format 1 lacked heading, command, obstacles,
-persons and sight; they follow from what it has.
+`/exact/states` has a row per state, with what changes in the episode; a quantity of a step is in the row of the state
+that the step leads to. `/exact/episode` has one row with the rest.
+
+Format 1 had no heading, command, gap to obstacles, person and sight. They are derived when it is read.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ from jaxtyping import Float, Shaped
 from rerun.chunk import Chunk
 
 from crowdbench.geometry import heading_of
-from crowdbench.record import drawing
+from crowdbench.record.chunks import times
 from crowdbench.types import Rules, Trace
 
 FORMAT = 2
 """Version of what is under `/exact`."""
 
 READABLE = (1, 2)
-"""Versions that `trace` understands."""
+"""Versions that `trace` can read."""
 
 OF_STATES = ("position", "velocity", "heading", "goal", "radius", "present", "person", "seen")
 OF_STEPS = ("command", "gap", "wall_gap")
 
 Episode = dict[str, np.ndarray]
-"""The flat arrays of one episode, by name."""
+"""Arrays of one episode by name, each with one axis."""
 
 
 def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
@@ -40,7 +41,7 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     Args:
         trace: The trace with the episode.
         row: Its row in the trace.
-        run: What is said of the whole run, as JSON can hold it.
+        run: Facts about the whole run, of types that JSON has.
 
     Yields:
         The chunks of `/exact/states` and `/exact/episode`.
@@ -52,11 +53,11 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
         arrays["undisturbed"] = trace.undisturbed[row, : steps + 1]
     still = {name: array[:1] for name, array in arrays.items() if (array == array[:1]).all()}
     moving = {name: _of_states(array, steps + 1) for name, array in arrays.items() if name not in still}
-    columns = {moment.timeline_name(): moment.as_arrow_array() for moment in drawing.times(0, steps + 1, dt)}
+    columns = {moment.timeline_name(): moment.as_arrow_array() for moment in times(0, steps + 1, dt)}
     columns |= {name: _lists(array) for name, array in moving.items()}
     yield from Chunk.from_record_batch(pa.record_batch(columns), index=["time", "step"], entity_path="/exact/states")
     still["preferred_speed"] = trace.preferred_speed[row : row + 1]
-    # Together, because each column costs a kilobyte or two in the file's index.
+    # In one column, because each column needs one or two kilobytes in the file's index.
     still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
     columns = {name: _lists(array) for name, array in still.items()}
     facts = {**run, "format": FORMAT, "split": trace.split, "rules": dataclasses.asdict(trace.rules)}
@@ -65,7 +66,15 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
 
 
 def _of_states(array: Shaped[np.ndarray, "time *values"], states: int) -> Shaped[np.ndarray, "states *values"]:
-    """An array of steps with a row of NaN before the first, so that each stands beside the state after the step."""
+    """An array with a row per state.
+
+    Args:
+        array: With a row per state or per step.
+        states: Number of states, one more than steps.
+
+    Returns:
+        The array; a row of NaN comes before the rows of steps, so that each is in the row of the state after the step.
+    """
     if len(array) == states:
         return array
     return np.concatenate([np.full_like(array[:1], np.nan), array])
@@ -79,28 +88,28 @@ def _lists(array: Shaped[np.ndarray, "row *values"]) -> pa.ListArray:
 
 
 def episode(found: Sequence[Chunk]) -> Episode:
-    """The flat arrays of an episode from its chunks; empty where there are none."""
+    """The arrays of an episode from the chunks of its recording; empty if it has no chunks under `/exact`."""
     columns = [
         (name, batch.column(name))
         for batch in (chunk.to_record_batch() for chunk in found if chunk.entity_path.startswith("/exact/"))
         for name in batch.schema.names
     ]
-    # Only Rerun's own columns hold no lists.
+    # Columns that are not lists are Rerun's own.
     return {name: column.flatten().to_numpy(False) for name, column in columns if pa.types.is_list(column.type)}
 
 
 def facts_of(episode: Episode) -> dict[str, Any]:
-    """What an episode says of its run: format, planner, scenario, rules, ..."""
+    """The facts about the run that an episode contains: format, planner, scenario, rules, ..."""
     facts: dict[str, Any] = json.loads(episode["facts"][0])
     return facts
 
 
 def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
-    """The trace of several episodes of one run, padded like a rollout's in time and to the largest crowd.
+    """Make one trace of several episodes of a run, padded in time as in a rollout, and to the largest crowd.
 
     Args:
-        episodes: The episodes' flat arrays.
-        facts: What they say of their run.
+        episodes: The episodes.
+        facts: The facts about their run.
 
     Returns:
         The trace, without what planners logged.
@@ -128,16 +137,24 @@ def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
     for name, filled in empty.items():
         for w, one in enumerate(each):
             values = one[name]
-            # States beyond the end keep what the last one has of goals, radii, ...: they are constant in a rollout.
-            place: tuple[int | slice, ...] = (w, *(slice(n) for n in values.shape))
-            filled[place] = values
+            part: tuple[int | slice, ...] = (w, *(slice(n) for n in values.shape))
+            filled[part] = values
+            # As in a rollout, goals, radii, ... of the last state are repeated beyond the end.
             if name in ("goal", "radius", "present", "person", "seen"):
                 filled[w, len(values) :] = filled[w, len(values) - 1]
     return Trace(split=facts["split"], case=case, outcome=outcome, steps=steps, rules=rules, **empty)
 
 
 def _restored(episode: Episode, version: int) -> Episode:
-    """The arrays of an episode in their shapes, `[time, ...]`; what an older format lacks is derived."""
+    """The arrays of an episode in their shapes.
+
+    Args:
+        episode: The episode.
+        version: Version of its format. What format 1 lacks is derived.
+
+    Returns:
+        Arrays `[time, ...]` by name.
+    """
     agents, steps = len(episode["preferred_speed"]), int(episode["case_outcome_steps"][2])
     shapes: dict[str, tuple[int, ...]] = {
         "position": (agents, 2),
@@ -165,7 +182,17 @@ def _restored(episode: Episode, version: int) -> Episode:
 
 
 def _in_time(flat: np.ndarray, shape: tuple[int, ...], name: str, steps: int) -> np.ndarray:
-    """An array of states or steps from what is stored once, or beside every state."""
+    """An array of states or of steps in its shape.
+
+    Args:
+        flat: As it was stored: once, or once per state.
+        shape: Shape of one state or step.
+        name: Name of the array.
+        steps: Number of steps of the episode.
+
+    Returns:
+        `[time, *shape]`, where time counts states, or steps for the quantities of steps.
+    """
     per_row = int(np.prod(shape))
     rows = flat.reshape(len(flat) // per_row if per_row else steps + 1, *shape)
     length = steps if name in OF_STEPS else steps + 1
@@ -175,7 +202,15 @@ def _in_time(flat: np.ndarray, shape: tuple[int, ...], name: str, steps: int) ->
 
 
 def _heading(velocity: Float[np.ndarray, "time 2"], ahead: Float[np.ndarray, "2"]) -> Float[np.ndarray, "time"]:
-    """The heading in radians that the simulator gives a vehicle with these velocities, its goal `ahead` of it."""
+    """The heading that the simulator gives a vehicle.
+
+    Args:
+        velocity: Its velocities in m/s.
+        ahead: The vector from its start to its goal in metres.
+
+    Returns:
+        Headings in radians.
+    """
     heading = np.empty(len(velocity))
     last = np.arctan2(ahead[1], ahead[0])
     for t, (vx, vy) in enumerate(velocity):

@@ -1,4 +1,4 @@
-"""Rerun recordings back to traces."""
+"""Reads traces back from recordings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Recording:
 
     Attributes:
         trace: The recorded episodes, ordered by case.
-        planner: The planner, as people read it.
+        planner: The planner's name with its options.
         scenario: The scenario's name.
         scenario_digest: The scenario's digest.
         cases: How many cases the whole run has, recorded or not.
@@ -32,9 +32,9 @@ class Recording:
 
 
 def read(path: Path) -> Recording:
-    """The episodes of a file, bit-equal to what was recorded, without what planners logged.
+    """Read the episodes of a file, equal to those that were recorded to the last bit, without what planners logged.
 
-    Raises InputError where the file is not there, incomplete, or not one of crowdbench's.
+    Raises InputError where the file does not exist, is incomplete, or was not written by crowdbench.
     """
     with rrd.opening(path):
         reader = RrdReader(path)

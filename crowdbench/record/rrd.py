@@ -1,4 +1,4 @@
-"""Rerun's files: opened, joined, and their errors said in a sentence."""
+"""Rerun's files: opening, joining, and one sentence for each error."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from crowdbench.errors import InputError
 
 @contextlib.contextmanager
 def errors_as(sentence: str) -> Iterator[None]:
-    """Turn every error of Rerun's, or of the file system, into an InputError with this sentence."""
+    """Turn errors of Rerun and of the file system into an InputError with the given sentence."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Rerun warns of a missing end that it then raises for
+            warnings.simplefilter("ignore")  # Rerun warns of a missing end before it raises an error for it
             yield
     except (RuntimeError, ValueError, OSError) as error:
         raise InputError(sentence) from error
 
 
 def opening(path: Path) -> contextlib.AbstractContextManager[None]:
-    """To be used around reading a file. Raises InputError where it is missing, damaged or not a Rerun file."""
+    """A context for reading a file. Raises InputError where it is missing, damaged or not a Rerun file."""
     if not path.is_file():
         raise InputError(f"there is no recording at {path}: give the run.rrd of a run with --record all or failures")
     return errors_as(f"{path} is cut short, damaged or no Rerun file at all: give the run.rrd of a finished run")
@@ -52,14 +52,14 @@ def chunks_of(reader: RrdReader, entry: StoreEntry, content: str) -> list[Chunk]
     return reader.store(store=entry).stream().filter(content=content).to_chunks()
 
 
-def join(folder: Path, parts: Sequence[str], application: str, layout: rrb.Blueprint) -> Path:
-    """Make one file of several recordings and the layout to open them in.
+def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Blueprint) -> Path:
+    """Make one file of several recordings and a blueprint.
 
     Args:
         folder: Where the parts are; the file is written there too.
         parts: The names of the recordings' files.
         application: The name under which the viewer lists the file.
-        layout: How the viewer shows them.
+        blueprint: How the viewer shows them.
 
     Returns:
         The path of the file.
@@ -67,13 +67,13 @@ def join(folder: Path, parts: Sequence[str], application: str, layout: rrb.Bluep
     Raises:
         OSError: The file could not be written in full.
     """
-    layout.save(application, folder / "layout.rbl")
-    # Routing leaves the messages as they are, which is faster than `rrd merge` and needs less memory.
+    blueprint.save(application, folder / "layout.rbl")
+    # `rrd route` copies the messages as they are: it is faster than `rrd merge` and needs less memory.
     command = [sys.executable, "-m", "rerun_cli", "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
-    # In a session of its own, because Ctrl-C on a terminal reaches every process of the group.
+    # In a session of its own, because Ctrl-C in a terminal interrupts all processes of the session's group.
     subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
     whole = folder / "whole.rrd"
-    # On a full disk rerun leaves a stump and exits with 0.
+    # On a full disk, rerun writes part of the file and exits with 0.
     if len(RrdReader(whole).recordings()) < len(parts):
         raise OSError(f"{whole} is incomplete")
     return whole

@@ -1,4 +1,4 @@
-"""Show a recording in the Rerun viewer."""
+"""Shows a recording in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -14,22 +14,24 @@ from rerun.chunk import LazyChunkStream, RrdReader
 
 from crowdbench.errors import InputError
 from crowdbench.record import drawing, exact, rrd
+from crowdbench.record.blueprint import blueprint
+from crowdbench.record.plots import PLANNER_PLOTS
 
 NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+")
-"""A recording's name: split, case, outcome; the viewer lists recordings by it."""
+"""The name of an episode's recording in the viewer: split, case, outcome."""
 
 
 def view(path: Path, case: int | None = None, screenshot: Path | None = None) -> None:
-    """Open the Rerun viewer on a file, or on one case of it, and wait until it is closed.
+    """Open a recording in the Rerun viewer and wait until it is closed.
 
     Args:
         path: The recording.
-        case: The case to show alone.
-        screenshot: Write a picture of the last state there instead of opening a window. On a busy machine the viewer
-            may take it before it has drawn everything.
+        case: Number of the only case to show.
+        screenshot: Path of a .png file: write a picture of the last state of the case instead of opening a window. On
+            a busy machine the viewer may take it before it has drawn everything.
 
     Raises:
-        InputError: The file or the case is not there, or the viewer does not start.
+        InputError: The file or the case does not exist, or the viewer does not start.
     """
     if screenshot is not None and (case is None or screenshot.suffix != ".png" or not screenshot.parent.is_dir()):
         raise InputError(f"a picture shows one case (--case 37) and goes to a .png file in a folder, not {screenshot}")
@@ -43,7 +45,7 @@ def view(path: Path, case: int | None = None, screenshot: Path | None = None) ->
         else:
             screenshot.unlink(missing_ok=True)
             command += ["--headless", "--window-size", "1400x800", "--screenshot-to", str(screenshot.resolve())]
-            # Without logs, because the viewer's notices would lie across the picture.
+            # Without logs, because the viewer would show them across the picture.
             ended = subprocess.run(command, env={**os.environ, "RUST_LOG": "off"}, capture_output=True)
     if ended.returncode or (screenshot is not None and not screenshot.exists()):
         raise InputError(
@@ -53,7 +55,19 @@ def view(path: Path, case: int | None = None, screenshot: Path | None = None) ->
 
 
 def _extract(path: Path, case: int | None, folder: Path) -> Path:
-    """A file of one case alone, with a layout of its own; the file itself where no case is asked for."""
+    """Make a file of one case with its own blueprint.
+
+    Args:
+        path: The recording.
+        case: Number of the case; None for the whole recording.
+        folder: Where to write the file.
+
+    Returns:
+        The file; the recording itself where `case` is None.
+
+    Raises:
+        InputError: The recording cannot be read, has no such case, or the file cannot be written.
+    """
     with rrd.opening(path):
         reader = RrdReader(path)
         named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
@@ -71,18 +85,18 @@ def _extract(path: Path, case: int | None, folder: Path) -> Path:
         chunks = rrd.chunks_of(reader, entries[case], "/**")
     episode, entry = exact.episode(chunks), entries[case]
     extent = drawing.extent(exact.trace([episode], exact.facts_of(episode)), 0)
-    own = f"/{drawing.PLANNER_PLOTS}/"
+    own = f"/{PLANNER_PLOTS}/"
     plotted = {chunk.entity_path.removeprefix(own) for chunk in chunks if chunk.entity_path.startswith(own)}
-    layout = drawing.layout([extent], sorted(plotted))
+    shown = blueprint([extent], sorted(plotted))
     with rrd.errors_as(f"a copy of case {case} could not be written to {folder}: is the disk full?"):
         LazyChunkStream.from_iter(chunks).write_rrd(
             folder / "case.rrd", application_id=entry.application_id, recording_id=entry.recording_id
         )
-        return rrd.join(folder, ["case.rrd"], entry.application_id, layout)
+        return rrd.join(folder, ["case.rrd"], entry.application_id, shown)
 
 
 def _ranges(numbers: Iterable[int]) -> str:
-    """Numbers in short: 0-9, 12, 17-18."""
+    """Numbers as ranges, such as 0-9, 12, 17-18."""
     known = set(numbers)
     starts = sorted(n for n in known if n - 1 not in known)
     ends = sorted(n for n in known if n + 1 not in known)

@@ -1,6 +1,6 @@
-"""Traces to Rerun recordings: one recording per episode, all in one .rrd file.
+"""Writes episodes as Rerun recordings: one recording per episode, all in one .rrd file.
 
-`drawing` makes what is shown, in Rerun's float32; `exact` makes what the file is read back from.
+`drawing` makes what the viewer shows, in Rerun's float32; `exact` makes what is read back.
 """
 
 from __future__ import annotations
@@ -18,17 +18,20 @@ from jaxtyping import Float, Int, Shaped
 from rerun.chunk import LazyChunkStream
 
 from crowdbench.record import drawing, exact, rrd
+from crowdbench.record.blueprint import blueprint
+from crowdbench.record.chunks import still
+from crowdbench.record.plots import is_curve
 from crowdbench.types import Outcome, Trace
 
 
 class Recorder:
-    """Writes episodes into a file that appears under its name only when it is complete.
+    """Writes episodes into one file, in a `with` statement.
 
-    It is used in a `with` statement; an exception inside leaves nothing behind.
+    The file appears when the statement ends. After an exception there is no file.
 
     Args:
         path: The file.
-        planner: The planner, as people read it.
+        planner: The planner's name with its options.
         scenario: The scenario's name.
         scenario_digest: The scenario's digest.
         cases: How many cases the whole run has, recorded or not.
@@ -37,13 +40,13 @@ class Recorder:
     def __init__(self, path: Path, *, planner: str, scenario: str, scenario_digest: str, cases: int) -> None:
         self._path = path
         self._run = {"planner": planner, "scenario": scenario, "scenario_digest": scenario_digest, "cases": cases}
-        # The viewer lists the file under this name, and warns of other characters.
+        # The viewer lists the file by this name, and warns of other characters.
         self._application = re.sub(r"[^A-Za-z0-9 _.-]", "-", f"{planner} on {scenario}")
         self._extents: list[Float[np.ndarray, "2 2"]] = []
         self._plotted: dict[str, None] = {}
 
     def __enter__(self) -> Recorder:
-        # Beside the target, so that the last step is a rename within one file system.
+        # In the same folder, so that moving the finished file is a rename within one file system.
         self._folder = tempfile.TemporaryDirectory(prefix=f".{self._path.name}.", dir=self._path.parent)
         return self
 
@@ -55,7 +58,7 @@ class Recorder:
         Args:
             trace: The trace with the episodes.
             rows: Their rows in the trace.
-            values: Metrics of the whole trace by name, shown as text.
+            values: Metrics of all episodes of the trace by name, shown as text.
 
         Raises:
             InputError: The disk is full.
@@ -63,10 +66,10 @@ class Recorder:
         for row in rows.tolist():
             label = Outcome(int(trace.outcome[row])).label
             title = f"planner {self._run['planner']} · scenario {self._run['scenario']}"
-            # Whether it succeeded, collided, ... is what the outcome says.
+            # Metrics that are true or false repeat the outcome.
             shown = {name: float(column[row]) for name, column in values.items() if column.dtype != bool}
             chunks = [
-                drawing.still("__properties", rr.archetypes.RecordingInfo(name=f"case {trace.case[row]} · {label}")),
+                still("__properties", rr.archetypes.RecordingInfo(name=f"case {trace.case[row]} · {label}")),
                 *exact.chunks(trace, row, self._run),
                 *drawing.episode(trace, row, title, shown),
             ]
@@ -75,7 +78,7 @@ class Recorder:
             with self._writing():
                 LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
             self._extents.append(drawing.extent(trace, row))
-        self._plotted |= dict.fromkeys(name for name, logged in trace.logs.items() if drawing.is_curve(logged))
+        self._plotted |= dict.fromkeys(name for name, logged in trace.logs.items() if is_curve(logged))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
@@ -83,9 +86,9 @@ class Recorder:
         with self._folder as folder:
             if kind is None and self._extents:
                 parts = [f"{part}.rrd" for part in range(len(self._extents))]
-                layout = drawing.layout(self._extents, list(self._plotted))
+                shown = blueprint(self._extents, list(self._plotted))
                 with self._writing():
-                    rrd.join(Path(folder), parts, self._application, layout).replace(self._path)
+                    rrd.join(Path(folder), parts, self._application, shown).replace(self._path)
 
     def _writing(self) -> contextlib.AbstractContextManager[None]:
         return rrd.errors_as(f"{self._path} could not be written: is the disk full? (--record none does without)")

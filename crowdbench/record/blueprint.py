@@ -1,0 +1,68 @@
+"""How the Rerun viewer shows a recording, which Rerun calls a blueprint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Float
+
+from crowdbench.record.plots import PLANNER_PLOTS
+from crowdbench.record.style import BACKGROUND, FAILURE, MUTED, VEHICLE, Color
+from crowdbench.types import DISCOMFORT_GAP
+
+
+def blueprint(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str]) -> rrb.Blueprint:
+    """The viewer's layout: the plane on the left, text and plots on the right.
+
+    Args:
+        extents: Extent of each episode, see `drawing.extent`.
+        plotted: Names of the planner's own curves.
+    """
+    low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
+    start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
+    so_far = [rrb.VisibleTimeRange(timeline, start=start, end=end) for timeline in ("time", "step")]
+    plane = rrb.Spatial2DView(
+        name="top view",
+        contents="/world/**",
+        background=[*BACKGROUND],
+        visual_bounds=rrb.VisualBounds2D(x_range=[low[0], high[0]], y_range=[-high[1], -low[1]]),
+        overrides={"/world/trails": rrb.VisibleTimeRanges(so_far)},
+    )
+    gap = {"gap": VEHICLE, "discomfort": MUTED, "contact": FAILURE}
+    plots = [
+        _plot("gap", f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)", gap, (-0.2, 2.0)),
+        _plot("speed", "speed, m/s (grey: preferred)", {"speed": VEHICLE, "preferred": MUTED}, (-0.1, 1.5)),
+        *(rrb.TimeSeriesView(name=name, origin=f"/{PLANNER_PLOTS}/{name}") for name in plotted),
+    ]
+    text = rrb.TextDocumentView(name="episode", origin="/summary")
+    side = rrb.Vertical(text, *plots, row_shares=[3.0] + [1.0] * len(plots))
+    return rrb.Blueprint(
+        rrb.Horizontal(plane, side, column_shares=[3.0, 2.0]),
+        # "following" opens at the last state, because one wants to see first how an episode ends.
+        rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
+        rrb.SelectionPanel(state="collapsed"),
+        # The panel that lists the recordings.
+        rrb.BlueprintPanel(state="collapsed" if len(extents) == 1 else "expanded"),
+    )
+
+
+def _plot(name: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float]) -> rrb.TimeSeriesView:
+    """A view with a plot. The title describes the curves, because a legend would cover them.
+
+    Args:
+        name: The curves are those of the entity `/plots/<name>`.
+        title: Title of the view.
+        curves: Names and colours of the curves. The first one is drawn wide.
+        extent: Range of the vertical axis.
+    """
+    widths = [2.5] + [1.0] * (len(curves) - 1)
+    return rrb.TimeSeriesView(
+        name=title,
+        origin=f"/plots/{name}",
+        axis_y=rrb.ScalarAxis(range=extent),
+        plot_legend=rrb.PlotLegend(visible=False),
+        overrides={f"/plots/{name}": rr.SeriesLines(names=list(curves), colors=list(curves.values()), widths=widths)},
+    )

@@ -1,0 +1,19 @@
+"""The colours of recordings. Yellow, blue and red can be told apart by colour-blind readers too."""
+
+from __future__ import annotations
+
+Color = tuple[int, int, int]
+
+VEHICLE: Color = (255, 194, 10)
+PEDESTRIAN: Color = (94, 169, 255)
+WALKED: Color = (43, 84, 136)
+FAILURE: Color = (255, 77, 84)
+SUCCESS: Color = (70, 210, 140)
+ARROW: Color = (255, 255, 255)
+MUTED: Color = (140, 146, 158)
+FAINT: Color = (72, 78, 90)
+GRID: Color = (33, 36, 43)
+BACKGROUND: Color = (17, 19, 24)
+
+CURVES: tuple[Color, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0))
+"""Colours of a planner's own curves, which colour-blind readers can tell apart (Okabe and Ito 2008)."""
