@@ -32,7 +32,7 @@ REQUEST = ValueRequest(network="cadrl", overrides={"pedestrians.number": [1, 3]}
 
 
 def ignore(*arguments):
-    """Told, and says nothing."""
+    """A listener that does nothing."""
 
 
 class Killed(Exception):

@@ -44,7 +44,7 @@ class Killed(Exception):
 
 
 def ignore(*arguments):
-    """Told, and says nothing."""
+    """A listener that does nothing."""
 
 
 def killed_after_two(directory):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import INTERRUPTED, SetOption, ThreadsOption, use_threads
+from crowdbench.cli.options import INTERRUPTED, SetOption, ThreadsOption, assignments, use_threads
 from crowdbench.train.method import SCENARIO
 from crowdbench.train.methods import METHODS, check_options, method_of, own_options
 
@@ -47,11 +47,10 @@ def train(
     predicts with constant velocity, whichever predictor is used in training.
     """
     use_threads(threads)
-    from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation
     from crowdbench.train.training_run import TrainingRun
 
-    common = {"scenario": scenario, "overrides": catalog.assignments(overrides, "--set") if overrides else None}
+    common = {"scenario": scenario, "overrides": assignments(overrides, "--set") if overrides else None}
     options = {name: value for name, value in {**common, "minutes": minutes, **own}.items() if value is not None}
     check_options(network, options)
     announce_compilation()

@@ -25,18 +25,22 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
     Raises:
         InputError: There is no such predictor, it does not take the options, or its file is broken.
     """
-    file, function = plugins.file_and_function(spec)
-    if file is not None:
-        name, factory = function or file.stem, plugins.function_of(file, function or "predictor")
-    elif spec in PREDICTORS:
-        name, factory = spec, PREDICTORS[spec]
-    else:
-        known = ", ".join(PREDICTORS)
-        raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
+    name, factory = find_predictor(spec)
     made = plugins.call(name, factory, options or {})
     if not isinstance(made, Predictor):
         raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a Predictor")
     return name, made
+
+
+def find_predictor(spec: str) -> tuple[str, Callable[..., object]]:
+    """The name of a predictor and what constructs it; spec and errors are those of `load_predictor`."""
+    file, function = plugins.file_and_function(spec)
+    if file is not None:
+        return function or file.stem, plugins.function_of(file, function or "predictor")
+    if spec in PREDICTORS:
+        return spec, PREDICTORS[spec]
+    known = ", ".join(PREDICTORS)
+    raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
 
 
 def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:

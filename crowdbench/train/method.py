@@ -137,10 +137,10 @@ class Request(abc.ABC):
 
         Args:
             training: What `training` made, at its end.
-            progress: Is told how many more of the `card_cases` have ended.
+            progress: Called with the number of the `card_cases` that have ended since its last call.
 
         Returns:
-            `training` says what was trained, `figures` what it was measured to do, `data` what it has learnt from.
+            `training` says what was trained, `figures` what it was measured to do, `data` what it learned from.
         """
 
     @property

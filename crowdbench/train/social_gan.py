@@ -187,7 +187,7 @@ class Training:
     ) -> tuple[Float[Tensor, "scene time pedestrian 2"], Bool[Tensor, "scene pedestrian"]]:
         """Positions in metres and presence in the windows of the given rows, as tensors."""
         present = samples.present[rows]
-        widest = int(present.sum(axis=1).max())  # whoever is present comes first
+        widest = int(present.sum(axis=1).max())  # those who are present come first
         position = torch.from_numpy(samples.position[rows, :, :widest])
         return position.to(self.setup.device), torch.from_numpy(present[:, :widest]).to(self.setup.device)
 

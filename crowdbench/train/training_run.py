@@ -103,7 +103,7 @@ class TrainingRun:
         An exception leaves the last checkpoint, and no directory where there is no checkpoint yet.
 
         Args:
-            after_validation: Is given every new point of the curve, and the progress from 0 to 1.
+            after_validation: Called with every new point of the curve, and the progress from 0 to 1.
         """
 
         def save() -> None:
@@ -122,7 +122,7 @@ class TrainingRun:
         """Measure the best network and write weights, card and curves; the checkpoint is removed.
 
         Args:
-            progress: Is told how many more of the `request.card_cases` have ended.
+            progress: Called with the number of the `request.card_cases` that have ended since its last call.
 
         Returns:
             The path of the weights.

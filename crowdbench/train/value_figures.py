@@ -29,7 +29,7 @@ def figures(network: ValueNetwork, scenario: Scenario, progress: Callable[[int],
     Args:
         network: The trained network.
         scenario: The scenario that it was trained in.
-        progress: Is told how many more cases have ended.
+        progress: Called with the number of cases that have ended since its last call.
 
     Returns:
         For every split of `CASES` the cases and the mean of every metric with its 95 % interval, as JSON.
