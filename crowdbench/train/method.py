@@ -44,7 +44,16 @@ class Option:
 
 
 def option(default: Default, help: str, least: float | None = None) -> Default:
-    """A field of a request that is an option of its method; see `Option` for the arguments."""
+    """A field of a request that is an option of `crowdbench train`.
+
+    Args:
+        default: Its value where it is not given.
+        help: What it means, in one sentence without a full stop.
+        least: The smallest number allowed, or None.
+
+    Returns:
+        The field, for the body of a dataclass.
+    """
     return dataclasses.field(default=default, metadata={"help": help, "least": least})
 
 
