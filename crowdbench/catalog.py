@@ -1,10 +1,8 @@
-"""Names to things: planners, policies, predictors, metrics and scenarios, built in, installed, or in a user's files."""
+"""Names to objects: planners, pedestrian policies, metrics and scenarios, built in, installed, or in a user's files."""
 
 from __future__ import annotations
 
 import functools
-import json
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,13 +21,21 @@ PEDESTRIANS = Kind("pedestrian policy", ROOT / "agents" / "pedestrians", "policy
 SCENARIOS = ROOT / "scenarios"
 
 RESERVED = ("case", "outcome", "steps")
-"""Columns of every table of episodes, which no metric may be called."""
+"""Names of columns in every table of episodes, which a metric cannot have."""
 
 
 def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Planner]:
-    """A planner's name and the planner, from a name, `file.py` or `file.py:factory`.
+    """Find a planner and construct it.
 
-    Raises InputError where there is none, where it does not take the options, or where its file is broken.
+    Args:
+        spec: The name of a built-in or installed planner, `file.py` or `file.py:function`.
+        options: Arguments of the planner's function, as they are written in TOML.
+
+    Returns:
+        The planner's name, and the planner.
+
+    Raises:
+        InputError: There is no such planner, it does not take the options, or its file is broken.
     """
     name, factory = PLANNERS.find(spec)
     made = plugins.call(name, factory, options or {})
@@ -39,9 +45,17 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
 
 
 def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy, str | None]:
-    """A pedestrian policy's name, the policy, and the digest of its file (None if it is built in or installed).
+    """Find a pedestrian policy and construct it.
 
-    It is found as planners are; the path of a file is relative to `folder`. Raises InputError like `load_planner`.
+    Args:
+        spec: The name of a built-in or installed policy, `file.py` or `file.py:function`.
+        folder: The folder that the path of a file is relative to.
+
+    Returns:
+        The policy's name, the policy, and the digest of its file; None where it is built in or installed.
+
+    Raises:
+        InputError: There is no such policy, or its file is broken.
     """
     if plugins.file_and_function(spec)[0] is not None:
         spec = str(folder / spec)
@@ -55,9 +69,16 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
 
 
 def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
-    """The built-in metrics and those of `file.py` (its function `metric`) or `file.py:function`.
+    """The built-in metrics and a user's own, by name.
 
-    Raises InputError where there is no such function, or its name is taken.
+    Args:
+        specs: For each metric of the user's own `file.py`, whose function is `metric`, or `file.py:function`.
+
+    Returns:
+        Functions of a trace. A metric of the user's own has the name of its file or function.
+
+    Raises:
+        InputError: There is no such function, or its name is taken.
     """
     metrics = dict(METRICS)
     for spec in specs:
@@ -72,10 +93,18 @@ def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
 
 
 def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestrians: str | None = None) -> Scenario:
-    """A scenario by name or path, with dotted keys overridden: `{"vehicle.visible": True}`.
+    """Find a scenario and read it.
 
-    `pedestrians` puts one policy in the place of the scenario's own, and of what it sets for them. Raises
-    InputError where there is no such scenario, or something in it is wrong.
+    Args:
+        spec: The name of a built-in scenario, or `file.toml`.
+        overrides: Values for dotted keys of the file, such as `{"vehicle.visible": True}`.
+        pedestrians: A policy that moves all pedestrians instead of the scenario's own, without its parameters.
+
+    Returns:
+        The scenario.
+
+    Raises:
+        InputError: There is no such scenario, or something in it is wrong.
     """
     own_file = spec.endswith(".toml")
     path = Path(spec) if own_file else SCENARIOS / f"{spec}.toml"
@@ -100,25 +129,8 @@ def scenarios() -> list[tuple[str, str]]:
     return [(path.stem, str(scenario_file.read_table(path).get("description", ""))) for path in files]
 
 
-def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
-    """Read `key=value` texts; a value is TOML, or else a bare text. Raises InputError where there is no `=`."""
-    pairs = {}
-    for text in texts:
-        key, equals, value = text.partition("=")
-        if not equals or not key.strip():
-            raise InputError(f"{flag} {text!r} sets nothing: write {flag} key=value")
-        try:
-            read = tomllib.loads(f"value = {value}")["value"]
-            # Results are JSON, which knows neither dates nor infinity: such are meant as texts.
-            json.dumps(read, allow_nan=False)
-        except (tomllib.TOMLDecodeError, TypeError, ValueError):
-            read = value
-        pairs[key.strip()] = read
-    return pairs
-
-
 def _from_here(policy: Any) -> Any:
-    """A policy or shares of several; what comes from the command line is relative to where one stands."""
+    """A policy, or a table of several with their shares; files are relative to the current directory."""
     if isinstance(policy, dict):
         return {_from_here(name): share for name, share in policy.items()}
     is_file = isinstance(policy, str) and plugins.file_and_function(policy)[0] is not None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from crowdbench import catalog
+from crowdbench.cli.options import assignments
 from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import METRICS
 
@@ -84,11 +85,11 @@ def test_listings_have_a_line_for_everything():
 
 def test_assignments_are_toml_or_bare_text():
     texts = ["a=1", "b = 0.5", "c=true", "d=hello", 'e="1"', "f.g=[1, 2]", "h=a=b"]
-    assert catalog.assignments(texts, "--set") == {
+    assert assignments(texts, "--set") == {
         "a": 1, "b": 0.5, "c": True, "d": "hello", "e": "1", "f.g": [1, 2], "h": "a=b",
     }  # fmt: skip
     with pytest.raises(InputError, match="write --set key=value"):
-        catalog.assignments(["speed"], "--set")
+        assignments(["speed"], "--set")
 
 
 def test_a_policy_of_ones_own_moves_the_crowd(tmp_path):
@@ -154,7 +155,7 @@ def test_a_policy_is_found_from_where_one_stands_or_from_its_scenario(tmp_path, 
 
 
 def test_values_that_json_does_not_know_are_texts():
-    read = catalog.assignments(["a=2024-01-01", "b=[2024-01-01]", "c=nan", "d=inf"], "--option")
+    read = assignments(["a=2024-01-01", "b=[2024-01-01]", "c=nan", "d=inf"], "--option")
     assert read == {"a": "2024-01-01", "b": "[2024-01-01]", "c": "nan", "d": "inf"}
 
 

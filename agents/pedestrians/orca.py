@@ -1,8 +1,21 @@
-"""Optimal reciprocal collision avoidance (van den Berg et al. 2011), as CrowdNav's pedestrians."""
+"""ORCA, optimal reciprocal collision avoidance (van den Berg et al. 2011), with the parameters of CrowdNav's humans.
+
+Van den Berg, Guy, Lin and Manocha, "Reciprocal n-Body Collision Avoidance", Robotics Research, Springer 2011.
+"""
 
 from crowdbench.sim.pedestrians import ORCA
 
 
 def policy() -> ORCA:
-    """Parameters are set in the scenario, in `[pedestrians.orca]`."""
+    """Make the policy. Its parameters are set in the scenario, in `[pedestrians.orca]`.
+
+    Parameters:
+        neighbor_distance: Distance within which a pedestrian notices others [m].
+        max_neighbors: Number of neighbours, the nearest, that a pedestrian avoids [1].
+        time_horizon: How far ahead a pedestrian avoids collisions: the paper's tau [s].
+        safety_space: Margin that is added to every radius [m].
+
+    Returns:
+        The policy.
+    """
     return ORCA()

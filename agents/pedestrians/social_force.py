@@ -1,8 +1,25 @@
-"""The social force model of pedestrians (Helbing and Molnár 1995), with their parameters."""
+"""The social force model (Helbing and Molnár 1995), with the paper's parameters.
+
+Helbing and Molnár, "Social force model for pedestrian dynamics", Physical Review E 51, 1995. The paper gives the
+fluctuation no size: that is ours.
+"""
 
 from crowdbench.sim.pedestrians import SocialForce
 
 
 def policy() -> SocialForce:
-    """Parameters are set in the scenario, in `[pedestrians.social_force]`."""
+    """Make the policy. Its parameters are set in the scenario, in `[pedestrians.social_force]`.
+
+    Parameters:
+        relaxation_time: Time in which a pedestrian regains its preferred velocity: the paper's tau [s].
+        repulsion_strength: Height of the repulsive potential around other pedestrians: the paper's V0 [m^2/s^2].
+        repulsion_range: Distance over which that potential falls by a factor of e: the paper's sigma [m].
+        look_ahead: Time for which others are expected to keep their velocity: the paper's Delta t [s].
+        sight_angle: Angle within which others count in full: the paper's 2 phi [rad].
+        behind_weight: How much others outside of the sight angle count: the paper's c [1].
+        fluctuation: Standard deviation of a lone pedestrian's velocity, across its way [m/s].
+
+    Returns:
+        The policy.
+    """
     return SocialForce()

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.options import CasesOption, LimitOption, OptionOption, ScenarioOption, print_table
+from crowdbench.cli.options import CasesOption, LimitOption, OptionOption, ScenarioOption, assignments, print_table
 from crowdbench.settings import DECISION_LIMIT
 
 
@@ -25,7 +25,7 @@ def check(
     from crowdbench.scenario.cases import Cases
 
     announce_compilation()
-    options = catalog.assignments(option or [], "--option")
+    options = assignments(option or [], "--option")
     name, _ = catalog.load_planner(planner, options)
     points = examine(
         lambda: catalog.load_planner(planner, options)[1],

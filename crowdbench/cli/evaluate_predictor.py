@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import JsonOption, OptionOption, SetOption, print_table
+from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments, print_table
 from crowdbench.errors import InputError
 from crowdbench.settings import HORIZON
 
@@ -46,11 +46,10 @@ def evaluate_predictor(
     as_json: JsonOption = False,
 ) -> None:
     """Measure the errors of predictors on the crowds of a scenario or on recorded tracks."""
-    from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation
 
     announce_compilation()
-    options = catalog.assignments(option or [], "--option")
+    options = assignments(option or [], "--option")
     made = _made(predictors, options)
     if data is None:
         about, measure = _on_scenario(scenario or "circle_crossing_5", cases or "val:200", overrides or [], ahead)
@@ -86,7 +85,7 @@ def _on_scenario(scenario: str, cases: str, overrides: list[str], ahead: int) ->
     from crowdbench.evaluate import prediction_errors
     from crowdbench.scenario.cases import Cases
 
-    settings = catalog.assignments(overrides, "--set")
+    settings = assignments(overrides, "--set")
     found, wanted = catalog.load_scenario(scenario, settings), Cases.parse(cases)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:

@@ -1,40 +1,126 @@
-"""The command that lists what there is."""
+"""The command that lists what there is, and explains one thing with its options."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
-from typing import Annotated
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crowdbench.cli.options import print_table
 from crowdbench.errors import InputError
 
+if TYPE_CHECKING:
+    from crowdbench.cli.explain import Row
+
 
 def list_(
     kind: Annotated[str, typer.Argument(help="planners, pedestrians, predictors, weights, scenarios or metrics.")],
+    name: Annotated[str | None, typer.Argument(help="One of them, to be explained with its options.")] = None,
 ) -> None:
-    """List planners, pedestrians, predictors, weights, scenarios or metrics."""
-    from crowdbench import catalog
+    """List planners, pedestrians, predictors, weights, scenarios or metrics, or explain one of them."""
+    kinds = _kinds()
+    if kind not in kinds:
+        *others, last = kinds
+        raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(others)} or {last}")
     from crowdbench.cli.tables import listing_table
+
+    if name is None:
+        print_table(listing_table(kind, kinds[kind].names()))
+        return
+    page = kinds[kind].page(name)
+    print(page.text.strip())
+    if page.options:
+        columns = [field.name for field in dataclasses.fields(page.options[0])]
+        print_table(listing_table(f"\n{page.title}", map(dataclasses.astuple, page.options), columns))
+
+
+@dataclass(frozen=True)
+class Page:
+    """What is said of one thing: a text, and its options under a title."""
+
+    text: str
+    options: list[Row] = dataclasses.field(default_factory=list)
+    title: str = "Options: --option name=value, and a table --option 'name={parameter=value}'"
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A kind of thing that is listed: the names with a description of each, and the page of one by its name."""
+
+    names: Callable[[], list[tuple[str, str]]]
+    page: Callable[[str], Page]
+
+
+def _kinds() -> dict[str, Listed]:
+    from crowdbench import catalog
     from crowdbench.evaluate.metrics import METRICS
     from crowdbench.predict.load import PREDICTORS
     from crowdbench.train.methods import built_in_weights
 
-    listings: dict[str, Callable[[], list[tuple[str, str]]]] = {
-        "planners": catalog.PLANNERS.names,
-        "pedestrians": catalog.PEDESTRIANS.names,
-        "predictors": lambda: _described(PREDICTORS),
-        "weights": built_in_weights,
-        "scenarios": catalog.scenarios,
-        "metrics": lambda: _described(METRICS),
+    return {
+        "planners": Listed(catalog.PLANNERS.names, _planner),
+        "pedestrians": Listed(catalog.PEDESTRIANS.names, _pedestrians),
+        "predictors": Listed(lambda: _described(PREDICTORS), _predictor),
+        "weights": Listed(built_in_weights, _weights),
+        "scenarios": Listed(catalog.scenarios, _scenario),
+        "metrics": Listed(lambda: _described(METRICS), _metric),
     }
-    if kind not in listings:
-        *others, last = listings
-        raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(others)} or {last}")
-    print_table(listing_table(kind, listings[kind]()))
 
 
 def _described(things: Mapping[str, object]) -> list[tuple[str, str]]:
     """Each name with the first line of the docstring."""
     return [(name, (thing.__doc__ or "").partition("\n")[0]) for name, thing in things.items()]
+
+
+def _planner(name: str) -> Page:
+    from crowdbench.catalog import PLANNERS
+    from crowdbench.cli.explain import option_rows
+
+    _, factory = PLANNERS.find(name)
+    return Page(PLANNERS.docstring(name), option_rows(factory))
+
+
+def _pedestrians(name: str) -> Page:
+    from crowdbench.catalog import PEDESTRIANS
+    from crowdbench.cli.explain import parameter_rows
+
+    found, factory = PEDESTRIANS.find(name)
+    return Page(PEDESTRIANS.docstring(name), parameter_rows(found, factory), "Parameters: --set name=value")
+
+
+def _predictor(name: str) -> Page:
+    from crowdbench.cli.explain import description, option_rows
+    from crowdbench.predict.load import find_predictor
+
+    _, factory = find_predictor(name)
+    return Page(description(factory.__doc__), option_rows(factory))
+
+
+def _weights(name: str) -> Page:
+    from crowdbench.weights.store import weights_file
+
+    card = weights_file(name).with_suffix(".md")
+    if not card.exists():
+        raise InputError(f"there is no card {card}")
+    return Page(card.read_text(encoding="utf-8"))
+
+
+def _scenario(name: str) -> Page:
+    from crowdbench.catalog import SCENARIOS, load_scenario
+
+    load_scenario(name)
+    path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def _metric(name: str) -> Page:
+    from crowdbench.cli.explain import description
+    from crowdbench.evaluate.metrics import METRICS
+
+    if name not in METRICS:
+        raise InputError(f"no metric is called {name!r}; there are {', '.join(METRICS)}")
+    return Page(description(METRICS[name].__doc__))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
+import tomllib
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 import typer
@@ -17,7 +20,11 @@ PlannerOption = Annotated[
     str, typer.Option(help="Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.")
 ]
 OptionOption = Annotated[
-    list[str] | None, typer.Option("--option", help="An option of the planner or predictor: key=value. Repeatable.")
+    list[str] | None,
+    typer.Option(
+        "--option",
+        help="An option of the planner or predictor: key=value. Repeatable. crowdbench list planners NAME shows them.",
+    ),
 ]
 ScenarioOption = Annotated[str, typer.Option(help="Name of a scenario, or a file of your own: ./mine.toml.")]
 CasesOption = Annotated[
@@ -59,6 +66,34 @@ def use_threads(threads: int | None) -> None:
         if threads > available:
             raise InputError(f"--threads {threads} is more than the {available} there are")
         os.environ |= {"NUMBA_NUM_THREADS": str(threads), "OMP_NUM_THREADS": str(threads)}
+
+
+def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
+    """The keys and values of options such as `--set key=value`.
+
+    Args:
+        texts: What was given. A value is TOML; what is not valid TOML is a text.
+        flag: The option, for the error.
+
+    Returns:
+        The values by their keys.
+
+    Raises:
+        InputError: A text has no key or no `=`.
+    """
+    pairs = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"{flag} {text!r} sets nothing: write {flag} key=value")
+        try:
+            read = tomllib.loads(f"value = {value}")["value"]
+            # Results are JSON, which has no dates and no infinity. These stay texts.
+            json.dumps(read, allow_nan=False)
+        except (tomllib.TOMLDecodeError, TypeError, ValueError):
+            read = value
+        pairs[key.strip()] = read
+    return pairs
 
 
 def print_table(table: Any) -> None:

@@ -21,6 +21,7 @@ from crowdbench.cli.options import (
     ScenarioOption,
     SetOption,
     ThreadsOption,
+    assignments,
     print_table,
     use_threads,
 )
@@ -67,9 +68,9 @@ def run(
         raise InputError(f"--record {record} is not one of {', '.join(RECORD)}")
     announce_compilation()
     selected = Cases.parse(cases)
-    options = catalog.assignments(option or [], "--option")
+    options = assignments(option or [], "--option")
     name, made = catalog.load_planner(planner, options)
-    settings = catalog.assignments(overrides or [], "--set")
+    settings = assignments(overrides or [], "--set")
     loaded = catalog.load_scenario(scenario, settings, pedestrians)
     changes = settings | ({"pedestrians": pedestrians} if pedestrians else {})
     metrics = catalog.load_metrics(metric or [])

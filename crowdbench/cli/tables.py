@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
@@ -175,14 +175,15 @@ def variants_table(title: str, measured: VariantComparison) -> Table:
     return table
 
 
-def listing_table(title: str, rows: list[tuple[str, str]]) -> Table:
-    """Names and their descriptions.
+def listing_table(title: str, rows: Iterable[Sequence[str]], columns: Sequence[str] = ("name", "description")) -> Table:
+    """Names and what is said of them.
 
     Args:
         title: Title of the table.
-        rows: Name and description.
+        rows: A text for each column.
+        columns: Their headings.
     """
-    table = _table(title, ("name", "left"), ("", "left"))
+    table = _table(title, *((column, "left") for column in columns))
     for row in rows:
         table.add_row(*row)
     return table

@@ -1,0 +1,139 @@
+"""Every option that ships says what it is, and in which unit."""
+
+import dataclasses
+from dataclasses import dataclass
+from functools import partial
+
+import pytest
+
+from crowdbench import catalog
+from crowdbench.cli.explain import Row, description, option_rows, parameter_rows
+from crowdbench.cli.listing import list_
+from crowdbench.errors import InputError
+from crowdbench.predict.load import PREDICTORS
+
+SHIPPED = [
+    *(("planner", name, catalog.PLANNERS.find(name)[1]) for name, _ in catalog.PLANNERS.names()),
+    *(("predictor", name, factory) for name, factory in PREDICTORS.items()),
+]
+
+
+@pytest.mark.parametrize(("kind", "name", "factory"), SHIPPED, ids=lambda value: str(value) if value else None)
+def test_every_option_that_ships_has_a_meaning_and_every_number_a_unit(kind, name, factory):
+    assert [(row.name, row.lacks) for row in option_rows(factory) if row.lacks] == []
+
+
+@pytest.mark.parametrize("name", [name for name, _ in catalog.PEDESTRIANS.names()])
+def test_every_parameter_of_a_pedestrian_policy_has_a_meaning_and_a_unit(name):
+    rows = parameter_rows(name, catalog.PEDESTRIANS.find(name)[1])
+    assert len(rows) > 3
+    assert [(row.name, row.lacks) for row in rows if row.lacks] == []
+
+
+@dataclass(frozen=True)
+class Wheels:
+    """Wheels.
+
+    Attributes:
+        number: How many [1].
+        diameter: Of each [m].
+        track: Between two of them.
+    """
+
+    number: int
+    diameter: float = 0.7
+    track: float = 1.0
+
+
+def vehicle(
+    name: str,
+    doors: int = 4,
+    length: float | None = None,
+    open: bool = False,
+    wheels: Wheels | None = None,
+    unsaid: str = "",
+):
+    """A vehicle.
+
+    It has wheels.
+
+    Args:
+        name: What it is called.
+        doors: Number of doors,
+            the boot aside [1].
+        length: From bumper to bumper [m].
+        open: Whether it has a roof.
+        wheels: What it stands on; false for none.
+    """
+
+
+ROWS = [
+    Row("name", "", "text", "", "What it is called."),
+    Row("doors", "4", "whole number", "1", "Number of doors, the boot aside."),
+    Row("length", "false", "number or false", "m", "From bumper to bumper."),
+    Row("open", "false", "true or false", "", "Whether it has a roof."),
+    Row("wheels", "false", "table or false", "", "What it stands on; false for none."),
+    Row("  number", "", "whole number", "1", "How many."),
+    Row("  diameter", "0.7", "number", "m", "Of each."),
+    Row("  track", "1", "number", "", "Between two of them."),
+    Row("unsaid", '""', "text", "", ""),
+]
+
+
+def test_options_are_read_from_signature_and_docstring():
+    assert option_rows(vehicle) == ROWS
+    assert description(vehicle.__doc__).split() == ["A", "vehicle.", "It", "has", "wheels."]
+
+
+def test_what_a_docstring_leaves_out_is_noticed():
+    assert {row.name: row.lacks for row in ROWS if row.lacks} == {"  track": "a unit", "unsaid": "a meaning"}
+    # Whatever is given as a number needs a unit, however else it can be given.
+    assert {row.name for row in ROWS if dataclasses.replace(row, unit="").lacks == "a unit"} == {
+        "doors", "length", "  number", "  diameter", "  track",
+    }  # fmt: skip
+
+
+def test_a_partial_shows_its_own_defaults():
+    rows = {row.name: row.default for row in option_rows(partial(vehicle, name="Ada", wheels=Wheels(3, track=2.0)))}
+    assert rows["name"] == '"Ada"'
+    assert rows["wheels"] == "as below"
+    assert [rows[name] for name in ("  number", "  diameter", "  track")] == ["3", "0.7", "2"]
+
+
+def test_what_makes_no_policy_has_no_parameters():
+    with pytest.raises(InputError, match="vehicle is not a pedestrian policy: its function makes a int"):
+        parameter_rows("vehicle", lambda: 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["planners", "sarl_sgan_kce"], ["Li, Shan, Narula", "max_velocity_change  1.16", "m/s^2"]),
+        (["planners", "orca_margin"], ["margin of 0.2 m"]),
+        (["predictors", "constant_velocity_sampled"], ["CVM-S", "degrees"]),
+        (["pedestrians", "orca"], ["pedestrians.orca.time_horizon", "--set name=value"]),
+        (["metrics", "spl"], ["Anderson"]),
+        (["scenarios", "circle_crossing_5"], ["circle_radius = 4.0"]),
+        (["weights", "sarl"], ["| seed | 1 |"]),
+    ],
+)
+def test_one_thing_is_explained(arguments, expected, capsys):
+    list_(*arguments)
+    printed = capsys.readouterr().out
+    for text in expected:
+        assert text in printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["planners", "orka"], "no planner is called 'orka'; there are"),
+        (["predictors", "orka"], "no predictor is called 'orka'; there are"),
+        (["metrics", "orka"], "no metric is called 'orka'; there are"),
+        (["scenarios", "orka"], "no scenario is called 'orka'; there are"),
+        (["weights", "orka"], "no weights are called 'orka'; there are"),
+    ],
+)
+def test_what_is_not_there_gets_one_sentence(arguments, expected):
+    with pytest.raises(InputError, match=expected):
+        list_(*arguments)
