@@ -1,6 +1,6 @@
-"""A policy that stable-baselines3's PPO has learned, as a planner (see train_ppo.py).
+"""A planner that drives with a policy trained by train_ppo.py.
 
-stable-baselines3 unpickles parts of such a file: load none that you do not trust.
+Do not load files that you do not trust: stable-baselines3 unpickles parts of them.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from crowdbench.geometry import norm
 
 
 class PPOPlanner(Planner):
-    """Drives with a saved policy, in scenarios with as many pedestrians as it has learned with."""
+    """Drives with a saved policy. The scenario must have as many pedestrians as the one it was trained in."""
 
     def __init__(self, path):
         self.model = PPO.load(path, device="cpu")
@@ -25,5 +25,5 @@ class PPOPlanner(Planner):
 
 
 def planner(path="ppo.zip"):
-    """`path` is the file that train_ppo.py has saved."""
+    """Make the planner. `path` is the file that train_ppo.py has written."""
     return PPOPlanner(path)

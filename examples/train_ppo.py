@@ -18,11 +18,18 @@ gymnasium.register_envs(crowdbench)
 
 
 def train(steps: int, scenario: str, seed: int, rollout: int = 2048) -> PPO:
-    """A policy after `steps` steps of the vehicle, learned from after every `rollout` of them."""
-    torch.set_num_threads(1)  # for networks this small, threads cost more than they bring
+    """Train a policy.
+
+    Args:
+        steps: Number of steps of the environment.
+        scenario: The scenario's name or file.
+        seed: Seed of the network and of the episodes.
+        rollout: Number of steps between two updates.
+    """
+    torch.set_num_threads(1)  # networks this small are faster in one thread
     env = gymnasium.make("crowdbench/Vehicle-v0", scenario=scenario)
-    place = env.unwrapped.scenario
-    gamma = float(discount(np.array([place.vehicle_speed]), place.rules.dt)[0])
+    loaded = env.unwrapped.scenario
+    gamma = float(discount(np.array([loaded.vehicle_speed]), loaded.rules.dt)[0])
     model = PPO("MlpPolicy", env, n_steps=rollout, gamma=gamma, seed=seed, device="cpu")
     return model.learn(steps)
 

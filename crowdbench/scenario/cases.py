@@ -1,4 +1,4 @@
-"""Which cases: `500`, `2000:2500`, `val:100`, and how one of them is named: `test:37`."""
+"""Ranges of cases, written as `500`, `2000:2500` or `val:100`, and single cases, written as `test:37`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,13 @@ LAST = 2**62
 
 @dataclass(frozen=True)
 class Cases:
-    """A range of cases of one split."""
+    """A range of cases of one split.
+
+    Attributes:
+        split: `train`, `val` or `test`.
+        start: Number of the first case.
+        stop: Number after the last case.
+    """
 
     split: str
     start: int
@@ -26,9 +32,9 @@ class Cases:
 
     @classmethod
     def parse(cls, text: str) -> Cases:
-        """Read `[split:]count` or `[split:]start:stop`; the split is `test` unless named.
+        """Read `[split:]count` or `[split:]start:stop`, without a split for test cases.
 
-        Raises InputError where the text says nothing of the kind or names no case.
+        Raises InputError where the text has another form or the range is empty.
         """
         match = re.fullmatch(r"(?:([a-z]+):)?(?:(\d+):)?(\d+)", text)
         if match and (match[1] or "test") in SPLITS:
@@ -52,13 +58,13 @@ class Cases:
         return np.arange(self.start, self.stop)
 
     def batches(self, size: int) -> Iterator[Cases]:
-        """The same cases in order, cut into ranges of at most `size`."""
+        """The cases in order, in ranges of at most `size` cases."""
         for start in range(self.start, self.stop, size):
             yield Cases(self.split, start, min(start + size, self.stop))
 
 
 def parse_case(text: str) -> tuple[str, int]:
-    """Read the name of one case, `split:number`. Raises InputError where it is none."""
+    """Read the name of a case, `split:number`. Raises InputError where the text has another form."""
     match = re.fullmatch(r"([a-z]+):(\d+)", text)
     if match and match[1] in SPLITS and int(match[2]) < LAST:
         return match[1], int(match[2])

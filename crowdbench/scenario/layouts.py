@@ -1,8 +1,8 @@
-"""Layouts: where the agents of a case start and where they go. A scenario names one in `[layout] generator`.
+"""Layouts: where the agents of a case start and where they go. A scenario names its layout in `[layout] generator`.
 
-A layout is a function `(rng, radius, preferred_speed, **options) -> Placement` over agents, the vehicle first. The
-two crossings make the same draws in the same order as CrowdNav (Chen et al. 2019), so that under CrowdNav's seeds
-they give CrowdNav's cases.
+A layout is a function `(rng, radius, preferred_speed, **options) -> Placement`; its arrays have an entry per agent,
+the vehicle first. The two crossings draw the same random numbers in the same order as CrowdNav (Chen et al. 2019), so
+that with CrowdNav's seeds they give CrowdNav's cases.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from jaxtyping import Float
 from crowdbench.errors import InputError
 
 CLEARANCE = 0.2
-"""Smallest distance in metres between two rims at the start."""
+"""Smallest distance in metres between the rims of two agents at the start."""
 
 TRIES = 10_000
-"""Draws for one pedestrian after which the layout has no room for it."""
+"""Number of draws for one pedestrian after which the layout counts as full."""
 
 
 @dataclass(frozen=True)
@@ -51,22 +51,22 @@ def circle_crossing(
     circle_radius: float = 4.0,
     perturbation: float = 0.0,
 ) -> Placement:
-    """Everybody walks from a point near a circle to the opposite point, the vehicle from bottom to top.
+    """All agents walk from a point near a circle to the opposite point, the vehicle from bottom to top.
 
     Args:
         rng: The random stream of the case.
         radius: Radii in metres.
         preferred_speed: Preferred speeds in m/s.
         circle_radius: Radius of the circle in metres.
-        perturbation: Standard deviation in metres of a Gaussian that is added to each coordinate of the vehicle's
-            start and of everybody's goal, redrawn beyond twice its size. The pedestrians' starts have CrowdNav's
-            uniform noise in any case.
+        perturbation: Standard deviation in metres of Gaussian noise on each coordinate of the vehicle's start and of
+            all goals; noise of more than two standard deviations is drawn again. The starts of pedestrians always have
+            CrowdNav's uniform noise.
 
     Returns:
         Starts and goals.
 
     Raises:
-        InputError: A pedestrian has no room.
+        InputError: There is no room for a pedestrian.
     """
 
     def nudge(x: float, y: float) -> tuple[float, float]:
@@ -114,7 +114,7 @@ def square_crossing(
         Starts and goals.
 
     Raises:
-        InputError: A pedestrian has no room.
+        InputError: There is no room for a pedestrian.
     """
     placed = _Placed(radius)
     placed.add((0.0, -circle_radius), (0.0, circle_radius))
@@ -137,6 +137,14 @@ LAYOUTS: dict[str, Layout] = {
 def _first(
     rng: np.random.Generator, width: float, side: float, clear: Callable[[float, float], bool]
 ) -> tuple[float, float] | None:
+    """The first drawn position in one half of a square that is clear, None if none is.
+
+    Args:
+        rng: The random stream of the case.
+        width: Width of the square in metres.
+        side: -1 for its left half, 1 for its right half.
+        clear: Whether a position in metres is clear.
+    """
     for _ in range(TRIES):
         x = rng.random() * width * 0.5 * side
         y = (rng.random() - 0.5) * width
@@ -146,7 +154,7 @@ def _first(
 
 
 class _Placed:
-    """The agents placed so far, and whether there is room for the next."""
+    """The agents placed so far, and whether a position is clear for the next one."""
 
     def __init__(self, radius: Float[np.ndarray, "agent"]) -> None:
         self.radius: list[float] = radius.tolist()
@@ -171,9 +179,9 @@ class _Placed:
             math.hypot(x - px, y - py) >= own + other for (px, py), other in zip(points, self.radius, strict=False)
         )
 
-    def full(self, place: str, key: str) -> InputError:
+    def full(self, area: str, key: str) -> InputError:
         return InputError(
-            f"pedestrian {len(self.start)} of {len(self.radius) - 1} finds no room on {place} after {TRIES} "
+            f"pedestrian {len(self.start)} of {len(self.radius) - 1} finds no room on {area} after {TRIES} "
             f"draws: lower pedestrians.number or raise {key}"
         )
 

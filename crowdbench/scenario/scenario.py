@@ -1,4 +1,4 @@
-"""A scenario: what all its cases share, and how each case is drawn."""
+"""A scenario: what all its cases have in common, and how the start of each case is drawn."""
 
 from __future__ import annotations
 
@@ -18,14 +18,19 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import HISTORY, Rules, World
 
 CROWDNAV_TEST_SEED = 1000
-"""CrowdNav draws its test case c with NumPy's legacy generator seeded with this plus c."""
+"""CrowdNav draws test case c with NumPy's legacy generator, seeded with this number plus c."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A pedestrian's parameter: fixed (`std` 0), or Gaussian and redrawn until it lies in [low, high].
+    """A parameter of pedestrians: one value for all, or a value per pedestrian from a truncated Gaussian distribution.
 
-    A `whole` one is rounded.
+    Attributes:
+        mean: The value, or the mean of the Gaussian before it is truncated, in the unit of the parameter.
+        std: Standard deviation of the Gaussian; 0 for one value.
+        low: Smallest value: what is drawn below it is drawn again.
+        high: Largest value.
+        whole: Whether values are rounded to whole numbers.
     """
 
     mean: float
@@ -35,7 +40,15 @@ class Quantity:
     whole: bool = False
 
     def draw(self, generator: np.random.Generator, n: int) -> Float[np.ndarray, "{n}"]:
-        """One value for each of `n` pedestrians."""
+        """Draw values.
+
+        Args:
+            generator: The random stream to draw from.
+            n: Number of pedestrians.
+
+        Returns:
+            A value per pedestrian.
+        """
         values = np.full(n, self.mean)
         if self.std > 0.0:
             outside = np.ones(n, bool)
@@ -47,12 +60,25 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Turns case numbers into worlds. Read from a file by `crowdbench.scenario.file`.
+    """Makes worlds from case numbers. `crowdbench.scenario.file` reads it from a file.
 
-    `number` is the least and the largest number of pedestrians; `shares` tells which part of the crowd
-    follows each of the `policies`, and `parameters` what those are given. Test cases below
-    `crowdnav_cases` are drawn from CrowdNav's seeds; all others from streams of (seed, split, case).
-    `table` is the scenario in full, as written into results.
+    Attributes:
+        name: Name of the scenario.
+        source: Name of its file in error messages.
+        rules: What is the same in all cases.
+        seed: Every case has its own random stream, which depends on this seed, the split and the case number.
+        crowdnav_cases: Test cases below this number have CrowdNav's random streams instead.
+        generator: Name of the layout.
+        layout: Options of the layout.
+        vehicle_radius: Radius of the vehicle in metres.
+        vehicle_speed: Preferred and largest speed of the vehicle in m/s.
+        number: Smallest and largest number of pedestrians.
+        radius: Radii of pedestrians in metres.
+        preferred_speed: Preferred and largest speeds of pedestrians in m/s.
+        shares: By policy, the share of the pedestrians that follow it.
+        policies: The pedestrian policies by name.
+        parameters: By policy and name, the parameters of the policies.
+        table: The scenario in full, as it is written into results.
     """
 
     name: str
@@ -79,15 +105,15 @@ class Scenario:
 
     @property
     def max_agents(self) -> int:
-        """The vehicle and the largest number of pedestrians."""
+        """The largest number of agents: the vehicle and the pedestrians."""
         return self.number[1] + 1
 
     def worlds(self, cases: Cases) -> World:
-        """The start of a range of cases."""
+        """The starts of a range of cases."""
         return self.draw(cases.split, cases.indices)
 
     def draw(self, split: str, cases: Int[np.ndarray, "world"]) -> World:
-        """The start of any cases of a split.
+        """Draw the starts of any cases of a split.
 
         Args:
             split: `train`, `val` or `test`.
@@ -97,7 +123,7 @@ class Scenario:
             A world per case, in the given order.
 
         Raises:
-            InputError: A crowd has no room in its layout.
+            InputError: A layout has no room for a crowd.
         """
         keys = rng.case_keys(self.seed, split, cases)
         worlds, agents = len(cases), self.max_agents
@@ -158,7 +184,18 @@ class Scenario:
         radius: Float[np.ndarray, "agent"],
         speed: Float[np.ndarray, "agent"],
     ) -> Placement:
-        """What the layout places for one case, from CrowdNav's stream or from one of our own."""
+        """Let the layout place the agents of one case.
+
+        Args:
+            split: Split of the case.
+            case: Number of the case.
+            key: Start of the random streams of the case, which are not used where the case is CrowdNav's.
+            radius: Radii in metres.
+            speed: Preferred speeds in m/s.
+
+        Raises:
+            InputError: The layout has no room for the crowd.
+        """
         stream = rng.generator(key, "places")
         if split == "test" and case < self.crowdnav_cases:
             legacy = np.random.MT19937()
@@ -173,7 +210,12 @@ class Scenario:
 def _padded(
     points: Sequence[Float[np.ndarray, "n k 2"] | None], n: int | None = None
 ) -> Float[np.ndarray, "world n k 2"]:
-    """Points of every world, NaN beyond those it has; `n` is the length of the first axis, the largest if None."""
+    """Put the points of all worlds into one array, NaN where a world has fewer.
+
+    Args:
+        points: Points in metres of each world; None where it has none.
+        n: Length of the array's second axis; the largest that any world needs if None.
+    """
     lengths = [(0, 0) if each is None else each.shape[:2] for each in points]
     longest = np.max(lengths, axis=0, initial=0)
     padded = np.full((len(points), longest[0] if n is None else n, longest[1], 2), np.nan)

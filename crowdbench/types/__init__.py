@@ -1,8 +1,8 @@
-"""The data that everything is made of: worlds, what a planner sees of them, and what an episode leaves.
+"""The data types: worlds, what a planner observes of them, the rules of a scenario, and traces of episodes.
 
-Axes always come in the order world, action, mode, time, agent, xy. Agent 0 is the vehicle, the others
-are pedestrians; an axis called `pedestrian` leaves the vehicle out. Units are SI: metres, seconds,
-metres per second, radians.
+Axes always have the order world, action, mode, time, agent, xy. On an axis `agent`, agent 0 is the vehicle and the
+others are pedestrians; an axis `pedestrian` has only the pedestrians. Units are SI: metres, seconds, metres per
+second, radians.
 """
 
 from __future__ import annotations

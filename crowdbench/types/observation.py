@@ -1,4 +1,4 @@
-"""What a planner sees."""
+"""What a planner observes."""
 
 from __future__ import annotations
 
@@ -18,17 +18,16 @@ Part = TypeVar("Part", "Vehicle", "Pedestrians", "Observation")
 
 @dataclass(frozen=True)
 class Vehicle:
-    """The vehicle as its planner sees it.
+    """The vehicle's own state and goal.
 
     Attributes:
         position: Centre in metres.
         velocity: Velocity of the last step in m/s.
         heading: Direction in which it faces, in radians.
-        angular_speed: Change of the heading in the last step over dt, in rad/s.
+        angular_speed: Change of the heading in the last step, divided by dt, in rad/s.
         goal: Where it is going, in metres.
-        route: Waypoints on the way to the goal, in metres, NaN beyond the last one.
-        waypoint: Index in `route` of the waypoint that it is heading for; the number of waypoints where it is heading
-            for the goal.
+        route: Waypoints on the way to the goal, in metres; NaN after the last one.
+        waypoint: Index in `route` of the next waypoint; the number of waypoints after the last one was reached.
         radius: Radius in metres.
         preferred_speed: Preferred and largest speed in m/s.
     """
@@ -48,17 +47,17 @@ class Vehicle:
 class Pedestrians:
     """The pedestrians as the vehicle sees them. Their goals and policies cannot be seen.
 
-    Leave out the pedestrians that are not `seen`: they are padding, or hidden from the vehicle.
+    Ignore pedestrians that are not `seen`: they are padding, or hidden from the vehicle.
 
     Attributes:
         position: Centres in metres.
         velocity: Velocities of the last step in m/s.
         radius: Radii in metres.
         seen: Whether the vehicle sees the pedestrian now.
-        history: The last 8 positions in metres, oldest first, the present one last. Positions before the first
-            observed one repeat it.
-        observed: How many of the positions in `history` were really observed.
-        age: Time since the pedestrian was last seen, in seconds: 0 where it is seen now, infinite where it never was.
+        history: The last 8 positions in metres, from the oldest to the current one. Before the first observed
+            position, that one is repeated.
+        observed: Number of positions in `history` that were really observed.
+        age: Time in seconds since the pedestrian was last seen: 0 if it is seen now, infinite if it was never seen.
     """
 
     position: Float[np.ndarray, "*world pedestrian 2"]
@@ -74,19 +73,19 @@ class Pedestrians:
 class Observation:
     """What a planner is given at each decision, for every world that is still running.
 
-    Worlds that have ended leave the batch, so a planner with a memory keys it by `case`. A planner for one world at
-    a time sees the same without the world axis.
+    Worlds whose episode has ended leave the batch, so that a planner with a memory must find its entries by `case`. A
+    planner for one world at a time is given the same without the world axis.
 
     Attributes:
         vehicle: The vehicle's own state and goal.
         pedestrians: What it sees of the pedestrians.
-        obstacles: Polygons in metres, NaN beyond the last corner and the last polygon; two corners are a wall.
+        obstacles: Polygons in metres, NaN after the last corner and the last polygon. Two corners make a wall.
         case: Number of the case of each row.
         key: Start of the random streams of the case.
         step: Steps done so far.
         dt: Length of a step in seconds.
         future: The pedestrians' next velocities in m/s; None unless the planner is privileged.
-        record: Keeps what `log` is given; None where nothing is recorded.
+        record: Receives what the planner logs; None where nothing is recorded.
     """
 
     vehicle: Vehicle
@@ -103,7 +102,7 @@ class Observation:
         return len(self.case)
 
     def take(self, rows: np.ndarray | slice) -> Observation:
-        """The worlds of the given rows (a mask, indices, a slice), as copies; `log` keeps nothing there."""
+        """A copy of the given rows (a mask, indices or a slice). Its `log` records nothing."""
         return self.rows(lambda array: array[rows].copy(), record=None)
 
     def rows(
@@ -111,14 +110,14 @@ class Observation:
         chosen: Callable[[np.ndarray], np.ndarray],
         record: Callable[[str, np.ndarray], None] | None,
     ) -> Observation:
-        """The observation of some worlds.
+        """The observation of some of the worlds.
 
         Args:
-            chosen: What is taken of each array `[world, ...]`.
-            record: Keeps what the new observation's `log` is given.
+            chosen: Takes the part of an array `[world, ...]` that belongs to these worlds.
+            record: Receives what is logged in the new observation.
 
         Returns:
-            An observation in which every array is the chosen part of it.
+            An observation with the chosen part of each array.
         """
         vehicle, pedestrians = _chosen(self.vehicle, chosen), _chosen(self.pedestrians, chosen)
         return dataclasses.replace(_chosen(self, chosen), vehicle=vehicle, pedestrians=pedestrians, record=record)
@@ -136,10 +135,11 @@ class Observation:
         Float[np.ndarray, "world agent"],
         Bool[np.ndarray, "world agent"],
     ]:
-        """Vehicle and pedestrians in common arrays, the vehicle first. For batches only.
+        """All agents in common arrays, the vehicle first. Only for batches.
 
         Returns:
-            Position in metres, velocity in m/s, radius in metres, and whether the agent is seen (the vehicle always).
+            Position in metres, velocity in m/s, radius in metres, and whether the agent is seen (always, for the
+            vehicle).
         """
         vehicle, crowd = self.vehicle, self.pedestrians
         return (
@@ -152,23 +152,20 @@ class Observation:
     def normal(self, purpose: str, n: int) -> Float[np.ndarray, "*world pedestrian n"]:
         """Standard normal noise that depends only on seed, case, purpose, step and pedestrian.
 
-        It is the same in any batch, at any padding, however often it is asked for.
+        Repeated calls return the same noise, in any batch and with any padding.
 
         Args:
-            purpose: A name; another name gives other noise.
+            purpose: A name; each name has its own noise.
             n: Numbers per pedestrian.
-
-        Returns:
-            The noise, without unit.
         """
         pedestrians = self.pedestrians.seen.shape[-1]
-        # A prefix of its own, so that no planner can foresee the simulator's noise.
+        # The prefix keeps planners from drawing the simulator's own noise.
         own = f"planner: {purpose}"
         noise = rng.normal(np.atleast_1d(self.key), own, np.atleast_1d(self.step), pedestrians, n)
         return noise.reshape(*np.shape(self.key), pedestrians, n)
 
     def true_next(self) -> Float[np.ndarray, "*world pedestrian 2"]:
-        """The velocities in m/s that the pedestrians will really take in this step.
+        """The velocities in m/s that the pedestrians will take in this step.
 
         Raises PermissionError unless the planner is `privileged`.
         """
@@ -179,7 +176,7 @@ class Observation:
         return self.future
 
     def log(self, name: str, values: np.ndarray | float) -> None:
-        """Put an array of the planner's own into the recording.
+        """Record an array of the planner's own.
 
         Args:
             name: Letters, digits and underscores, a letter first.
@@ -198,7 +195,7 @@ class Observation:
 
 
 def _chosen(part: Part, chosen: Callable[[np.ndarray], np.ndarray]) -> Part:
-    """A dataclass with the chosen part of each of its own arrays."""
+    """A copy of a dataclass with the chosen part of each array."""
     fields = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
     arrays = {name: chosen(value) for name, value in fields.items() if isinstance(value, np.ndarray)}
     return dataclasses.replace(part, **arrays)  # type: ignore[arg-type]

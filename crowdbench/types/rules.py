@@ -1,4 +1,4 @@
-"""What a scenario fixes for all its cases, and how an episode can end."""
+"""The rules of a scenario, and how an episode can end."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from crowdbench.errors import InputError
 
 HISTORY = 8
-"""Number of past positions in an observation, the present one included."""
+"""Number of positions in the history of a pedestrian, including the current one."""
 
 COLLISION_RULES = ("swept", "crowdnav")
 """The two collision tests, see `crowdbench.sim.episode`."""
 
 DISCOMFORT_GAP = 0.2
-"""A gap to a pedestrian below this, in metres, is uncomfortable (Chen et al. 2019)."""
+"""A gap to a pedestrian smaller than this, in metres, is discomfort (Chen et al. 2019)."""
 
 
 class Outcome(enum.IntEnum):
@@ -32,13 +32,13 @@ class Outcome(enum.IntEnum):
 
     @property
     def label(self) -> str:
-        """The lower-case word used in files and tables."""
+        """Its name in files and tables, in lower case."""
         return self.name.lower()
 
 
 @dataclass(frozen=True)
 class Rules:
-    """What a scenario fixes for all its cases.
+    """What is the same in all cases of a scenario.
 
     Attributes:
         dt: Length of a step in seconds.
@@ -62,8 +62,5 @@ class Rules:
 
     @property
     def max_steps(self) -> int:
-        """The number of steps after which every episode has ended.
-
-        The first step that starts at or after `time_limit` - 1 s ends in a time-out.
-        """
+        """The number of steps of an episode that ends in a time-out."""
         return math.ceil((self.time_limit - 1.0) / self.dt - 1e-9) + 1

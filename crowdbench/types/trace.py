@@ -1,4 +1,4 @@
-"""What an episode leaves."""
+"""Traces of episodes."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from crowdbench.types.rules import Rules
 
 @dataclass(frozen=True)
 class Trace:
-    """The episodes that a rollout leaves; metrics are functions of it.
+    """Episodes as a rollout returns them. Metrics are functions of a trace.
 
-    The axis `time` counts states from 0 (the start) to `steps`, the axis `step` the steps between them: step t leads
-    from state t to state t + 1. Position, velocity, heading, command and gaps are NaN beyond an episode's end, and
-    positions and velocities of agents that are not `present` are NaN. What does not change in an episode (goals,
-    radii, ...) may be one array shown at all times, so that it must not be written to.
+    The axis `time` counts states from 0 (the start) to `steps`; the axis `step` counts the steps between them: step t
+    leads from state t to state t + 1. Position, velocity, heading, command and gaps are NaN after an episode's end.
+    Position and velocity of agents that are not `present` are NaN. Do not write to the arrays: those that do not change
+    in an episode (goals, radii, ...) may share memory between times.
 
     Attributes:
         split: The split of the cases.
         case: Number of each case.
         outcome: How each episode ended, an `Outcome`.
-        steps: Steps until it ended.
+        steps: Number of steps of each episode.
         position: Centres in metres.
-        velocity: Velocities of the step before each state, in m/s.
+        velocity: Velocities in m/s during the step before each state.
         heading: Direction in which the vehicle faces, in radians.
-        command: What the planner asked for in each step, in m/s.
+        command: The planner's command in each step, in m/s.
         gap: Smallest distance in metres between the rims of the vehicle and any pedestrian during each step, as the
-            simulator's collision check measured it; infinite where there are no pedestrians.
-        wall_gap: The same between the vehicle's rim and the obstacles; infinite where there are none.
+            simulator's collision check measured it; infinite without pedestrians.
+        wall_gap: The same between the vehicle's rim and the obstacles; infinite without obstacles.
         goal: Where each agent is going, in metres.
         radius: Radii in metres.
         preferred_speed: Preferred and largest speed of each agent in m/s.
         present: Whether the agent exists.
-        person: Who each pedestrian is, a number within the case; -1 in the padding.
+        person: Number of each pedestrian as a person, unique within the case; -1 in the padding.
         seen: Whether the vehicle saw the pedestrian.
-        rules: What the scenario fixes.
-        undisturbed: Where the pedestrians would walk without the vehicle, in metres; kept only where they see it.
-        logs: What the planner logged, `[world, step, ...]` by name, NaN in steps at which it was not asked.
+        rules: The rules of the scenario.
+        undisturbed: Where the pedestrians would walk without the vehicle, in metres; None where they do not see it.
+        logs: What the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
     """
 
     split: str

@@ -15,11 +15,11 @@ from crowdbench.types.rules import Rules
 
 @dataclass(frozen=True)
 class World:
-    """A batch of running simulations. Immutable: the simulator returns a new one.
+    """A batch of running simulations. Immutable: a step of the simulator returns a new one.
 
-    Padding: worlds with fewer pedestrians than the widest one have agents that are not `present`. They stand at the
-    origin with radius and speed 1, so that no formula divides by zero. Polygons, corners and waypoints beyond the
-    last one of a world are NaN.
+    Padding: in worlds with fewer pedestrians than the largest one, the other agents are not `present`. They are at the
+    origin with radius and speed 1, so that no formula divides by zero. Polygons, corners and waypoints after the last
+    one of a world are NaN.
 
     Attributes:
         case: Number of the case within its split.
@@ -29,24 +29,24 @@ class World:
         velocity: Velocities of the last step in m/s.
         heading: Direction in which the vehicle faces, in radians. A holonomic vehicle faces where it last moved, and
             its goal before it has moved.
-        angular_speed: Change of the heading in the last step over dt, in rad/s.
+        angular_speed: Change of the heading in the last step, divided by dt, in rad/s.
         goal: Where each agent is going, in metres.
         route: Waypoints on the way to the goal, in metres.
-        waypoint: Index in `route` of the waypoint that each agent is heading for; the number of its waypoints where
-            it is heading for the goal.
+        waypoint: Index in `route` of each agent's next waypoint; the number of its waypoints after it has reached the
+            last one.
         radius: Radii in metres.
         preferred_speed: Preferred and largest speed in m/s.
         present: Whether the agent exists in this world now.
-        person: Who each pedestrian is, a number within the case; -1 in the padding.
-        group: Which pedestrians walk together, a number within the case; -1 for who walks alone.
-        history: The pedestrians' last positions in metres, oldest first, the present one last. Before there are
-            enough, the first position is repeated backwards.
-        obstacles: Polygons in metres; two corners are a wall that can be touched from both sides.
-        policy: Which of the scenario's policies moves each pedestrian, as its index in `parameters`.
-        parameters: By policy and name, what each policy is given (column 0, the vehicle's, is not used).
-        memory: By policy, arrays that a policy with a memory keeps from step to step: `[world, ...]`, nested in
-            mappings as it likes; empty for policies without.
-        rules: What the scenario fixes.
+        person: Number of each pedestrian as a person, unique within the case; -1 in the padding.
+        group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
+        history: The pedestrians' last positions in metres, from the oldest to the current one. Until there are enough,
+            the first position is repeated before it.
+        obstacles: Polygons in metres. Two corners make a wall that can be touched from both sides.
+        policy: The policy that moves each pedestrian, as an index into `parameters`.
+        parameters: By policy and name, the parameters of the policies (column 0, the vehicle's, is not used).
+        memory: By policy, arrays `[world, ...]` that a policy with a memory keeps between steps, in mappings that may
+            be nested; empty for other policies.
+        rules: The rules of the scenario.
     """
 
     case: Int[np.ndarray, "world"]
@@ -88,11 +88,16 @@ class World:
         return copy
 
     def take(self, rows: np.ndarray) -> World:
-        """The worlds of the given rows, a mask or indices."""
+        """The worlds in the given rows (a mask or indices)."""
         return self._map(lambda own: own[rows])
 
     def put(self, rows: Int[np.ndarray, "row"], others: World) -> World:
-        """A copy in which the given rows are the worlds `others`, one per row, of the same scenario."""
+        """A copy in which some worlds are replaced.
+
+        Args:
+            rows: Which ones.
+            others: What they are replaced by, one world per row, of the same scenario.
+        """
 
         def replaced(own: np.ndarray, other: np.ndarray) -> np.ndarray:
             both = own.copy()
@@ -102,14 +107,14 @@ class World:
         return self._map(replaced, others)
 
     def _map(self, function: Callable[..., np.ndarray], *others: World) -> World:
-        """The worlds whose arrays a function makes of each array here and in the others."""
+        """Apply a function to each array of this object and the same array of the others."""
         names = [field.name for field in dataclasses.fields(self) if field.name != "rules"]
         values = {name: _nested(function, *(getattr(world, name) for world in (self, *others))) for name in names}
         return World(**values, rules=self.rules)
 
 
 def _nested(function: Callable[..., np.ndarray], *values: Any) -> Any:
-    """What a function makes of arrays, or of the arrays at the same places of nested mappings."""
+    """Apply a function to arrays, or to the arrays with the same names in nested mappings."""
     first = values[0]
     if not isinstance(first, Mapping):
         return function(*values)
