@@ -1,4 +1,4 @@
-"""The measurements run, are told apart and count right; how fast anything is, no test judges."""
+"""The measurements run and count correctly. No test checks how fast anything is."""
 
 import hashlib
 import io

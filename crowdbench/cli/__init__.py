@@ -1,4 +1,7 @@
-"""The command line: reads options, calls what does the work, prints. Imports what a command needs when it runs."""
+"""The command line: reads options, calls the modules that do the work, prints.
+
+Commands import what they need when they run, so that the command line starts fast.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +34,11 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "evaluate-predictor": evaluate_predictor.evaluate_predictor,
     "bench": bench.bench,
 }
-"""The commands, in the order in which --help shows them."""
+"""The commands in the order of --help."""
 
 app = typer.Typer(
     add_completion=False,
-    epilog=f"{DEBUG}, anywhere, shows the traceback of an error.",
+    epilog=f"Add {DEBUG} to any command to see the traceback of an error.",
 )
 for name, command in COMMANDS.items():
     app.command(name)(command)
@@ -53,11 +56,11 @@ def crowdbench(
         bool | None, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = None,
 ) -> None:
-    """The benchmark for navigation in crowds."""
+    """A benchmark for navigation in crowds."""
 
 
 def main() -> None:
-    """The entry point: every error of the user's is one sentence and a non-zero exit."""
+    """The entry point. It prints one sentence for an error of the user, and exits with a status other than 0."""
     debug = DEBUG in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
     signal.signal(signal.SIGTERM, _interrupt)

@@ -1,4 +1,4 @@
-"""What the command line says while it works: progress, and waiting for the compiler. All on standard error."""
+"""Messages while a command works, on standard error: progress, and the wait for the compiler."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable, Iterator
 
 PLAIN_INTERVAL = 5.0
-"""Seconds between two lines of progress where there is no terminal."""
+"""Seconds between two lines of progress, where there is no terminal."""
 
 EARLY = 0.02
-"""The share of the work after which it is said how long the rest will take."""
+"""Share of the work after which the time left is shown."""
 
 
 @contextlib.contextmanager
@@ -55,7 +55,7 @@ def progress(total: int, what: str, percent: bool = False) -> Iterator[Callable[
         if time.monotonic() - last >= PLAIN_INTERVAL:
             last = time.monotonic()
             left = (last - start) * (total - done_so_far) / max(done_so_far, 1)
-            # The first to end says nothing yet: many that started with it are about to.
+            # Not after the first one, because all of a batch start together and end at almost the same time.
             told = done_so_far > EARLY * total
             count_so_far = f"{done_so_far} %" if percent else f"{done_so_far} of {total}"
             say(f"{count_so_far} {what}" + (f", about {_duration(left)} left" if told else ""))
@@ -68,12 +68,12 @@ def _duration(seconds: float) -> str:
 
 
 def say(text: str) -> None:
-    """One line for the user that is no result."""
+    """Print a message that is not a result."""
     print(text, file=sys.stderr, flush=True)
 
 
 def announce_compilation() -> None:
-    """Say what is being waited for when the simulator is compiled, the first time it runs on a machine."""
+    """Print a message when the simulator is compiled, which happens when it first runs on a machine."""
     from numba.core import event
 
     class Once(event.Listener):  # type: ignore[misc]
@@ -81,10 +81,10 @@ def announce_compilation() -> None:
 
         def on_start(self, event: object) -> None:
             if not self.said:
-                say("compiling the simulator for this machine (once, some seconds; later runs take it from a cache)")
+                say("compiling the simulator for this machine (once, takes some seconds; later runs use a cache)")
             self.said = True
 
         def on_end(self, event: object) -> None:
-            """Nothing to say."""
+            """No message."""
 
     event.register("numba:compile", Once())

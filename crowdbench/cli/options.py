@@ -1,4 +1,4 @@
-"""What commands share: their options, and how they print."""
+"""Options that several commands have, and how tables are printed."""
 
 from __future__ import annotations
 
