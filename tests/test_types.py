@@ -1,5 +1,7 @@
 """The data model: what worlds, observations and traces hold beyond positions and velocities."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from helpers import drive, trace
@@ -49,7 +51,7 @@ def walled(rng, radius, preferred_speed):
 
 def test_routes_and_obstacles_of_a_layout_reach_the_world_and_the_observation(monkeypatch):
     monkeypatch.setitem(layouts.LAYOUTS, "walled", walled)
-    place = load_scenario("circle_crossing_5", {"layout": {"generator": "walled"}})
+    place = dataclasses.replace(load_scenario("circle_crossing_5"), generator="walled", layout={})
     start = place.worlds(Cases("val", 0, 12))
     assert start.route.shape == (12, 6, 2, 2)
     assert start.obstacles.shape == (12, 1, 2, 2)

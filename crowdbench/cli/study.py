@@ -36,7 +36,7 @@ def study(
     if as_json:
         print(json.dumps({"study": asked.name, "tables": plain(tables)}, indent=2))
     else:
-        print(page(tables))
+        print(page(tables, asked.sources))
 
 
 def reproduce(
@@ -57,7 +57,7 @@ def reproduce(
 
     asked = reproduction.tables(table, quick)
     with _made([run for each in asked for run in each.runs], out) as directory:
-        report = reproduction.Report(quick, [each.fill(directory) for each in asked])
+        report = reproduction.report(asked, quick, directory)
     print(json.dumps(plain(report), indent=2) if as_json else report.markdown())
 
 

@@ -16,10 +16,17 @@ from crowdbench.toml_file import Location, parsed, read_toml
 
 @dataclass(frozen=True)
 class Study:
-    """What a file asks for."""
+    """What a file asks for.
+
+    Attributes:
+        name: The file's name without its ending.
+        tables: Its tables, with the runs that they need.
+        sources: The full references of what its pages lean on, in Markdown.
+    """
 
     name: str
     tables: list[PlannedTable]
+    sources: list[str]
 
     @property
     def runs(self) -> list[PlannedRun]:
@@ -41,4 +48,4 @@ def read_study(path: Path) -> Study:
     ]
     if not tables:
         raise InputError(f"{path.name} has no table: a study needs [[tables]] or [[crowds]]")
-    return Study(path.stem, tables)
+    return Study(path.stem, tables, spec.sources)

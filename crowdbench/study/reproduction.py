@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,10 +14,6 @@ from crowdbench.study.tables import page
 
 FILE = Path(__file__).with_name("reproduce.toml")
 
-REPORTED = (
-    'Reported figures are those of Li et al. (2020), "Socially Aware Crowd Navigation with Multimodal Pedestrian '
-    'Trajectory Prediction for Autonomous Vehicles", arXiv:2011.11191.'
-)
 QUICK = (
     "A quick look: the first network of each row alone, on few cases. Intervals are wide, and many claims stay "
     "undecided that the full command decides."
@@ -40,13 +37,31 @@ def tables(number: int | None, quick: bool) -> list[PlannerTable]:
 
 @dataclass(frozen=True)
 class Report:
-    """The tables with their figures."""
+    """The tables with their figures, and the full references of what they lean on."""
 
     quick: bool
     tables: list[FilledPlannerTable]
+    sources: list[str]
 
     def markdown(self) -> str:
-        """All tables, and how many claims hold."""
+        """All tables, how many claims hold, and the references."""
         claims = [claim for table in self.tables for claim in table.claims]
         head = [QUICK] if self.quick else []
-        return "\n\n".join([*head, REPORTED, page(self.tables), tally(claims)])
+        return "\n\n".join([*head, page(self.tables, self.sources), tally(claims)])
+
+
+def report(tables: Sequence[PlannerTable], quick: bool, out: Path) -> Report:
+    """Fill tables from the runs in a folder.
+
+    Args:
+        tables: The tables.
+        quick: Whether they are for a quick look.
+        out: The folder.
+
+    Returns:
+        The report.
+
+    Raises:
+        InputError: One of the runs is not there.
+    """
+    return Report(quick, [table.fill(out) for table in tables], read_study(FILE).sources)

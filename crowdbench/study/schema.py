@@ -106,5 +106,6 @@ class StudySpec(TomlTable):
     """The whole file."""
 
     description: Text = ""
+    sources: list[Text] = Field(default=[], description="a list of texts in quotes")
     tables: list[PlannersSpec] = Field(default=[], description="a list of tables [[tables]]")
     crowds: list[CrowdsSpec] = Field(default=[], description="a list of tables [[crowds]]")

@@ -40,10 +40,18 @@ class PlannedTable(abc.ABC):
         """
 
 
-def page(tables: Sequence[FilledTable]) -> str:
-    """The tables of a study in Markdown, and their notes."""
+def page(tables: Sequence[FilledTable], sources: Sequence[str] = ()) -> str:
+    """A page of a study.
+
+    Args:
+        tables: Its tables.
+        sources: The full references of what it leans on, in Markdown.
+
+    Returns:
+        The tables in Markdown, then their notes, then the references.
+    """
     notes = dict.fromkeys(note for table in tables for note in table.notes())
-    return "\n\n".join([*(table.markdown() for table in tables), *notes])
+    return "\n\n".join([*(table.markdown() for table in tables), *notes, *sources])
 
 
 PRIVILEGED = (
