@@ -15,7 +15,7 @@ from numba import njit
 def nearest_in_step(i, position, motion, radius, seen):
     """The smallest distance between an agent's rim and any other agent's during a step, in one world.
 
-    Everybody moves in a straight line at constant speed. This is the only test of moving discs. Compiled.
+    All agents move in straight lines at constant speed. This is the only test of moving discs. Compiled.
 
     Args:
         i (int): Index of the agent.
@@ -25,8 +25,8 @@ def nearest_in_step(i, position, motion, radius, seen):
         seen (array): `[agent]`, whether each agent counts.
 
     Returns:
-        distance (float): In metres, negative where discs overlap; infinite where nobody counts.
-        nearest (int): Index of the nearest agent; -1 where nobody counts.
+        distance (float): In metres, negative where discs overlap; infinite where no agent counts.
+        nearest (int): Index of the nearest agent; -1 where no agent counts.
     """
     least, nearest = np.inf, -1
     for j in range(len(radius)):

@@ -219,9 +219,9 @@ def test_whoever_is_given_no_velocity_follows_its_policy():
 @pytest.mark.parametrize(
     ("actions", "said"),
     [
-        ({}, "must be of the vehicle"),
-        ({"vehicle": None}, "must be of the vehicle"),
-        ({"vehicle": STILL, "pedestrian_7": STILL}, "must be of the vehicle"),
+        ({}, "actions for no agent, but there must be one for the vehicle"),
+        ({"vehicle": None}, "actions for no agent, but there must be one for the vehicle"),
+        ({"vehicle": STILL, "pedestrian_7": STILL}, "for vehicle, pedestrian_7, but .* others for pedestrian_0, "),
         ({"vehicle": np.array([np.nan, 0.0])}, "finite velocity"),
         ({"vehicle": np.zeros(1)}, "finite velocity"),
     ],

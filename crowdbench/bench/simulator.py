@@ -26,7 +26,7 @@ DT = 0.25
 """Length of a step in seconds."""
 
 STEPS = 28
-"""Steps of an episode that are timed. Nobody arrives before step 33, so that every agent moves in all of them."""
+"""Steps of an episode that are timed. No agent arrives before step 33, so that every agent moves in all of them."""
 
 ROUNDS = 15
 
@@ -71,8 +71,8 @@ def circle(agents: int, worlds: int) -> Float[np.ndarray, "world agent 2"]:
     """
     radius = max(4.0, (2 * RADIUS + 0.3) / (2 * np.sin(np.pi / agents)))
     angle = 2 * np.pi * np.arange(agents) / agents
-    places = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return places + np.random.default_rng(0).uniform(-0.1, 0.1, (worlds, agents, 2))
+    evenly = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return evenly + np.random.default_rng(0).uniform(-0.1, 0.1, (worlds, agents, 2))
 
 
 def many_worlds(start: Float[np.ndarray, "world agent 2"], steps: int) -> float:

@@ -59,7 +59,7 @@ def _check_pedestrians(position, motion, end, goal, radius, seen, outcomes, gaps
         goal: `[agent, 2]`, in metres.
         radius: `[agent]`, in metres.
         seen: `[agent]`, whether pedestrians see the agent.
-        outcomes: `[agent]`, the vehicle's outcome in all places, filled from index 1.
+        outcomes: `[agent]`, the vehicle's outcome in every element, filled from index 1.
         gaps: `[agent]`, filled from index 1, in metres.
     """
     for i in range(1, len(radius)):

@@ -185,11 +185,11 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         """
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
-            raise InputError("the episode is over and nobody acts any more: call reset()")
+            raise InputError("the episode is over: call reset()")
         if VEHICLE not in given or not given.keys() <= set(self.agents):
             raise InputError(
-                f"actions are of {', '.join(given) or 'nobody'}, but must be of the vehicle, which has no policy of "
-                f"its own, and of whom one likes among {', '.join(self.agents[1:]) or 'nobody else'}"
+                f"there are actions for {', '.join(given) or 'no agent'}, but there must be one for the vehicle, and "
+                f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
             )
         asked = stepping.velocities(list(given.values()), (len(given), 2))
         velocity = np.zeros(self._world.velocity.shape)

@@ -43,7 +43,7 @@ def layout_bound(scenario: Scenario) -> float:
     It is twice the sum of the lengths in the layout's options, plus the way of one second at the highest speed, because
     layouts shift starts by up to half of it.
     """
-    return 2 * sum(scenario.layout.values()) + _max_speed(scenario)
+    return 2 * sum(scenario.layout_options.values()) + _max_speed(scenario)
 
 
 def position_bound(scenario: Scenario) -> float:

@@ -79,7 +79,7 @@ def _ground(
     goal: Float[np.ndarray, "agent 2"],
     radius: float,
 ) -> Chunk:
-    """What does not move: a grid of 1 m, the goals, the vehicle's straight line, and everybody's path.
+    """What does not move: a grid of 1 m, the goals, the vehicle's straight line, and the path of each agent.
 
     Args:
         low: Smallest x and y of the grid in metres.

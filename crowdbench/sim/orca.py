@@ -168,11 +168,11 @@ def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
         squared = dx * dx + dy * dy
         if squared >= reach_squared or limit == 0:
             continue
-        place = n if n < limit else n - 1
-        while place > 0 and squared < distance[place - 1]:
-            neighbor[place], distance[place] = neighbor[place - 1], distance[place - 1]
-            place -= 1
-        neighbor[place], distance[place] = j, squared
+        slot = n if n < limit else n - 1
+        while slot > 0 and squared < distance[slot - 1]:
+            neighbor[slot], distance[slot] = neighbor[slot - 1], distance[slot - 1]
+            slot -= 1
+        neighbor[slot], distance[slot] = j, squared
         if n < limit:
             n += 1
         if n == limit:

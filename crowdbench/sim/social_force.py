@@ -282,7 +282,7 @@ def _force(x, y, sx, sy, strength, reach):
     through (x, y) with the foci (0, 0) and (sx, sy) (equation 4).
 
     Args:
-        x, y: The place in metres.
+        x, y: Where the repulsion acts, in metres.
         sx, sy: The displacement of that pedestrian within the look-ahead, in metres.
         strength: V0, in m^2/s^2.
         reach: sigma, in metres.
