@@ -68,8 +68,8 @@ class Scenario:
         rules: What is the same in all cases.
         seed: Every case has its own random stream, which depends on this seed, the split and the case number.
         crowdnav_cases: Test cases below this number have CrowdNav's random streams instead.
-        generator: Name of the layout.
-        layout: Options of the layout.
+        layout: Name of the layout.
+        layout_options: Options of the layout.
         vehicle_radius: Radius of the vehicle in metres.
         vehicle_speed: Preferred and largest speed of the vehicle in m/s.
         number: Smallest and largest number of pedestrians.
@@ -86,8 +86,8 @@ class Scenario:
     rules: Rules
     seed: int
     crowdnav_cases: int
-    generator: str
-    layout: Mapping[str, float]
+    layout: str
+    layout_options: Mapping[str, float]
     vehicle_radius: float
     vehicle_speed: float
     number: tuple[int, int]
@@ -202,7 +202,7 @@ class Scenario:
             legacy._legacy_seeding(CROWDNAV_TEST_SEED + case)
             stream = np.random.Generator(legacy)
         try:
-            return LAYOUTS[self.generator](stream, radius, speed, **self.layout)
+            return LAYOUTS[self.layout](stream, radius, speed, **self.layout_options)
         except InputError as error:
             raise InputError(f"{self.source}: {error}") from None
 
