@@ -147,10 +147,10 @@ def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) 
     for option in options:
         if option not in known and not any_name:
             raise InputError(f"{name} has no option {option!r}; its options are: {', '.join(known) or 'none'}")
-    arguments = {
-        option: known[option].argument(value) if option in known else value for option, value in options.items()
-    }
     try:
+        arguments = {
+            option: known[option].argument(value) if option in known else value for option, value in options.items()
+        }
         return factory(**arguments)
     except InputError:
         raise

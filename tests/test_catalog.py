@@ -41,6 +41,52 @@ def test_a_planner_comes_from_a_file_by_its_factory(mine):
     assert (name, planner.speed) == ("other", {"anything": 1})
 
 
+PARTS = '''
+"""Mine."""
+from __future__ import annotations
+from dataclasses import dataclass
+import numpy as np
+from crowdbench import Planner
+
+@dataclass(frozen=True)
+class Fast:
+    speed: float
+    gain: float = 2.0
+
+@dataclass(frozen=True)
+class Slow:
+    patience: float = 1.0
+    def __post_init__(self):
+        1.0 / self.patience
+
+class Mine(Planner):
+    def __init__(self, pace, n):
+        self.pace, self.n = pace, n
+    def plan(self, obs):
+        return np.zeros((len(obs), 2))
+
+def planner(pace: Fast | Slow = Fast(0.5), n: int | None = 3):
+    return Mine(pace, n)
+'''
+
+
+def test_a_users_planner_may_have_parts_that_are_written_as_tables(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(PARTS)
+
+    def made(**options):
+        planner = catalog.load_planner(str(path), options)[1]
+        return {"kind": type(planner.pace).__name__, **vars(planner.pace), "n": planner.n}
+
+    assert made() == made(pace={}) == {"kind": "Fast", "speed": 0.5, "gain": 2.0, "n": 3}
+    assert made(pace={"gain": 1.0}, n=False) == {"kind": "Fast", "speed": 0.5, "gain": 1.0, "n": None}
+    assert made(pace={"patience": 3.0}) == {"kind": "Slow", "patience": 3.0, "n": 3}
+    with pytest.raises(InputError, match=r"pace is False, but must be a table with speed, gain or patience$"):
+        made(pace=False)
+    with pytest.raises(InputError, match=r"mine cannot be made with .*: ZeroDivisionError"):
+        made(pace={"patience": 0.0})
+
+
 def test_an_installed_package_can_bring_a_planner(mine, tmp_path, monkeypatch):
     entry = importlib.metadata.EntryPoint("theirs", "mine:planner", "crowdbench.planners")
     monkeypatch.syspath_prepend(tmp_path)
