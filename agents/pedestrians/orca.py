@@ -1,4 +1,4 @@
-"""ORCA, optimal reciprocal collision avoidance (van den Berg et al. 2011), with the parameters of CrowdNav's pedestrians.
+"""ORCA, optimal reciprocal collision avoidance (van den Berg et al. 2011), with CrowdNav's parameters for pedestrians.
 
 Van den Berg, Guy, Lin and Manocha, "Reciprocal n-Body Collision Avoidance", Robotics Research, Springer 2011.
 """
