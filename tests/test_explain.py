@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 
 from crowdbench import catalog
-from crowdbench.cli.explain import Row, description, option_rows, parameter_rows
+from crowdbench.cli.explain import OptionRow, description, option_rows, parameter_rows
 from crowdbench.cli.listing import list_
 from crowdbench.errors import InputError
 from crowdbench.predict.load import PREDICTORS
@@ -68,15 +68,15 @@ def vehicle(
 
 
 ROWS = [
-    Row("name", "", "text", "", "What it is called."),
-    Row("doors", "4", "whole number", "1", "Number of doors, the boot aside."),
-    Row("length", "false", "number or false", "m", "From bumper to bumper."),
-    Row("open", "false", "true or false", "", "Whether it has a roof."),
-    Row("wheels", "false", "table or false", "", "What it stands on; false for none."),
-    Row("  number", "", "whole number", "1", "How many."),
-    Row("  diameter", "0.7", "number", "m", "Of each."),
-    Row("  track", "1", "number", "", "Between two of them."),
-    Row("unsaid", '""', "text", "", ""),
+    OptionRow("name", "", "text", "", "What it is called."),
+    OptionRow("doors", "4", "whole number", "1", "Number of doors, the boot aside."),
+    OptionRow("length", "false", "number or false", "m", "From bumper to bumper."),
+    OptionRow("open", "false", "true or false", "", "Whether it has a roof."),
+    OptionRow("wheels", "false", "table or false", "", "What it stands on; false for none."),
+    OptionRow("  number", "", "whole number", "1", "How many."),
+    OptionRow("  diameter", "0.7", "number", "m", "Of each."),
+    OptionRow("  track", "1", "number", "", "Between two of them."),
+    OptionRow("unsaid", '""', "text", "", ""),
 ]
 
 

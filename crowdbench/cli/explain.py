@@ -30,7 +30,7 @@ NUMBERS = {WORDS[float], WORDS[int]}
 
 
 @dataclass(frozen=True)
-class Row:
+class OptionRow:
     """An option as a user sees it.
 
     Attributes:
@@ -60,7 +60,7 @@ def description(docstring: str | None) -> str:
     return parse(docstring or "", DocstringStyle.GOOGLE).description or ""
 
 
-def option_rows(factory: Callable[..., object]) -> list[Row]:
+def option_rows(factory: Callable[..., object]) -> list[OptionRow]:
     """The options of a plug-in's function or class, each followed by the parameters of the table that it may be.
 
     Args:
@@ -83,7 +83,7 @@ def option_rows(factory: Callable[..., object]) -> list[Row]:
     return rows
 
 
-def parameter_rows(name: str, factory: Callable[..., object]) -> list[Row]:
+def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]:
     """What a scenario may set of a pedestrian policy.
 
     Args:
@@ -113,10 +113,10 @@ def _said(documented: Any) -> dict[str, tuple[str, str]]:
     return said
 
 
-def _row(option: Option, said: dict[str, tuple[str, str]]) -> Row:
+def _row(option: Option, said: dict[str, tuple[str, str]]) -> OptionRow:
     meaning, unit = said.get(option.name, ("", ""))
     words = dict.fromkeys("table" if kind in option.parts else _word(kind) for kind in option.types)
-    return Row(option.name, _written(option), " or ".join(words), unit, meaning)
+    return OptionRow(option.name, _written(option), " or ".join(words), unit, meaning)
 
 
 def _word(kind: Any) -> str:

@@ -14,7 +14,7 @@ from crowdbench.cli.options import print_table
 from crowdbench.errors import InputError
 
 if TYPE_CHECKING:
-    from crowdbench.cli.explain import Row
+    from crowdbench.cli.explain import OptionRow
 
 
 def list_(
@@ -43,7 +43,7 @@ class Page:
     """What is said of one thing: a text, and its options under a title."""
 
     text: str
-    options: list[Row] = dataclasses.field(default_factory=list)
+    options: list[OptionRow] = dataclasses.field(default_factory=list)
     title: str = "Options: --option name=value, and a table --option 'name={parameter=value}'"
 
 

@@ -139,11 +139,14 @@ def planner_label(planner: str, options: Mapping[str, Any], replan_every: int = 
 
 
 def settings_label(settings: Mapping[str, Any]) -> str:
-    """Settings as shown to people: `modes=5, limits={max_velocity_change=1.0}`."""
-    return ", ".join(
-        f"{key}={{{settings_label(value)}}}" if isinstance(value, Mapping) else f"{key}={value}"
-        for key, value in settings.items()
-    )
+    """Settings as shown to people and written in TOML: `modes=5, limits={max_velocity_change=1.0}, explore=false`."""
+    return ", ".join(f"{key}={_written(value)}" for key, value in settings.items())
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{{settings_label(value)}}}"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def replanning(replan_every: int) -> dict[str, int]:
