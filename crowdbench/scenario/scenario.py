@@ -196,11 +196,12 @@ class Scenario:
         Raises:
             InputError: The layout has no room for the crowd.
         """
-        stream = rng.generator(key, "places")
         if split == "test" and case < self.crowdnav_cases:
             legacy = np.random.MT19937()
             legacy._legacy_seeding(CROWDNAV_TEST_SEED + case)
             stream = np.random.Generator(legacy)
+        else:
+            stream = rng.generator(key, "places")
         try:
             return LAYOUTS[self.layout](stream, radius, speed, **self.layout_options)
         except InputError as error:

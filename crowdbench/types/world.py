@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -89,7 +88,9 @@ class World:
 
     def take(self, rows: np.ndarray) -> World:
         """The worlds in the given rows (a mask or indices)."""
-        return self._map(lambda own: own[rows])
+        # A mask is searched once and not for each array.
+        indices = np.flatnonzero(rows) if rows.dtype == bool else rows
+        return self._map(lambda own: own.take(indices, axis=0))
 
     def put(self, rows: Int[np.ndarray, "row"], others: World) -> World:
         """A copy in which some worlds are replaced.
@@ -108,14 +109,13 @@ class World:
 
     def _map(self, function: Callable[..., np.ndarray], *others: World) -> World:
         """Apply a function to each array of this object and the same array of the others."""
-        names = [field.name for field in dataclasses.fields(self) if field.name != "rules"]
-        values = {name: _nested(function, *(getattr(world, name) for world in (self, *others))) for name in names}
-        return World(**values, rules=self.rules)
+        fields = {name: value for name, value in vars(self).items() if name != "rules"}
+        made = {name: _nested(function, value, *(vars(one)[name] for one in others)) for name, value in fields.items()}
+        return World(**made, rules=self.rules)
 
 
-def _nested(function: Callable[..., np.ndarray], *values: Any) -> Any:
+def _nested(function: Callable[..., np.ndarray], first: Any, *others: Any) -> Any:
     """Apply a function to arrays, or to the arrays with the same names in nested mappings."""
-    first = values[0]
-    if not isinstance(first, Mapping):
-        return function(*values)
-    return {name: _nested(function, *(value[name] for value in values)) for name in first}
+    if isinstance(first, np.ndarray):
+        return function(first, *others)
+    return {name: _nested(function, value, *(other[name] for other in others)) for name, value in first.items()}
