@@ -14,7 +14,7 @@ from crowdbench.evaluate.compare import compare, mcnemar
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import Episodes, read_result
+from crowdbench.evaluate.results import Episodes, planner_label, read_result
 from crowdbench.evaluate.run import directory_name, run
 from crowdbench.planners.base import Planner
 from crowdbench.record.read import read
@@ -331,3 +331,10 @@ def test_a_pooled_metric_is_compared_pooled(tmp_path):
     ]
     assert (row.a, row.b) == pytest.approx(expected, abs=1e-12)
     assert row.difference.low < row.difference.mean < row.difference.high
+
+
+def test_labels_show_options_as_they_are_written_in_toml():
+    options = {"modes": 5, "limits": {"max_velocity_change": 1.0}, "explore": False}
+    label = planner_label("sarl", options, replan_every=8)
+    assert label == "sarl (modes=5, limits={max_velocity_change=1.0}, explore=false, replan_every=8)"
+    assert planner_label("orca", {}) == "orca"

@@ -34,8 +34,8 @@ def rollout(
         driver: Asks the planner for commands.
         scenario: The scenario of the cases.
         cases: The cases.
-        replan_every: Steps between two observations of the planner. Above 1, the planner is asked by `plan_ahead`
-            for the commands of so many steps (open loop).
+        replan_every: The planner gets an observation every `replan_every` steps. Above 1, its `plan_ahead` returns
+            the commands of so many steps, which are executed in open loop.
         keep_logs: Whether the trace keeps what the planner logs.
         progress: Called with the number of episodes that ended in a step.
 

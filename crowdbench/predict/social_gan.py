@@ -24,18 +24,18 @@ NAME = "sgan"
 class SocialGAN(Predictor):
     """Samples futures of the whole crowd from the generator of a Social GAN (Gupta et al. 2018).
 
-    The generator was trained with steps of `about["dt"]` seconds. Where the observation has another time step, it is
-    given the displacements per step as they are, as in Li et al. (2020), or `rescaled` to its own time step; predicted
-    displacements are then scaled back. Steps before the first observation are extrapolated backwards from the first
-    displacement; for a pedestrian that was observed once, there is no displacement.
+    The generator was trained with steps of `about["dt"]` seconds. If the observation has another time step, the
+    generator gets the displacements per step unchanged, as in Li et al. (2020), or, where `rescaled`, scaled to the
+    time step of its training; its predictions are then scaled back. Steps before the first observation are
+    extrapolated backwards from the first displacement; for a pedestrian that was observed once, there is no displacement.
 
     Args:
         generator: The trained generator.
         about: What its card says of the training: at least `dt`, the time step in seconds, and `scenes`, the
             recorded scenes that it was trained on.
-        modes: Number of futures [1]. Fewer futures are the first of more.
+        modes: Number of futures [1]. The first futures are the same for every number.
         rescaled: Whether displacements are rescaled to the time step that the generator was trained on.
-        trained_without: Gives the predictor that was trained without a scene.
+        trained_without: Maps a scene's name to the predictor that was trained without this scene.
 
     Raises:
         InputError: `modes` is not a whole number, 1 or more.
@@ -63,7 +63,7 @@ class SocialGAN(Predictor):
         """See `Predictor`. There are `modes` modes."""
         scale = self.about["dt"] / obs.dt if self.rescaled else 1.0
         history, present = extrapolated_history(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
-        # The noise depends on nothing but case, step and mode.
+        # The noise depends only on seed, split, case, step and mode; all pedestrians of a future share it.
         noise = rng.normal(obs.key, NAME, obs.step, self.modes, NOISE)
         device = next(self.generator.parameters()).device
         # Relative to the first pedestrian, because float32 is coarse far from the origin.

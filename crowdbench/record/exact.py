@@ -3,7 +3,10 @@
 `/exact/states` has a row per state, with what changes in the episode; a quantity of a step is in the row of the state
 that the step leads to. `/exact/episode` has one row with the rest.
 
-Format 1 had no heading, command, gap to obstacles, person and sight. They are derived when it is read.
+Format 1 had no heading, command, gap to obstacles, person and sight. When it is read, the heading is computed from the
+velocities, the command is the vehicle's velocity, and the rest has the only value that was possible then.
+
+`write` and `read` use this module; `drawing` makes what the viewer shows.
 """
 
 from __future__ import annotations
@@ -105,7 +108,7 @@ def facts_of(episode: Episode) -> dict[str, Any]:
 
 
 def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
-    """Make one trace of several episodes of a run, padded in time as in a rollout, and to the largest crowd.
+    """Make one trace of several episodes of a run, padded to `max_steps` and to the largest number of pedestrians.
 
     Args:
         episodes: The episodes.
@@ -182,7 +185,7 @@ def _restored(episode: Episode, version: int) -> Episode:
 
 
 def _in_time(flat: np.ndarray, shape: tuple[int, ...], name: str, steps: int) -> np.ndarray:
-    """An array of states or of steps in its shape.
+    """Reshape a flat array to `[time, *shape]`.
 
     Args:
         flat: As it was stored: once, or once per state.

@@ -17,7 +17,7 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import World
 
 SPEED_TOLERANCE = 1e-6
-"""A speed is not limited if it exceeds the preferred speed by at most this share, which is rounding."""
+"""Relative tolerance for rounding: a speed is limited only where it exceeds the preferred speed by more than this."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:
@@ -69,7 +69,8 @@ def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarra
 def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World:
     """Move all agents by one step, as holonomic discs.
 
-    The only place where speed is limited: an agent that is faster than its preferred speed is slowed down to it.
+    The simulator limits speeds only here: an agent that is faster than its preferred speed is slowed down to it. In a
+    run the `Driver` has rejected such commands of a planner before.
 
     Args:
         world: The worlds before the step.

@@ -1,4 +1,4 @@
-"""Trains a value network: it imitates ORCA's demonstrations, then learns from its own episodes.
+"""Trains a value network: on the returns of ORCA's demonstrations, then on its own episodes.
 
 Deep V-learning (Chen et al. 2019, algorithm 1), for any of the value networks. Differs from CrowdNav, because it must
 take minutes:
@@ -8,7 +8,7 @@ take minutes:
 - The target network is an exponential moving average of the network (Lillicrap et al. 2016, "soft" target updates)
   instead of a copy made now and then. It is also the network that is validated and saved.
 - A time-out only truncates an episode: the target takes the value of its last state for what would have followed
-  (Pardo et al. 2018). CrowdNav leaves such episodes out.
+  (Pardo et al. 2018). CrowdNav leaves such episodes out; here demonstrations that time out are left out.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ LEARNING_RATE = 5e-4
 """Learning rate on the network's own episodes; it decays linearly to 0 over the second half of the training."""
 
 ROUND = 100
-"""Episodes that the network drives between updates."""
+"""Episodes that are run with the network in each round, before it is updated on them."""
 
 REPLAY_RATIO = 10
-"""Transitions that are learned from per step driven."""
+"""Transitions that are sampled from the replay buffer for each step that is simulated."""
 
 BATCH = 512
-"""Transitions of an update."""
+"""Transitions in a minibatch."""
 
 N_STEPS = 6
 """The n of the n-step temporal-difference target."""
@@ -74,7 +74,7 @@ AVERAGING = 0.01
 """Weight of the network in its moving average, at every update."""
 
 VALIDATIONS = 12
-"""How often, over a whole training, the network is measured on validation cases."""
+"""Number of validations while the network learns from its own episodes; one more follows the imitation."""
 
 VALIDATION_CASES = 200
 
@@ -82,7 +82,7 @@ SECONDS_PER_POINT = 1.0
 """Seconds of navigation time that count as much as one percentage point of success when a network is chosen."""
 
 CASES_PER_SEED = 1_000_000
-"""Every seed has training cases of its own: so many."""
+"""Number of training cases that belong to each seed."""
 
 PARTS = ("network", "average", "best")
 """The networks of a training."""
@@ -192,7 +192,7 @@ class Training:
         return loss
 
     def imitate(self) -> float:
-        """Learn the returns of demonstrated episodes by regression. The mean loss of the last epoch."""
+        """Learn the returns of demonstrated episodes by regression. Returns the mean loss of the last epoch."""
         trace = rollout(Driver(ORCAPlanner(SAFETY_SPACE), "orca"), self.setup.scenario, self._cases(0, DEMONSTRATIONS))
         steps = transitions(trace, N_STEPS, truncated=False)
         optimizer = torch.optim.Adam(self.network.parameters(), lr=IMITATION_RATE)
@@ -205,7 +205,7 @@ class Training:
         return float(loss)
 
     def improve(self) -> float:
-        """Drive a round of episodes, then learn from the replay buffer. The mean loss."""
+        """Run a round of episodes, then learn from the replay buffer. Returns the mean loss."""
         for group in self.optimizer.param_groups:
             group["lr"] = LEARNING_RATE * min(1.0, 2.0 * (1.0 - self.progress))
         steps = transitions(self._drive(), N_STEPS)
@@ -244,7 +244,7 @@ class Training:
         return self._tensor(batch.reward) + self._tensor(batch.bootstrap) * value
 
     def _update(self, optimizer: torch.optim.Optimizer, batch: Transitions, target: Float[Tensor, "step"]) -> float:
-        """One step of the optimizer on the mean squared error to the target. The loss."""
+        """One step of the optimizer on the mean squared error to the target. Returns the loss."""
         values = self.network(self._tensor(batch.joint), self._tensor(batch.present))
         loss = torch.nn.functional.mse_loss(values, target)
         optimizer.zero_grad()
@@ -275,7 +275,7 @@ class Training:
 
     @property
     def chosen(self) -> Validated:
-        """The point of the curve with the best score; of equals the last, which has been trained longest."""
+        """The point of the curve with the best score; the latest one, if several have it."""
         return max(reversed(self.curve), key=lambda point: point.score)
 
     def state(self) -> State:

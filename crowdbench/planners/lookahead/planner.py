@@ -1,4 +1,4 @@
-"""The planner that looks one step ahead: predict the crowd, try every command, value what it leads to."""
+"""The planner with a one-step lookahead: it predicts the crowd and selects the command with the best value."""
 
 from __future__ import annotations
 
@@ -55,8 +55,9 @@ class ValuePlanner(Planner):
             more command, so that there always is one that they allow.
         explore: Makes further commands around the best one, called like `kce.Exploration`; None for no more. The best
             one is kept unless a further one is better.
-        shortlist: Number of commands that are valued under all futures: the best under the mean of the futures. None
-            for all commands. It changes nothing where there is one future.
+        shortlist: Number of commands that are valued under all futures: those that are best in a single future with
+            the mean predicted positions and velocities. None for all commands. It changes nothing where there is one
+            future.
 
     Raises:
         InputError: `shortlist` is not a whole number above 0.
@@ -93,7 +94,7 @@ class ValuePlanner(Planner):
         return self.plan_ahead(obs, 1)[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        """See `Planner`. There is one prediction of all the steps, in which each mode goes on from step to step."""
+        """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""
         prediction = self.predictor.predict(obs, steps)
         commands = np.empty((len(obs), steps, 2))
         vehicle = obs.vehicle
@@ -172,7 +173,7 @@ class ValuePlanner(Planner):
         world, arranged = np.arange(len(obs)), self.aggregate.arrange(scene)
         joint = try_commands(arranged, command, world).joint
         value, attention = _evaluate(self.value, joint, _present(arranged, world, joint.shape))
-        # A pedestrian's attention is the sum over all of its futures.
+        # A pedestrian's attention: the sum over its copies in one crowd, or the mean over separate futures.
         attention = attention[..., : arranged.present.shape[1]].reshape(len(obs), *scene.crowd.shape[1:3])
         obs.log("predicted", prediction.position)
         obs.log("value", value.mean(axis=1))
@@ -182,7 +183,7 @@ class ValuePlanner(Planner):
 def _present(
     scene: Scene, world: Int[np.ndarray, "row"], shape: tuple[int, ...]
 ) -> Bool[np.ndarray, "row mode pedestrian"]:
-    """Which pedestrians of the joint states are present. These have room for one even where there is none."""
+    """Which pedestrians of the joint states are present. There is at least one row, even without pedestrians."""
     present = np.zeros(shape[:3], bool)
     present[..., : scene.present.shape[1]] = scene.present[world][:, None]
     return present
