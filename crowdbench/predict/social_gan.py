@@ -27,7 +27,7 @@ class SocialGAN(Predictor):
     The generator was trained with steps of `about["dt"]` seconds. If the observation has another time step, the
     generator gets the displacements per step unchanged, as in Li et al. (2020), or, where `rescaled`, scaled to the
     time step of its training; its predictions are then scaled back. Steps before the first observation are
-    extrapolated backwards from the first displacement; for a pedestrian that was observed once, there is no displacement.
+    extrapolated backwards from the first displacement; a pedestrian that was observed once has none.
 
     Args:
         generator: The trained generator.
