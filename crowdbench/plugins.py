@@ -96,7 +96,18 @@ def file_and_function(spec: str) -> tuple[Path | None, str]:
 
 
 def function_of(path: Path, name: str) -> Callable[..., Any]:
-    """A function that a Python file defines. Raises InputError where it does not exist, or the file fails."""
+    """Get a function that a Python file defines.
+
+    Args:
+        path: The file.
+        name: The function's name.
+
+    Returns:
+        The function.
+
+    Raises:
+        InputError: The file or the function does not exist, or the file cannot be run.
+    """
     function = getattr(load_module(path), name, None)
     if not callable(function):
         raise InputError(f"{path} defines no function {name}()")

@@ -1,8 +1,7 @@
-"""The reward of a step: the only place that knows it.
+"""The reward of a step, for environments, training, lookahead and metrics.
 
-CrowdNav's (Chen et al. 2019, equation 3), as its code computes it. The branches differ in unit:
-collision and success are paid once, whatever the step; discomfort is a rate, paid per second, and so
-multiplied by dt.
+It is the reward of CrowdNav (Chen et al. 2019, equation 3), as its code computes it. Collision and success have a
+reward that does not depend on the length of a step. The reward for discomfort is per second, and so multiplied by dt.
 """
 
 from __future__ import annotations
@@ -13,21 +12,21 @@ from jaxtyping import Float, Int
 from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
 
 SUCCESS = 1.0
-"""Paid once, on arrival."""
+"""Reward for reaching the goal."""
 
 COLLISION = -0.25
-"""Paid once, on touching a pedestrian."""
+"""Reward for a collision with a pedestrian."""
 
 WALL_COLLISION = -0.25
-"""Paid once, on touching an obstacle. Not in CrowdNav, which has none: as much as for a pedestrian."""
+"""Reward for a collision with an obstacle: the same as with a pedestrian. CrowdNav has no obstacles."""
 
 DISCOMFORT = 0.5
-"""Per metre of gap missing to 0.2 m and per second: dt is multiplied in."""
+"""Reward, times -1, per second and per metre by which the gap to a pedestrian is below 0.2 m."""
 
 DISCOUNT = 0.9
-"""Per metre at preferred speed: a step is discounted by `DISCOUNT ** (dt * preferred_speed)`."""
+"""Discount per metre at preferred speed: a step has the factor `DISCOUNT ** (dt * preferred_speed)`."""
 
-# Plain numbers, because looking a member of an enum up costs as much as the rest of a reward.
+# Plain numbers, because reading a member of an enum takes as long as the rest of a reward.
 _RUNNING = int(Outcome.RUNNING)
 _PAID = {Outcome.SUCCESS: SUCCESS, Outcome.COLLISION: COLLISION, Outcome.WALL_COLLISION: WALL_COLLISION}
 _ENDED = np.array([_PAID.get(outcome, 0.0) for outcome in sorted(Outcome)])
@@ -36,9 +35,15 @@ _ENDED = np.array([_PAID.get(outcome, 0.0) for outcome in sorted(Outcome)])
 def reward(
     outcome: Int[np.ndarray, "*batch"], gap: Float[np.ndarray, "*batch"], dt: float
 ) -> Float[np.ndarray, "*batch"]:
-    """The reward of a step that ended in `outcome` and came as close as `gap` metres to a pedestrian.
+    """The reward of a step (Chen et al. 2019, equation 3). A time-out has reward 0.
 
-    A time-out pays nothing.
+    Args:
+        outcome: How the step ended, an `Outcome`.
+        gap: Smallest distance to a pedestrian's rim during the step, in metres.
+        dt: The length of the step in seconds.
+
+    Returns:
+        The reward.
     """
     discomfort = np.minimum(gap - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
     return np.where(outcome == _RUNNING, discomfort, _ENDED[outcome])
@@ -52,5 +57,13 @@ def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:
 
 
 def discount(preferred_speed: Float[np.ndarray, "*batch"], dt: float) -> Float[np.ndarray, "*batch"]:
-    """The factor by which a reward is worth less one step later."""
+    """The factor by which a reward that comes one step later counts less.
+
+    Args:
+        preferred_speed: The vehicle's preferred speed in m/s.
+        dt: The length of a step in seconds.
+
+    Returns:
+        The discount factor.
+    """
     return DISCOUNT ** (dt * preferred_speed)

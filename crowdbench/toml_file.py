@@ -70,7 +70,15 @@ class Location:
         return Location(self.file, key)
 
     def wrong(self, found: str, right: str) -> InputError:
-        """The error that says what is here, and what it must be."""
+        """The error that says what is here, and what it must be.
+
+        Args:
+            found: What is here.
+            right: What it must be.
+
+        Returns:
+            The error.
+        """
         return InputError(f"{self.file}: {self.key} is {found}, but must be {right}")
 
     def wrong_inside(self, error: InputError) -> InputError:
@@ -111,18 +119,45 @@ def parsed(model: type[Model], table: Mapping[str, Any], location: Location) -> 
 
 
 def number(default: Any = ..., *, above: float | None = None, least: float | None = None, below: float) -> Any:
-    """A field for a number above `above`, or at least `least`, and below `below`; required without a default."""
+    """A field for a number.
+
+    Args:
+        default: Its value where it is left out; without it, the field is required.
+        above: It must be larger than this.
+        least: Or it must be at least this.
+        below: It must be smaller than this.
+
+    Returns:
+        The field.
+    """
     bound = f"above {above:g}" if least is None else f"of at least {least:g}"
     return Field(default=default, gt=above, ge=least, lt=below, description=f"a number {bound} and below {below:g}")
 
 
 def integer(default: Any = ..., *, least: int, most: int) -> Any:
-    """A field for a whole number, bounds included; required without a default."""
+    """A field for a whole number.
+
+    Args:
+        default: Its value where it is left out; without it, the field is required.
+        least: The smallest number allowed.
+        most: The largest number allowed.
+
+    Returns:
+        The field.
+    """
     return Field(default=default, ge=least, le=most, description=f"a whole number from {least} to {most}")
 
 
 def choice(names: Iterable[str], default: Any = ...) -> Any:
-    """A field for one of several names; required without a default."""
+    """A field for one of several names.
+
+    Args:
+        names: The names.
+        default: Its value where it is left out; without it, the field is required.
+
+    Returns:
+        The field.
+    """
     known = list(names)
     description = "one of " + ", ".join(f'"{name}"' for name in known)
     return Field(default=default, pattern=f"^({'|'.join(map(re.escape, known))})$", description=description)

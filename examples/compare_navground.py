@@ -101,7 +101,12 @@ def many_worlds(start: np.ndarray) -> float:
 
 
 def run_worlds(pipe: Connection, start: np.ndarray) -> None:
-    """One process of `many_worlds`: make worlds, wait for the signal, run all steps."""
+    """One process of `many_worlds`: make worlds, wait for the signal, run all steps.
+
+    Args:
+        pipe: The connection to the process that measures.
+        start: Where the agents of each world start, in metres.
+    """
     worlds = [make_world(positions) for positions in start]
     pipe.send("ready")
     pipe.recv()
@@ -132,7 +137,14 @@ def environment() -> float:
 
 
 def compare(work: str, rounds: int, ours: Callable[[], float], theirs: Callable[[], float]) -> None:
-    """Measure both by turns and print the medians in microseconds and their ratio."""
+    """Measure two works by turns, and print their medians in microseconds and the ratio.
+
+    Args:
+        work: What is measured, as it is printed.
+        rounds: How often each is measured.
+        ours: Our work; it returns its seconds.
+        theirs: The same work of navground.
+    """
     crowdbench, navground = (1e6 * seconds for seconds in in_turns(rounds, ours, theirs))
     print(f"{work:66} {crowdbench:10.3g} {navground:10.3g} {navground / crowdbench:6.1f}x", flush=True)
 

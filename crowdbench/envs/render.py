@@ -137,7 +137,13 @@ class _Canvas:
                 self.draw.line(self.surface, GRID, self.pixel(np.array(one)), self.pixel(np.array(other)), SMOOTHING)
 
     def goal(self, at: Float[np.ndarray, "2"], radius: float, color: tuple[int, int, int]) -> None:
-        """A ring; an agent whose centre is in it has arrived. `at` and `radius` are in metres."""
+        """Draw a ring: an agent whose centre is inside it has arrived.
+
+        Args:
+            at: Its centre in metres.
+            radius: Its radius in metres.
+            color: Red, green and blue, 0 to 255.
+        """
         self.draw.circle(self.surface, color, self.pixel(at), radius * self.scale, 2 * SMOOTHING)
 
     def agent(
@@ -147,7 +153,14 @@ class _Canvas:
         radius: float,
         color: tuple[int, int, int],
     ) -> None:
-        """A disc, and an arrow as long as the way of one second; lengths in metres, `velocity` in m/s."""
+        """Draw an agent as a disc, with an arrow for its velocity.
+
+        Args:
+            at: The disc's centre in metres.
+            velocity: The velocity in m/s: the arrow is as long as the way of one second.
+            radius: The disc's radius in metres.
+            color: Red, green and blue, 0 to 255.
+        """
         self.draw.circle(self.surface, color, self.pixel(at), radius * self.scale)
         speed = float(np.hypot(*velocity))
         if speed < 1e-3:

@@ -114,7 +114,15 @@ class _States:
         after: World,
         check: StepCheck,
     ) -> None:
-        """Keep step `t` of the worlds that were running in it."""
+        """Keep a step.
+
+        Args:
+            rows: The worlds that were running in it.
+            t: Its number, from 0.
+            command: What the planner asked for, in m/s.
+            after: The worlds after it.
+            check: What its check found.
+        """
         self.position[rows, t + 1] = after.position
         self.velocity[rows, t + 1] = after.velocity
         self.heading[rows, t + 1] = after.heading

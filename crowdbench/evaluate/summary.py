@@ -83,7 +83,16 @@ def bootstrap(values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "cas
 def weighted_mean(
     values: Float[np.ndarray, "*resample case"], weights: Float[np.ndarray, "*resample case"], axis: int = -1
 ) -> Float[np.ndarray, "*resample"]:
-    """The mean over `axis` of `values`, each counted as often as its weight says."""
+    """The weighted mean over cases.
+
+    Args:
+        values: What is averaged.
+        weights: How much each value counts.
+        axis: The axis of the cases.
+
+    Returns:
+        The weighted mean.
+    """
     return np.asarray((values * weights).sum(axis=axis) / weights.sum(axis=axis))
 
 

@@ -48,7 +48,15 @@ class Gaussian(TomlTable):
 
 
 def quantity(default: float, least: float) -> Any:
-    """A field for a `Gaussian` or a number; its table checks that `low` is at least `least`."""
+    """A field for a `Gaussian` or a number.
+
+    Args:
+        default: Its value where it is left out.
+        least: The smallest value allowed; the table of the field checks `low` against it.
+
+    Returns:
+        The field.
+    """
     return Field(
         default=default,
         validate_default=True,

@@ -18,7 +18,15 @@ _PARALLEL = 1e-5
 @no_type_check
 @njit(cache=True, error_model="numpy", inline="always")
 def unit(x, y):
-    """The unit vector along (x, y), which is (1, 0) for the zero vector, and the length of (x, y)."""
+    """The unit vector along (x, y), and its length.
+
+    Args:
+        x (float): First coordinate.
+        y (float): Second coordinate.
+
+    Returns:
+        Tuple[float, float, float]: The unit vector, (1, 0) for the zero vector, and the length of (x, y).
+    """
     length = math.sqrt(x * x + y * y)
     if length == 0.0:
         return 1.0, 0.0, 0.0

@@ -137,7 +137,15 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
 
 
 def verdict(figure: Estimate, bound: float) -> Verdict:
-    """Whether the figure's interval lies above the bound, below it, or neither (as where there is no figure)."""
+    """The verdict on a claim.
+
+    Args:
+        figure: What was measured, with its interval; NaN where nothing was.
+        bound: What the claim says that the figure exceeds.
+
+    Returns:
+        Holds where the interval lies above the bound, refuted where it lies below, undecided otherwise.
+    """
     if figure.low > bound + ROUNDING:
         return Verdict.HOLDS
     return Verdict.REFUTED if figure.high < bound - ROUNDING else Verdict.UNDECIDED

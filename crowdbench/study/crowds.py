@@ -57,7 +57,15 @@ class CrowdRow:
 
     @classmethod
     def of(cls, run: PlannedRun, episodes: Episodes) -> CrowdRow:
-        """Measured on one run."""
+        """Summarize one run.
+
+        Args:
+            run: The run.
+            episodes: Its episodes.
+
+        Returns:
+            The row of its planner.
+        """
         success = episodes.columns[SUCCESS.metric]
         solved = episodes.take(np.flatnonzero(success))
         return cls(
@@ -105,7 +113,16 @@ class Pair:
 
     @classmethod
     def of(cls, names: tuple[str, str], one: Episodes, two: Episodes) -> Pair:
-        """Compare two runs of the same cases."""
+        """Compare two planners case by case.
+
+        Args:
+            names: The names of the two planners.
+            one: The episodes of the first.
+            two: The episodes of the second, of the same cases.
+
+        Returns:
+            The comparison.
+        """
         a, b = one.columns[SUCCESS.metric], two.columns[SUCCESS.metric]
         both = a & b
         ones = np.ones(both.sum())
@@ -141,7 +158,15 @@ class FilledCrowd:
 
     @classmethod
     def of(cls, runs: list[PlannedRun], out: Path) -> FilledCrowd:
-        """Measured on runs of one scenario in the folder `out`."""
+        """Summarize and compare the runs of one scenario.
+
+        Args:
+            runs: Runs of the same cases of one scenario.
+            out: The folder with their results.
+
+        Returns:
+            The planners and their comparisons.
+        """
         found = [(run.planner, run.episodes(out)) for run in runs]
         planners = [CrowdRow.of(run, episodes) for run, (_, episodes) in zip(runs, found, strict=True)]
         pairs = [Pair.of((a, b), one, two) for (a, one), (b, two) in itertools.combinations(found, 2)]

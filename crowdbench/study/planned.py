@@ -115,9 +115,15 @@ class PlannedRun:
         return (directory / RESULT).exists() and read_result(directory)["cases"] == str(self.cases)
 
     def make(self, out: Path, progress: Callable[[int], None]) -> None:
-        """Make it, into its directory in `out`. Raises InputError as `crowdbench.evaluate.run.run` does.
+        """Make the run. After an interrupt the finished batches are kept, but the run is made again next time.
 
-        An interrupt raises KeyboardInterrupt. Batches that were finished are kept, but the run is made again.
+        Args:
+            out: The folder in which it gets its directory.
+            progress: Called with the number of episodes that have ended since its last call.
+
+        Raises:
+            InputError: As `crowdbench.evaluate.run.run` does.
+            KeyboardInterrupt: Somebody interrupted it.
         """
         finished = runs.run(
             self.driver,
@@ -140,7 +146,15 @@ class PlannedRun:
 
 
 def missing(wanted: Iterable[PlannedRun], out: Path) -> list[PlannedRun]:
-    """Those that `out` lacks, each once."""
+    """The runs that still have to be made.
+
+    Args:
+        wanted: The runs that are needed, some perhaps twice.
+        out: The folder of runs.
+
+    Returns:
+        The runs that are not in the folder, each once.
+    """
     each = {run.directory: run for run in wanted}
     return [run for run in each.values() if not run.is_in(out)]
 

@@ -61,12 +61,28 @@ PRIVILEGED = (
 
 
 def marked(planner: str, privileged: bool) -> str:
-    """A planner's name, with an asterisk where `PRIVILEGED` holds."""
+    """A planner's name as tables show it.
+
+    Args:
+        planner: The name.
+        privileged: Whether the planner is privileged.
+
+    Returns:
+        The name, with an asterisk where it is.
+    """
     return f"{planner} *" if privileged else planner
 
 
 def grid(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown."""
+    """Write a table in Markdown.
+
+    Args:
+        header: The headings of the columns.
+        rows: The cells of each row.
+
+    Returns:
+        The table in Markdown.
+    """
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
 

@@ -61,23 +61,52 @@ def read(path: Path) -> State:
 
 
 def tensors_of(part: str, network: nn.Module) -> dict[str, Tensor]:
-    """A network's tensors under the name of a part of the training."""
+    """A network's tensors, to be written.
+
+    Args:
+        part: The part's name.
+        network: The network.
+
+    Returns:
+        Its tensors, their names with the part's in front.
+    """
     return {f"{part}.{name}": tensor.contiguous() for name, tensor in network.state_dict().items()}
 
 
 def optimizer_state(part: str, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """An optimizer's tensors under the name of a part of the training."""
+    """An optimizer's tensors, to be written.
+
+    Args:
+        part: The part's name.
+        optimizer: The optimizer.
+
+    Returns:
+        Its tensors, their names with the part's in front.
+    """
     states = optimizer.state_dict()["state"].items()
     return {f"{part}.{number}.{name}": tensor for number, state in states for name, tensor in state.items()}
 
 
 def part_of(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors of a part of the training, without its name."""
+    """The tensors of one part of the training.
+
+    Args:
+        part: The part's name.
+        tensors: All tensors of a checkpoint.
+
+    Returns:
+        The part's tensors, their names without the part's.
+    """
     return {name.removeprefix(f"{part}."): tensor for name, tensor in tensors.items() if name.startswith(f"{part}.")}
 
 
 def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
-    """Give an optimizer the tensors of `optimizer_state`, as `part_of` returns them."""
+    """Give an optimizer the tensors that `optimizer_state` took from it.
+
+    Args:
+        optimizer: The optimizer.
+        tensors: Its tensors, as `part_of` returns them.
+    """
     state: dict[int, dict[str, Tensor]] = {}
     for name, tensor in tensors.items():
         number, _, key = name.partition(".")

@@ -265,7 +265,15 @@ def non_saturating_loss(fake: Float[Tensor, "row"]) -> Float[Tensor, ""]:
 
 
 def cross_entropy(real: Float[Tensor, "row"], fake: Float[Tensor, "row"]) -> Float[Tensor, ""]:
-    """The discriminator's loss, -log D(real) - log(1 - D(fake)), from its logits (Goodfellow et al. 2014, eq. 1)."""
+    """The discriminator's loss, -log D(real) - log(1 - D(fake)) (Goodfellow et al. 2014, eq. 1).
+
+    Args:
+        real: The discriminator's logits of recorded tracks.
+        fake: Its logits of generated tracks.
+
+    Returns:
+        The mean loss.
+    """
     return softplus(-real).mean() + softplus(fake).mean()
 
 

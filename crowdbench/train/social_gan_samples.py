@@ -85,7 +85,15 @@ def _checked(training: Samples, validation: Samples) -> tuple[Samples, Samples]:
 
 
 def from_tracks(recordings: Sequence[Tracks], dt: float | None) -> Samples:
-    """All windows of recordings, resampled to `dt` seconds per step where that is given."""
+    """All windows of recordings.
+
+    Args:
+        recordings: The recordings.
+        dt: Seconds per step to resample to; None for those of the recordings.
+
+    Returns:
+        The windows.
+    """
     found = [windows(tracks if dt in (None, tracks.dt) else resampled(tracks, dt), LENGTH) for tracks in recordings]
     return _joined([_ordered(part.position, part.present) for part in found])
 

@@ -137,7 +137,15 @@ class ValuePlanner(Planner):
         return np.take_along_axis(commands, kept[..., None], axis=1)
 
     def values(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> Float[np.ndarray, "world action"]:
-        """What each command, in m/s, is worth: minus infinity where the vehicle cannot follow it."""
+        """What each command is worth.
+
+        Args:
+            scene: The state before the step, and the predicted crowd.
+            commands: The commands in m/s.
+
+        Returns:
+            Their values: minus infinity where the vehicle cannot follow the command.
+        """
         arranged = self.aggregate.arrange(scene)
         worlds, actions = commands.shape[:2]
         flat, world = commands.reshape(-1, 2), np.repeat(np.arange(worlds), actions)
