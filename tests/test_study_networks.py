@@ -88,4 +88,4 @@ def test_an_option_may_be_a_table():
     Path("mine.py").write_text(MINE.replace("margin=0.0", "margin=0.0, limits=None"))
     (row,) = read(NETWORKS + "options = { limits = { speed = 1.0, turn = false } }").tables[0].rows
     assert row.runs[0].about["options"] == {"limits": {"speed": 1.0, "turn": False}, "weights": "one"}
-    assert row.label == "mine (limits={speed=1.0, turn=False})"
+    assert row.label == "mine (limits={speed=1.0, turn=false})"
