@@ -25,7 +25,9 @@ def unit(x, y):
         y (float): Second coordinate.
 
     Returns:
-        Tuple[float, float, float]: The unit vector, (1, 0) for the zero vector, and the length of (x, y).
+        x (float): First coordinate of the unit vector; 1 for the zero vector.
+        y (float): Its second coordinate.
+        length (float): The length of (x, y).
     """
     length = math.sqrt(x * x + y * y)
     if length == 0.0:
