@@ -10,6 +10,7 @@ from helpers import Still, drive
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.errors import InputError
+from crowdbench.evaluate import directory
 from crowdbench.evaluate.compare import compare, mcnemar
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
@@ -338,3 +339,22 @@ def test_labels_show_options_as_they_are_written_in_toml():
     label = planner_label("sarl", options, replan_every=8)
     assert label == "sarl (modes=5, limits={max_velocity_change=1.0}, explore=false, replan_every=8)"
     assert planner_label("orca", {}) == "orca"
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc, where nobody can make a file")
+def test_where_nothing_can_be_written_a_run_says_so_and_does_not_wait():
+    command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orca", "--cases", "2", "--out", "/proc/x"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 1
+    assert "/proc/x cannot be written" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_file_system_without_locks_does_without(tmp_path, monkeypatch):
+    def acquire(self):
+        raise NotImplementedError
+
+    monkeypatch.setattr(directory.FileLock, "acquire", acquire)
+    with new_directory(tmp_path / "run", False) as partial:
+        (partial / "result.json").write_text("{}")
+    assert (tmp_path / "run" / "result.json").exists()

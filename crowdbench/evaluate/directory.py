@@ -73,12 +73,26 @@ def _partial(path: Path) -> Iterator[Path]:
     token = secrets.token_hex(4)
     partial, lock = _beside(path, "partial", token), _beside(path, "lock", token)
     try:
-        with FileLock(lock):
+        # First, because FileLock would wait for ever where the file cannot be made.
+        lock.touch()
+        with _held(lock):
             partial.mkdir()
             yield partial
     finally:
         shutil.rmtree(partial, ignore_errors=True)
         lock.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _held(path: Path) -> Iterator[None]:
+    """Hold a lock. On a file system without locks there is none."""
+    lock = FileLock(path, timeout=0)
+    with contextlib.suppress(NotImplementedError):
+        lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _move(partial: Path, path: Path, overwrite: bool) -> None:
