@@ -67,7 +67,7 @@ class Option:
                         return make(**value)
                     except InputError as error:
                         raise InputError(f"in {self.name}, {error}") from error
-        right = "a table with " + " or ".join(", ".join(parameters(part)) for part in self.parts)
+        right = " or ".join(f"a table with {', '.join(parameters(part))}" for part in self.parts)
         raise InputError(f"{self.name} is {value!r}, but must be {'false or ' * self.can_be_off}{right}")
 
     def _makers(self) -> list[tuple[Callable[..., object], set[str], set[str]]]:

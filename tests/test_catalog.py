@@ -81,7 +81,9 @@ def test_a_users_planner_may_have_parts_that_are_written_as_tables(tmp_path):
     assert made() == made(pace={}) == {"kind": "Fast", "speed": 0.5, "gain": 2.0, "n": 3}
     assert made(pace={"gain": 1.0}, n=False) == {"kind": "Fast", "speed": 0.5, "gain": 1.0, "n": None}
     assert made(pace={"patience": 3.0}) == {"kind": "Slow", "patience": 3.0, "n": 3}
-    with pytest.raises(InputError, match=r"pace is False, but must be a table with speed, gain or patience$"):
+    with pytest.raises(
+        InputError, match=r"pace is False, but must be a table with speed, gain or a table with patience$"
+    ):
         made(pace=False)
     with pytest.raises(InputError, match=r"mine cannot be made with .*: ZeroDivisionError"):
         made(pace={"patience": 0.0})

@@ -110,7 +110,7 @@ OFFENCES = {
         "asked for 12.7279 m/s, but the vehicle's maximum is 1 m/s (case 2, step 3)",
     ),
     "meddling": (meddle, "observation", "changes obs.pedestrians.velocity (case 0, step 3)"),
-    "dice": (dice_for_case_2, "deterministic", "of commands differ when a new planner sees the same episodes"),
+    "dice": (dice_for_case_2, "deterministic", "of commands differ when it sees the same episodes again"),
 }
 
 
@@ -215,12 +215,25 @@ def test_commands_that_differ_each_time_break_both_repetitions():
     assert set(broken(examined(Dice))) == {"deterministic", "batch"}
 
 
+def test_memory_that_reset_does_not_clear_is_found():
+    class Remembers(Straight):
+        """Drives slower with every call, of whatever case."""
+
+        calls = 0
+
+        def plan(self, obs):
+            self.calls += 1
+            return super().plan(obs) / (1.0 + 0.01 * self.calls)
+
+    assert set(broken(examined(Remembers))) == {"deterministic"}
+
+
 class Lonely(Straight):
-    """Answers otherwise from the third planner on, when each case has one of its own."""
+    """Answers otherwise from the second planner on, when each case has one of its own."""
 
     def __init__(self, made, answer):
         made.append(self)
-        self.answer = answer if len(made) > 2 else super().plan
+        self.answer = answer if len(made) > 1 else super().plan
 
     def plan(self, obs):
         return self.answer(obs)

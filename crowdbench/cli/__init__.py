@@ -38,6 +38,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 
 app = typer.Typer(
     add_completion=False,
+    rich_markup_mode="markdown",  # joins the lines of a docstring's paragraph
     epilog=f"Add {DEBUG} to any command to see the traceback of an error.",
 )
 for name, command in COMMANDS.items():

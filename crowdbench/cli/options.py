@@ -23,7 +23,8 @@ OptionOption = Annotated[
     list[str] | None,
     typer.Option(
         "--option",
-        help="An option of the planner or predictor: key=value. Repeatable. crowdbench list planners NAME shows them.",
+        help="An option of the planner or predictor: key=value. Repeatable. `crowdbench list planners NAME` and "
+        "`list predictors NAME` show them.",
     ),
 ]
 ScenarioOption = Annotated[str, typer.Option(help="Name of a scenario, or a file of your own: ./mine.toml.")]

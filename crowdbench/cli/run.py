@@ -100,7 +100,8 @@ def run(
         changed = "".join(f", {key}={value}" for key, value in changes.items())
         title = f"{planner_label(name, options, replan_every)} on {loaded.name}{changed}, cases {result['cases']}"
         print_table(result_table(title, result["metrics"], metrics))
-        print(f"\nKept in {directory}; {result['recorded']} episodes are recorded (crowdbench view shows them)")
+        shown = f"{result['recorded']} episodes are recorded (crowdbench view shows them)"
+        print(f"\nKept in {directory}; {shown if result['recorded'] else 'no episode is recorded'}")
     if finished.interrupted:
         say(f"crowdbench: interrupted: kept cases {result['cases']}, all that were finished in order, in {directory}")
         sys.exit(INTERRUPTED)

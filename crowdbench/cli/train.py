@@ -28,7 +28,11 @@ def train(
     overrides: SetOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the weights and of everything random in training.")] = 0,
     minutes: Annotated[
-        float | None, typer.Option(min=0.1, help=f"Train for this many minutes instead of {LENGTHS}.")
+        float | None,
+        typer.Option(
+            min=0.1,
+            help=f"Train for this many minutes instead of {LENGTHS}; measuring the network for its card comes after.",
+        ),
     ] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     threads: ThreadsOption = None,

@@ -74,14 +74,17 @@ def check(
         if not witness.raised:
             raise
         raised = str(error)
-    again = _Replay(make, name, decision_limit, witness)
+    again = _Replay(name, decision_limit, witness)
     alone = [cases.indices[row : row + 1] for row in range(len(cases))]
     return [
         Point("exceptions", not raised, raised or f"none in {len(witness.calls)} calls"),
         _decision_time(witness, late, decision_limit),
         *_answers(witness),
-        again.point("deterministic", "when a new planner sees the same episodes", [cases.indices], most=0.0),
-        again.point("batch", "when a case runs alone", alone, most=TIES),
+        # The same planner, so that what it remembers beyond its `reset` is found too.
+        again.point(
+            "deterministic", "when it sees the same episodes again", lambda: witness.planner, [cases.indices], 0.0
+        ),
+        again.point("batch", "when a case runs alone", make, alone, TIES),
     ]
 
 
@@ -175,20 +178,28 @@ def _answers(witness: _Witness) -> Iterator[Point]:
 
 
 class _Replay:
-    """Shows new planners what the first one was shown, and compares their commands with its own."""
+    """Shows planners again what the first one was shown, and compares their commands with its own."""
 
-    def __init__(self, make: Callable[[], Planner], name: str, decision_limit: float, first: _Witness) -> None:
-        self.make, self.name, self.decision_limit, self.first = make, name, decision_limit, first
+    def __init__(self, name: str, decision_limit: float, first: _Witness) -> None:
+        self.name, self.decision_limit, self.first = name, decision_limit, first
         in_time = [call for call in first.calls if call.seconds <= decision_limit]
         self.shown = [(call.obs, call.command) for call in in_time if call.command is not None]
 
-    def point(self, name: str, when: str, groups: Sequence[Int[np.ndarray, "case"]], most: float) -> Point:
-        """Whether new planners give the same commands.
+    def point(
+        self,
+        name: str,
+        when: str,
+        make: Callable[[], Planner],
+        groups: Sequence[Int[np.ndarray, "case"]],
+        most: float,
+    ) -> Point:
+        """Whether planners give the same commands.
 
         Args:
             name: Name of the point.
             when: When they might not, as said to people.
-            groups: The cases that each new planner is shown.
+            make: The planner for each group.
+            groups: The cases that each planner is shown.
             most: Share of the commands that may differ.
         """
         if not self.shown:
@@ -196,7 +207,7 @@ class _Replay:
         again = [np.full_like(command, np.nan) for _, command in self.shown]
         try:
             for cases in groups:
-                self._drive(cases, again)
+                self._drive(make(), cases, again)
         except InputError as error:
             return Point(name, False, f"{when}: {error}")
         before = np.concatenate([command for _, command in self.shown])
@@ -204,12 +215,12 @@ class _Replay:
         share = float(1.0 - same.mean())
         return Point(name, share <= most, f"{share:.2%} of commands differ {when} (at most {most:.0%} may)")
 
-    def _drive(self, cases: Int[np.ndarray, "case"], again: list[np.ndarray]) -> None:
-        """Write into `again` what a new planner answers in the given cases.
+    def _drive(self, planner: Planner, cases: Int[np.ndarray, "case"], again: list[np.ndarray]) -> None:
+        """Write into `again` what a planner answers in the given cases.
 
         Raises InputError where it raises, takes too long, or breaks a point that the first one has kept.
         """
-        witness = _Witness(self.make())
+        witness = _Witness(planner)
         driver = Driver(witness, self.name, self.decision_limit)
         driver.reset(cases)
         for (obs, _), commands in zip(self.shown, again, strict=True):

@@ -62,7 +62,9 @@ def examine(answer: object, max_speed: Float[np.ndarray, "world"], *steps: int) 
     finite = np.isfinite(each).all(axis=2)
     speed = norm(np.where(finite[..., None], each, 0.0))
     fast = speed > max_speed[:, None] * (1 + SPEED_TOLERANCE)
-    points["finite"], points["speed"] = None, None
+    points["finite"] = None
+    if finite.any():
+        points["speed"] = None
     if not finite.all():
         row, ahead = np.argwhere(~finite)[0].tolist()
         what = f"returned {each[row, ahead].tolist()}, but a velocity must be finite"

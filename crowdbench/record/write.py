@@ -41,7 +41,7 @@ class Recorder:
         self._path = path
         self._run = {"planner": planner, "scenario": scenario, "scenario_digest": scenario_digest, "cases": cases}
         # The viewer lists the file by this name, and warns of other characters.
-        self._application = re.sub(r"[^A-Za-z0-9 _.-]", "-", f"{planner} on {scenario}")
+        self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{planner} on {scenario}")
         self._extents: list[Float[np.ndarray, "2 2"]] = []
         self._plotted: dict[str, None] = {}
 

@@ -39,7 +39,8 @@ class ValueRequest(Request):
     @property
     def use(self) -> str:
         """See `Request`."""
-        return f"run --planner {self.network}"
+        # The planner `sarl` is privileged, as published.
+        return f"run --planner {'sarl_cvm' if self.network == 'sarl' else self.network}"
 
     def training(self, device: str) -> Training:
         """See `Request`. Raises InputError where there is no such scenario or predictor."""
