@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -27,6 +28,9 @@ from crowdbench.cli.options import (
 )
 from crowdbench.errors import InputError
 from crowdbench.settings import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
+
+if TYPE_CHECKING:
+    from crowdbench.evaluate.metrics import Metric
 
 RECORD_HELP = (
     f"Episodes to record: failures ({MOST_FAILURES} at most, and the first {FIRST_RECORDED} cases), all or none."
@@ -91,17 +95,22 @@ def run(
             overwrite=overwrite,
             progress=tell,
         )
-    result = finished.result
     if as_json:
-        print(json.dumps(result, indent=2))
+        print(json.dumps(finished.result, indent=2))
     else:
-        from crowdbench.cli.tables import result_table
-
         changed = "".join(f", {key}={value}" for key, value in changes.items())
-        title = f"{planner_label(name, options, replan_every)} on {loaded.name}{changed}, cases {result['cases']}"
-        print_table(result_table(title, result["metrics"], metrics))
-        shown = f"{result['recorded']} episodes are recorded (crowdbench view shows them)"
-        print(f"\nKept in {directory}; {shown if result['recorded'] else 'no episode is recorded'}")
+        what = f"{planner_label(name, options, replan_every)} on {loaded.name}{changed}"
+        _print_result(what, finished.result, metrics, directory)
     if finished.interrupted:
-        say(f"crowdbench: interrupted: kept cases {result['cases']}, all that were finished in order, in {directory}")
+        kept = finished.result["cases"]
+        say(f"crowdbench: interrupted: kept cases {kept}, all that were finished in order, in {directory}")
         sys.exit(INTERRUPTED)
+
+
+def _print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path) -> None:
+    """Print the table of a run, and where its files are."""
+    from crowdbench.cli.tables import result_table
+
+    print_table(result_table(f"{what}, cases {result['cases']}", result["metrics"], metrics))
+    shown = f"{result['recorded']} episodes are recorded (crowdbench view shows them)"
+    print(f"\nKept in {directory}; {shown if result['recorded'] else 'no episode is recorded'}")

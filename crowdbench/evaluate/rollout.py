@@ -133,7 +133,14 @@ class _States:
         self.steps[rows] = t + 1
 
     def log(self, rows: Int[np.ndarray, "running"], t: int, name: str, values: np.ndarray) -> None:
-        """Keep what the planner logs at step `t`."""
+        """Keep what the planner logs.
+
+        Args:
+            rows: The worlds that are running.
+            t: The number of the step, from 0.
+            name: What the planner calls it.
+            values: One entry for each of these worlds.
+        """
         shape = (len(self.outcome), self.gap.shape[1], *np.shape(values)[1:])
         if name not in self.logs:
             self.logs[name] = np.full(shape, np.nan)
