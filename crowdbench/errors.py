@@ -1,5 +1,63 @@
-"""The one error that is meant for the user."""
+"""The one error that is meant for the user, and how it is made of whatever a plug-in raises."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+from collections.abc import Iterator
+
+LONGEST = 500
+"""Characters of somebody else's message that are shown."""
 
 
 class InputError(ValueError):
     """Something the user gave is wrong. The message is one sentence: what, where, and what would be right."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C or SIGTERM has arrived. Only crowdbench's own handlers raise it, never a plug-in."""
+
+
+@contextlib.contextmanager
+def plugin_errors(beginning: str, where: str = "") -> Iterator[None]:
+    """Turn whatever a plug-in raises, even SystemExit, into an InputError.
+
+    Args:
+        beginning: How the sentence begins, such as `metric mine raised`. The exception's type and message follow.
+        where: What is put between type and message, such as ` in reset()`.
+
+    Raises:
+        InputError: The plug-in raised something. An InputError of its own stays as it is.
+        KeyboardInterrupt: Somebody interrupted it.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except BaseException as error:
+        if is_interrupt(error):
+            raise
+        raise InputError(f"{beginning} {described(error, where)}") from error
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether an exception comes from Ctrl-C or SIGTERM, and not from a plug-in that raises KeyboardInterrupt."""
+    # Where Python's own handler is in place, the two look alike.
+    own = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    return isinstance(error, Interrupted if own else KeyboardInterrupt)
+
+
+def described(error: BaseException, where: str = "") -> str:
+    """An exception in one line: its type, and its message if it has one that can be read.
+
+    Args:
+        error: The exception.
+        where: What is put between the two, such as ` in reset()`.
+    """
+    try:
+        message = " ".join(str(error).split())[:LONGEST]
+    except BaseException as unreadable:
+        if is_interrupt(unreadable):
+            raise
+        message = "its message cannot be read"
+    return f"{type(error).__name__}{where}" + (f": {message}" if message else "")

@@ -8,9 +8,11 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
+from crowdbench.errors import Interrupted
+
 
 class Interrupts:
-    """Delays interrupts: in a `with` statement they are noted, and KeyboardInterrupt is raised in `let_through` only.
+    """Delays interrupts: in a `with` statement they are noted, and `Interrupted` is raised in `let_through` only.
 
     Outside the main thread, where no signal arrives, it does nothing.
 
@@ -35,11 +37,11 @@ class Interrupts:
 
     @contextlib.contextmanager
     def let_through(self) -> Iterator[None]:
-        """Where an interrupt raises KeyboardInterrupt, at once if it arrived before."""
+        """Where an interrupt raises `Interrupted`, at once if it arrived before."""
         self._open = True
         try:
             if self.asked:
-                raise KeyboardInterrupt
+                raise Interrupted
             yield
         finally:
             self._open = False
@@ -47,4 +49,4 @@ class Interrupts:
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
         if self._open:
-            raise KeyboardInterrupt
+            raise Interrupted

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, plugin_errors
 from crowdbench.plugin_options import read_options, takes_any
 
 _PACKAGE = Path(__file__).parent
@@ -68,12 +68,8 @@ class Kind:
             return spec, function_of(self.folder / f"{spec}.py", self.function)
         for entry in self._installed():
             if entry.name == spec:
-                try:
+                with plugin_errors(f"the installed {self.word} {spec} cannot be loaded:"):
                     return spec, entry.load()
-                except (Exception, SystemExit) as error:
-                    raise InputError(
-                        f"the installed {self.word} {spec} cannot be loaded: {type(error).__name__}: {error}"
-                    ) from error
         known = ", ".join(name for name, _ in self.names())
         raise InputError(f"no {self.word} is called {spec!r}; there are {known}, or give a file: ./mine.py")
 
@@ -129,10 +125,8 @@ def load_module(path: Path) -> ModuleType:
     sys.modules[name] = module
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
-    try:
+    with plugin_errors(f"{path} cannot be loaded:"):
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{path} cannot be loaded: {type(error).__name__}: {error}") from error
     return module
 
 
@@ -158,15 +152,11 @@ def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) 
     for option in options:
         if option not in known and not any_name:
             raise InputError(f"{name} has no option {option!r}; its options are: {', '.join(known) or 'none'}")
-    try:
+    with plugin_errors(f"{name} cannot be made with {dict(options)}:"):
         arguments = {
             option: known[option].argument(value) if option in known else value for option, value in options.items()
         }
         return factory(**arguments)
-    except InputError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{name} cannot be made with {dict(options)}: {type(error).__name__}: {error}") from error
 
 
 def source(spec: str) -> str | None:

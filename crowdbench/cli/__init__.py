@@ -17,7 +17,7 @@ from typer.exceptions import TyperException
 
 from crowdbench.cli import bench, check, evaluate_predictor, listing, results, run, study, train
 from crowdbench.cli.options import INTERRUPTED
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, Interrupted
 
 DEBUG = "--debug"
 
@@ -64,7 +64,8 @@ def main() -> None:
     """The entry point. It prints one sentence for an error of the user, and exits with a status other than 0."""
     debug = DEBUG in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
     try:
         status = app(arguments, standalone_mode=False)
         if status == INTERRUPTED:
@@ -84,4 +85,4 @@ def main() -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
+    raise Interrupted

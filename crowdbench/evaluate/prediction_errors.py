@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, plugin_errors
 from crowdbench.evaluate.summary import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.geometry import norm
 from crowdbench.predict import Prediction, Predictor
@@ -222,12 +222,8 @@ def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _C
 
 def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> Prediction:
     """What a predictor predicts. Raises InputError where it raises, or returns anything but a finite prediction."""
-    try:
+    with plugin_errors(f"predictor {name} raised"):
         prediction = predictor.predict(obs, ahead)
-    except InputError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise InputError(f"predictor {name} raised {type(error).__name__}: {error}") from error
     if not isinstance(prediction, Prediction):
         raise InputError(f"predictor {name} returned a {type(prediction).__name__} instead of a Prediction")
     for word, values in (("positions", prediction.position), ("velocities", prediction.velocity)):

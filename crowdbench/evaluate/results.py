@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, plugin_errors
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.summary import Estimate, summarize
 from crowdbench.types import Outcome, Trace
@@ -166,10 +166,8 @@ def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int 
 
 
 def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
-    try:
+    with plugin_errors(f"metric {name} raised"):
         values = metric(trace)
-    except (Exception, SystemExit) as error:
-        raise InputError(f"metric {name} raised {type(error).__name__}: {error}") from error
     if not isinstance(values, np.ndarray) or values.shape != (len(trace),) or values.dtype.kind not in "bfiu":
         found = (
             f"shape {list(values.shape)} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from numba import njit
 
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, plugin_errors
 from crowdbench.geometry import heading_of, turn
 from crowdbench.sim.episode import StepCheck, check_step
 from crowdbench.sim.pedestrians import PedestrianPolicy
@@ -48,10 +48,8 @@ def _without_vehicle(world: World) -> World:
 
 
 def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarray, "world pedestrian 2"]:
-    try:
+    with plugin_errors(f"pedestrian policy {name} raised"):
         velocity = policy.velocities(world, world.parameters[name])
-    except (Exception, SystemExit) as error:
-        raise InputError(f"pedestrian policy {name} raised {type(error).__name__}: {error}") from error
     expected = (len(world), world.position.shape[1] - 1, 2)
     if not isinstance(velocity, np.ndarray) or velocity.shape != expected or velocity.dtype != np.float64:
         found = f"{velocity.dtype} of shape {velocity.shape}" if isinstance(velocity, np.ndarray) else repr(velocity)
