@@ -9,8 +9,11 @@ BATCH = 500
 HORIZON = 8
 """Number of steps for which predictors are measured."""
 
-RECORD = ("failures", "all", "none")
-"""Which episodes are recorded: see `MOST_FAILURES` and `FIRST_RECORDED`."""
+RECORD = ("failures", "all", "commands", "none")
+"""What is recorded: the commands of all cases unless it is "none", and with `WITH_EPISODES` episodes for the viewer."""
+
+WITH_EPISODES = ("failures", "all")
+"""Which episodes the viewer can show: see `MOST_FAILURES` and `FIRST_RECORDED`."""
 
 FIRST_RECORDED = 10
 """With "failures": so many of the first cases are recorded, whatever their outcome."""

@@ -49,7 +49,7 @@ def test_a_run_leaves_a_table_a_result_its_episodes_and_a_recording(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "success_rate" in done.stdout
     run = tmp_path / "runs" / "orca-circle_crossing_5-12"
-    assert {path.name for path in run.iterdir()} == {"result.json", "episodes.csv", "run.rrd"}
+    assert {path.name for path in run.iterdir()} == {"result.json", "episodes.csv", "commands.parquet", "run.rrd"}
     again = crowdbench("run", "--planner", "orca", "--cases", "12")
     assert again.returncode == 1
     assert again.stderr.startswith("crowdbench: ")
@@ -94,7 +94,7 @@ def test_json_is_all_that_json_prints():
         (["run", "--planner", "orca", "--set", "collision"], "write --set key=value"),
         (["run", "--planner", "orca", "--set", "vehicle.visable=true"], "unknown key vehicle.visable"),
         (["run", "--planner", "orca", "--option", "margin=1"], "its options are: safety_space"),
-        (["run", "--planner", "orca", "--record", "some"], "failures, all, none"),
+        (["run", "--planner", "orca", "--record", "some"], "failures, all, commands, none"),
         (["run", "--planner", "orca", "--threads", "4096"], "--threads 4096 is more than"),
         (["run", "--planner", "orca", "--pedestrians", "zombies"], "no pedestrian policy is called 'zombies'"),
         (["run", "--planner", "orca", "--nonsense"], "--nonsense"),

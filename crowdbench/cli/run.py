@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from crowdbench.evaluate.metrics import Metric
 
 RECORD_HELP = (
-    f"Episodes to record: failures ({MOST_FAILURES} at most, and the first {FIRST_RECORDED} cases), all or none."
+    f"What to record: episodes for the viewer (failures: {MOST_FAILURES} at most, and the first {FIRST_RECORDED} "
+    "cases; or all), only the commands, with which `crowdbench score --replay` simulates the cases again, or none."
 )
 
 

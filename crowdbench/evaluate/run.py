@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from llvmlite.binding import get_host_cpu_name
 
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
@@ -23,7 +24,7 @@ from crowdbench.evaluate.rollout import rollout
 from crowdbench.interrupts import Interrupts
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.settings import BATCH, FIRST_RECORDED, MOST_FAILURES
+from crowdbench.settings import BATCH, FIRST_RECORDED, MOST_FAILURES, WITH_EPISODES
 from crowdbench.types import Outcome, Trace
 
 MEMORY = 256e6
@@ -57,7 +58,9 @@ def run(
     overwrite: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> Finished:
-    """Drive a planner through cases, measure, and write `result.json`, `episodes.csv` and the recording `run.rrd`.
+    """Drive a planner through cases, measure, and write `result.json`, `episodes.csv` and what is recorded.
+
+    These are the commands of all cases in `commands.parquet`, and episodes in `run.rrd`.
 
     An interrupt (Ctrl-C) keeps the batches that are finished. They are the first cases, so that their rates are not
     biased towards short episodes.
@@ -70,7 +73,7 @@ def run(
         metrics: What is measured, by name.
         about: More that `result.json` says of the run.
         replan_every: Steps between two observations of the planner, as in `rollout`.
-        record: Which episodes are recorded, one of `settings.RECORD`; with "none" there is no recording.
+        record: What is recorded, one of `settings.RECORD`.
         batch: Cases that run in lock-step, fewer where their traces would take too much memory.
         overwrite: Whether an earlier run in `out` is replaced.
         progress: Called with the number of episodes that ended in a step.
@@ -85,10 +88,13 @@ def run(
     start = time.perf_counter()
     label = planner_label(driver.name, about.get("options", {}), replan_every)
     with Interrupts() as interrupts, new_directory(out, overwrite) as directory:
-        with _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep:
+        with (
+            _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep,
+            _command_writer(record, directory) as keep_commands,
+        ):
             parts: list[Episodes] = []
             recorded = 0
-            for part in cases.batches(_fitting(batch, scenario)):
+            for part in cases.batches(fitting(batch, scenario)):
                 try:
                     with interrupts.let_through():
                         trace = rollout(
@@ -96,7 +102,7 @@ def run(
                             scenario,
                             part,
                             replan_every=replan_every,
-                            keep_logs=record != "none",
+                            keep_logs=record in WITH_EPISODES,
                             progress=progress,
                         )
                 except KeyboardInterrupt:
@@ -105,6 +111,7 @@ def run(
                     break
                 parts.append(Episodes.of(trace, metrics))
                 recorded += keep(trace, parts[-1], part.start - cases.start)
+                keep_commands(trace)
         episodes = Episodes.joined(parts)
         driven = Cases(cases.split, cases.start, cases.start + len(episodes))
         result = _result(driver, scenario, driven, episodes, {"replan_every": replan_every, **about}, recorded, start)
@@ -137,13 +144,15 @@ def _result(
             "decision_ms_per_step": 1e3 * driver.seconds / int(episodes.steps.sum()),
             "seconds": time.perf_counter() - start,
         },
-        "versions": _versions(),
+        "versions": versions(),
     }
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """What the last bits of a result depend on: versions of packages, and the kind of the machine."""
     packages = {name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba", "scipy")}
-    return {"python": platform.python_version(), **packages}
+    machine = f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
+    return {"python": platform.python_version(), **packages, "machine": machine}
 
 
 def directory_name(planner: str, scenario: str, cases: Cases, changes: Mapping[str, Any]) -> str:
@@ -162,7 +171,8 @@ def directory_name(planner: str, scenario: str, cases: Cases, changes: Mapping[s
     return re.sub(r"[^A-Za-z0-9_.=-]+", "_", "-".join(parts))[:200]
 
 
-def _fitting(batch: int, scenario: Scenario) -> int:
+def fitting(batch: int, scenario: Scenario) -> int:
+    """How many cases run in lock-step: `batch`, or fewer where their traces would take too much memory."""
     # Positions and velocities of every state, and as much again for what metrics make of them.
     each = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
     return max(1, min(batch, int(MEMORY / each)))
@@ -184,7 +194,7 @@ def _recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: 
         scenario: The scenario.
         cases: The number of cases of the run.
     """
-    if record == "none":
+    if record not in WITH_EPISODES:
         yield lambda trace, episodes, offset: 0
         return
     from crowdbench.record.write import Recorder
@@ -204,3 +214,15 @@ def _recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: 
             return int(wanted.sum())
 
         yield keep
+
+
+@contextlib.contextmanager
+def _command_writer(record: str, directory: Path) -> Iterator[Callable[[Trace], None]]:
+    """A function that keeps the commands of a batch in `directory`, unless nothing is recorded."""
+    if record == "none":
+        yield lambda trace: None
+        return
+    from crowdbench.evaluate.commands import COMMANDS, writing
+
+    with writing(directory / COMMANDS) as write:
+        yield write
