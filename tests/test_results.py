@@ -1,4 +1,6 @@
+import io
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -7,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import Still, drive
+from rich.console import Console
 
 from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.cli.tables import comparison_table, result_table
 from crowdbench.errors import InputError
 from crowdbench.evaluate import directory
 from crowdbench.evaluate.compare import compare, mcnemar
@@ -248,7 +252,8 @@ def test_a_directory_appears_whole_or_not_at_all(tmp_path):
     ("metric", "expected"),
     [
         (lambda trace: 1 / 0, "metric mine raised ZeroDivisionError"),
-        (lambda trace: np.full(len(trace), np.inf), "metric mine is infinite in case 0"),
+        (lambda trace: np.full(len(trace), np.inf), "metric mine is inf in case 0, but must not be"),
+        (lambda trace: np.full(len(trace), -1e308), "metric mine is -1e\\+308 in case 0, but must not be"),
         (lambda trace: sys.exit(), "metric mine raised SystemExit"),
         (lambda trace: 3.0, "metric mine returned float"),
         (lambda trace: trace.gap, "metric mine returned shape"),
@@ -258,6 +263,44 @@ def test_a_directory_appears_whole_or_not_at_all(tmp_path):
 def test_a_broken_metric_gets_one_sentence(tmp_path, metric, expected):
     with pytest.raises(InputError, match=expected):
         go(tmp_path / "a", cases="3", metrics={"mine": metric})
+
+
+def text(table):
+    with io.StringIO() as file:
+        Console(file=file, width=200).print(table)
+        return file.getvalue()
+
+
+def test_only_booleans_are_rates_whatever_a_metric_is_called(tmp_path):
+    def mistake_rate(trace):
+        """Mistakes in a minute [1/min]."""
+        return np.full(len(trace), 3.5)
+
+    metrics = {"success_rate": METRICS["success_rate"], "mistake_rate": mistake_rate}
+    result = go(tmp_path / "a", cases="5", metrics=metrics).result
+    assert result["rates"] == ["success_rate"]
+    shown = text(result_table("", result, metrics))
+    assert re.search(r"success_rate +[\d.]+ %", shown)
+    assert re.search(r"mistake_rate +3\.500 1/min", shown)
+    compared = text(comparison_table(compare(tmp_path / "a", tmp_path / "a")))
+    assert re.search(r"success_rate +[\d.]+ % +[\d.]+ % +0\.0 +", compared)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "case,outcome,steps\n0,success," + "1" * 150_000,
+        "case,outcome,steps\n0,success," + "1" * 30,
+        "case,outcome,steps,mine\n0,success,1,1e308",
+        "case,outcome,steps,mine,mine\n0,success,1,1,2",
+        "case,outcome,steps",
+        "",
+    ],
+)
+def test_a_table_that_is_none_of_crowdbench_gets_one_sentence(tmp_path, table):
+    (tmp_path / "episodes.csv").write_text(table)
+    with pytest.raises(InputError, match="is not a table of episodes"):
+        Episodes.read(tmp_path / "episodes.csv")
 
 
 def test_a_comparison_is_paired_by_case(tmp_path):

@@ -77,3 +77,9 @@ def test_scipys_statistics_are_imported_only_when_something_is_summarized():
         "print('scipy.stats' in sys.modules)"
     )
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "False\n"
+
+
+def test_rounding_leaves_no_mean_outside_its_interval():
+    rates = [wilson(np.ones(n, bool)) for n in range(1, 600, 7)]
+    means = [bootstrap(np.full(n, 0.7), np.arange(1.0, n + 1)) for n in range(1, 60, 7)]
+    assert [each for each in rates + means if not each.low <= each.mean <= each.high] == []

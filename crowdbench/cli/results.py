@@ -56,7 +56,7 @@ def score(
         print(json.dumps(scored.to_json(), indent=2))
     elif scored.complete:
         title = f"{scored.planner} on {scored.scenario}, from {recording}"
-        print_table(result_table(title, scored.to_json()["metrics"], metrics))
+        print_table(result_table(title, scored.to_json(), metrics))
     else:
         print_table(episodes_table(scored.cases, scored.episodes))
 

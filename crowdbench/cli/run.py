@@ -112,6 +112,6 @@ def _print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Me
     """Print the table of a run, and where its files are."""
     from crowdbench.cli.tables import result_table
 
-    print_table(result_table(f"{what}, cases {result['cases']}", result["metrics"], metrics))
+    print_table(result_table(f"{what}, cases {result['cases']}", result, metrics))
     shown = f"{result['recorded']} episodes are recorded (crowdbench view shows them)"
     print(f"\nKept in {directory}; {shown if result['recorded'] else 'no episode is recorded'}")

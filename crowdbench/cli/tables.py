@@ -17,21 +17,21 @@ from crowdbench.evaluate.results import Episodes
 from crowdbench.types import Outcome
 
 
-def result_table(title: str, estimates: Mapping[str, Mapping[str, Any]], metrics: Mapping[str, Metric]) -> Table:
+def result_table(title: str, result: Mapping[str, Any], metrics: Mapping[str, Metric]) -> Table:
     """The metrics of a run with their intervals.
 
     Args:
         title: Title of the table.
-        estimates: The metrics, as in `result.json`.
+        result: The estimates of the metrics and which of them are rates, as in `result.json`.
         metrics: Their functions, whose docstrings name the units.
     """
     table = _table(
         title, ("metric", "left"), ("mean", "right"), ("95 % interval", "left"), ("max", "right"), ("n", "right")
     )
-    for name, estimate in estimates.items():
+    for name, estimate in result["metrics"].items():
         if estimate["n"]:
-            unit = _unit(name, metrics)
-            share = unit == "%"
+            share = name in result["rates"]
+            unit = "%" if share else _unit(metrics[name])
             interval = f"{_number(estimate['low'], share)} to {_number(estimate['high'], share)}"
             largest = "" if share else _number(estimate["max"])
             table.add_row(name, f"{_number(estimate['mean'], share)} {unit}", interval, largest, str(estimate["n"]))
@@ -73,8 +73,8 @@ def comparison_table(found: Comparison) -> Table:
             share = row.p is not None
             low, high = _number(row.difference.low, share), _number(row.difference.high, share)
             p = "" if row.p is None else f"{row.p:.2g}"
-            values = (_number(value, share) for value in (row.a, row.b, row.difference.mean))
-            table.add_row(name, *values, f"{low} to {high}", p)
+            a, b = (_number(value, share) + (" %" if share else "") for value in (row.a, row.b))
+            table.add_row(name, a, b, _number(row.difference.mean, share), f"{low} to {high}", p)
     return table
 
 
@@ -196,12 +196,10 @@ def _table(title: str, *columns: tuple[str, Any]) -> Table:
     return table
 
 
-def _unit(name: str, metrics: Mapping[str, Metric]) -> str:
-    """The unit in brackets at the end of the metric's first docstring line; rates are shown in per cent."""
-    first = (metrics[name].__doc__ or "").partition("\n")[0]
+def _unit(metric: Metric) -> str:
+    """The unit in brackets at the end of the metric's first docstring line."""
+    first = (metric.__doc__ or "").partition("\n")[0]
     unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
-    if name.endswith("_rate"):
-        return "%"
     return "" if unit == "1" else unit
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import OVER_ALL, POOLED
 from crowdbench.evaluate.results import EPISODES, Episodes, planner_label, read_result
-from crowdbench.evaluate.summary import NOTHING, Estimate, bootstrap_distribution, interval, weighted_mean
+from crowdbench.evaluate.summary import NOTHING, Estimate, around, bootstrap_distribution, interval, weighted_mean
 from crowdbench.scenario.digest import digest_of
 
 
@@ -100,7 +100,7 @@ def _paired(*columns: Float[np.ndarray, "case"]) -> tuple[float, float, Estimate
     if len(x) == 0:
         return math.nan, math.nan, NOTHING
     a, b = float(weighted_mean(x, x_weights)), float(weighted_mean(y, y_weights))
-    low, high = interval(bootstrap_distribution(_mean_difference, *columns))
+    low, high = around(b - a, *interval(bootstrap_distribution(_mean_difference, *columns)))
     return a, b, Estimate(b - a, low, high, len(x), float((y - x).max()))
 
 

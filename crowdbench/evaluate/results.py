@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from crowdbench.errors import InputError, plugin_errors
+from crowdbench.errors import InputError, described, plugin_errors
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.summary import Estimate, summarize
 from crowdbench.types import Outcome, Trace
@@ -22,6 +22,9 @@ from crowdbench.types import Outcome, Trace
 RESULT = "result.json"
 EPISODES = "episodes.csv"
 RECORDING = "run.rrd"
+
+LARGEST = 1e150
+"""Values of metrics are not beyond this, so that neither their sum nor a square overflows."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,11 @@ class Episodes:
             {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
         )
 
+    @property
+    def rates(self) -> list[str]:
+        """The names of the metrics that are rates: those whose values are booleans."""
+        return [name for name, values in self.columns.items() if values.dtype == bool]
+
     def take(self, rows: Shaped[np.ndarray, "row"]) -> Episodes:
         """The given rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
@@ -96,13 +104,15 @@ class Episodes:
             with path.open(newline="", encoding="utf-8") as file:
                 header, *rows = list(csv.reader(file))
             by_name = dict(zip(header, zip(*rows, strict=True), strict=True))
-            case, steps = (np.array([int(text) for text in by_name.pop(name)]) for name in ("case", "steps"))
+            if len(by_name) < len(header):
+                raise ValueError("two columns have the same name")
+            case, steps = (np.array([int(text) for text in by_name.pop(name)], np.int64) for name in ("case", "steps"))
             outcome = np.array([Outcome[text.upper()] for text in by_name.pop("outcome")], np.int64)
             return cls(case, outcome, steps, {name: _values(texts) for name, texts in by_name.items()})
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror}") from None
-        except (ValueError, KeyError) as error:
-            raise InputError(f"{path} is not a table of episodes as crowdbench writes it: {error}") from None
+        except (ValueError, KeyError, OverflowError, csv.Error) as error:
+            raise InputError(f"{path} is not a table of episodes as crowdbench writes it: {described(error)}") from None
 
 
 def read_result(directory: Path) -> dict[str, Any]:
@@ -175,10 +185,18 @@ def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "cas
         raise InputError(
             f"metric {name} returned {found}, but must return one number or boolean per episode, [{len(trace)}]"
         )
-    if np.isinf(values).any():
-        case = trace.case[np.isinf(values).argmax()]
-        raise InputError(f"metric {name} is infinite in case {case}: what is undefined is NaN")
-    return values if values.dtype == bool else values.astype(np.float64)
+    if values.dtype == bool:
+        return np.array(values)
+    with np.errstate(over="ignore"):  # where float64 holds less than the metric's type
+        values = np.array(values, np.float64)
+    large = np.abs(values) > LARGEST
+    if large.any():
+        row = int(large.argmax())
+        raise InputError(
+            f"metric {name} is {values[row]:g} in case {trace.case[row]}, but must not be beyond {LARGEST:g}: "
+            "what is undefined is NaN"
+        )
+    return values
 
 
 def _texts(values: Shaped[np.ndarray, "case"]) -> list[str]:
@@ -190,4 +208,7 @@ def _texts(values: Shaped[np.ndarray, "case"]) -> list[str]:
 def _values(texts: tuple[str, ...]) -> Shaped[np.ndarray, "case"]:
     if set(texts) <= {"true", "false"}:
         return np.array([text == "true" for text in texts])
-    return np.array([float(text) if text else math.nan for text in texts])
+    values = np.array([float(text) if text else math.nan for text in texts])
+    if (np.abs(values) > LARGEST).any():
+        raise ValueError(f"a value is beyond {LARGEST:g}")
+    return values

@@ -140,6 +140,7 @@ def _result(
         "recorded": recorded,
         "outcomes": {outcome.label: int((episodes.outcome == outcome).sum()) for outcome in list(Outcome)[1:]},
         "metrics": to_json(episodes.summary()),
+        "rates": episodes.rates,
         "timing": {
             "decision_ms_per_step": 1e3 * driver.seconds / int(episodes.steps.sum()),
             "seconds": time.perf_counter() - start,

@@ -51,8 +51,10 @@ class Score:
         ]
         for row in rows:
             row |= {name: None for name, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
-        metrics = {"metrics": to_json(self.episodes.summary())} if self.complete else {}
-        return {"planner": self.planner, "scenario": self.scenario, "cases": self.cases, "episodes": rows, **metrics}
+        found = {"planner": self.planner, "scenario": self.scenario, "cases": self.cases, "episodes": rows}
+        if self.complete:
+            found |= {"metrics": to_json(self.episodes.summary()), "rates": self.episodes.rates}
+        return found
 
 
 def score(path: Path, metrics: Mapping[str, Metric]) -> Score:

@@ -61,8 +61,9 @@ def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
     from scipy.stats import binomtest
 
     n = len(values)
-    interval = binomtest(int(values.sum()), n).proportion_ci(CONFIDENCE, method="wilson")
-    return Estimate(float(values.mean()), float(interval.low), float(interval.high), n, float(values.max()))
+    mean = float(values.mean())
+    found = binomtest(int(values.sum()), n).proportion_ci(CONFIDENCE, method="wilson")
+    return Estimate(mean, *around(mean, float(found.low), float(found.high)), n, float(values.max()))
 
 
 def bootstrap(values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"]) -> Estimate:
@@ -76,8 +77,9 @@ def bootstrap(values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "cas
     values, weights = values[defined], weights[defined]
     if len(values) == 0:
         return NOTHING
-    low, high = interval(bootstrap_distribution(weighted_mean, values, weights))
-    return Estimate(float(weighted_mean(values, weights)), low, high, len(values), float(values.max()))
+    mean = float(weighted_mean(values, weights))
+    low, high = around(mean, *interval(bootstrap_distribution(weighted_mean, values, weights)))
+    return Estimate(mean, low, high, len(values), float(values.max()))
 
 
 def weighted_mean(
@@ -124,6 +126,17 @@ def bootstrap_distribution(
         rng=np.random.default_rng(_SEED),
     )
     return found.bootstrap_distribution
+
+
+def around(mean: float, low: float, high: float) -> tuple[float, float]:
+    """The bounds of an interval that contains the mean: rounding may put a bound on its other side.
+
+    Args:
+        mean: The mean.
+        low: The lower bound.
+        high: The upper bound.
+    """
+    return min(low, mean), max(high, mean)
 
 
 def interval(values: Float[np.ndarray, "resample"]) -> tuple[float, float]:
