@@ -1,8 +1,10 @@
-"""Files that appear under their name only once they are complete."""
+"""Files that appear under their name only once they are complete, and files that can be read to their end."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import glob
 import os
 import secrets
 from collections.abc import Iterator
@@ -18,3 +20,15 @@ def whole(path: Path) -> Iterator[Path]:
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def half_written(path: Path) -> list[Path]:
+    """What killed processes have left of files that were to become `path` by `whole`."""
+    return sorted(path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 8}"))
+
+
+def read_regular(path: Path) -> bytes:
+    """The content of a file. Raises OSError where it cannot be read, or may never end, like a pipe or a device."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    return path.read_bytes()

@@ -249,7 +249,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
         (["mlp"], "no network is called 'mlp'; there are cadrl, lstm_rl, sarl"),
         (["cadrl", "--episodes", "9", "--minutes", "1"], "--minutes and --episodes both say how long to train"),
         (["cadrl", "--device", "abacus"], "nothing can be trained on the device 'abacus'"),
-        (["cadrl", "--resume", "nowhere"], "there is no checkpoint nowhere/checkpoint.safetensors"),
+        (["cadrl", "--resume", "nowhere"], "there is no directory nowhere: name the one of a training with --resume"),
         (["cadrl", "--set", "pedestrians.number=-1"], "pedestrians.number is -1, but must be"),
         (["cadrl", "--held-out", "eth"], "--held-out is not for cadrl"),
         (["sgan", "--episodes", "9"], "--episodes is not for sgan"),

@@ -35,6 +35,8 @@ def test_a_network_that_does_not_exist_is_refused():
         ("sgan", {"episodes": 9}, "--episodes is not for sgan, only for cadrl, lstm_rl and sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both say how long to train"),
         ("sgan", {"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
+        ("sarl", {"minutes": float("inf")}, "--minutes is inf, but must be a finite number"),
+        ("sgan", {"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a finite number"),
         ("sgan", {"data": "eth_ucy", "scenario": "circle_crossing_5"}, "--data and --scenario both say what to learn"),
         ("sgan", {"data": "eth_ucy", "overrides": {"seed": 1}}, "--data and --scenario both say what to learn"),
         ("sgan", {"dt": 0.25}, "--held-out and --dt are for recorded tracks: give them with --data"),

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import inspect
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from crowdbench.cli.options import INTERRUPTED, SetOption, ThreadsOption, assignments, use_threads
-from crowdbench.train.method import SCENARIO
+from crowdbench.errors import InputError
+from crowdbench.train.method import MOST_SEED, SCENARIO
 from crowdbench.train.methods import METHODS, check_options, method_of, own_options
 
 if TYPE_CHECKING:
@@ -26,7 +28,12 @@ def train(
         typer.Option(help="Name of the scenario to train in, or a file: ./mine.toml.", show_default=SCENARIO),
     ] = None,
     overrides: SetOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the weights and of everything random in training.")] = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=MOST_SEED, help="Seed of the weights and of everything random in training.", show_default="0"
+        ),
+    ] = None,
     minutes: Annotated[
         float | None,
         typer.Option(
@@ -37,7 +44,11 @@ def train(
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     threads: ThreadsOption = None,
     resume: Annotated[
-        Path | None, typer.Option(help="Continue the interrupted training in this directory, as it was asked for.")
+        Path | None,
+        typer.Option(
+            help="Continue the interrupted training in this directory, with the options that it was started with; "
+            "only --device and --threads may be others."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -54,16 +65,32 @@ def train(
     from crowdbench.cli.console import announce_compilation
     from crowdbench.train.training_run import TrainingRun
 
-    common = {"scenario": scenario, "overrides": assignments(overrides, "--set") if overrides else None}
-    options = {name: value for name, value in {**common, "minutes": minutes, **own}.items() if value is not None}
-    check_options(network, options)
-    announce_compilation()
+    common = {"scenario": scenario, "overrides": overrides, "seed": seed, "minutes": minutes}
+    options = {name: value for name, value in {**common, **own}.items() if value is not None}
     if resume is not None:
+        _refuse_beside_resume(options if out is None else options | {"out": out})
+        announce_compilation()
         running = TrainingRun.resumed(resume, device)
+        if running.request.network != network:
+            raise InputError(f"the training in {resume} is of {running.request.network}, not of {network}")
     else:
-        request = method_of(network)(network=network, seed=seed, **options)
-        running = TrainingRun.new(request, out or Path("runs") / f"train-{network}-seed{seed}", device)
+        if overrides is not None:
+            options["overrides"] = assignments(overrides, "--set")
+        check_options(network, options)
+        announce_compilation()
+        request = method_of(network)(network=network, **options)
+        running = TrainingRun.new(request, out or Path("runs") / f"train-{network}-seed{request.seed}", device)
     _run(running)
+
+
+def _refuse_beside_resume(given: Mapping[str, Any]) -> None:
+    """Raises InputError where there are options that a resumed training has from its start."""
+    if given:
+        flags = ["--set" if name == "overrides" else f"--{name.replace('_', '-')}" for name in given]
+        raise InputError(
+            f"{', '.join(flags)} cannot be changed with --resume: a training goes on with the options that it was "
+            "started with, except --device and --threads"
+        )
 
 
 def _run(running: TrainingRun) -> None:

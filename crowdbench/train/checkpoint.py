@@ -11,10 +11,10 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, described
 from crowdbench.files import whole
 
 
@@ -40,23 +40,30 @@ def save(state: State, path: Path, about: Mapping[str, Any]) -> None:
         state: The state of the training.
         path: The file.
         about: The request of the training, as JSON.
+
+    Raises:
+        OSError: The file cannot be written. An earlier checkpoint stays as it is.
     """
     curve = [dataclasses.asdict(point) for point in state.curve]
     facts = {"about": dict(about), "facts": dict(state.facts), "curve": curve}
+    content = to_bytes(dict(state.tensors), metadata={"training": json.dumps(facts)})
     with whole(path) as partial:
-        save_file(dict(state.tensors), partial, metadata={"training": json.dumps(facts)})
+        partial.write_bytes(content)
 
 
 def read_about(path: Path) -> dict[str, Any]:
-    """The request in a checkpoint, as JSON. Raises InputError where there is no checkpoint."""
+    """The request in a checkpoint, as JSON. Raises InputError where it is not one."""
     return _metadata(path)["about"]
 
 
 def read(path: Path) -> State:
-    """The state in a checkpoint. Raises InputError where there is no checkpoint."""
+    """The state in a checkpoint. Raises InputError where it is not one, or has a number that is not finite."""
     written = _metadata(path)
     with safe_open(path, "pt") as file:
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no dict)
+    for name, tensor in tensors.items():
+        if not tensor.isfinite().all():
+            raise InputError(f"the checkpoint {path} is damaged: {name} has numbers that are not finite")
     return State(tensors, written["facts"], written["curve"])
 
 
@@ -132,10 +139,13 @@ def renamed(tensors: Mapping[str, Tensor], names: Mapping[str, str]) -> dict[str
 
 
 def _metadata(path: Path) -> dict[str, Any]:
+    """What a checkpoint says of its training: `about`, `facts` and `curve`."""
     try:
         with safe_open(path, "pt") as file:
-            return json.loads((file.metadata() or {})["training"])
-    except FileNotFoundError:
-        raise InputError(f"there is no checkpoint {path}: nothing can be resumed there") from None
-    except (SafetensorError, KeyError, OSError) as error:
-        raise InputError(f"{path} is not a checkpoint of a training: {error}") from None
+            written = json.loads((file.metadata() or {})["training"])
+    except (SafetensorError, OSError, KeyError, ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not a checkpoint of a training: {described(error)}") from None
+    kinds = {"about": dict, "facts": dict, "curve": list}
+    if not (isinstance(written, dict) and all(isinstance(written.get(key), kind) for key, kind in kinds.items())):
+        raise InputError(f"{path} is not a checkpoint of a training: it must have {', '.join(kinds)}")
+    return written

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 SCENARIO = "circle_crossing_mixed"
 """The scenario to train in where none is given."""
 
+MOST_SEED = 10**9
+"""The largest seed: every seed has training cases of its own, whose numbers are 64-bit integers."""
+
 Default = TypeVar("Default")
 
 

@@ -6,6 +6,7 @@ follow from it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -51,12 +52,15 @@ def check_options(network: str, options: Mapping[str, Any]) -> None:
         options: The options that a user has given, by field name of the request.
 
     Raises:
-        InputError: There is no such network, an option is another network's, or two of them set the same.
+        InputError: There is no such network, an option is another network's or not finite, or two set the same.
     """
     method = method_of(network)
     for name, (_, networks) in own_options().items():
         if name in options and network not in networks:
             raise InputError(f"--{name.replace('_', '-')} is not for {network}, only for {_joined(networks)}")
+    for name, value in options.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise InputError(f"--{name.replace('_', '-')} is {value}, but must be a finite number")
     if "minutes" in options and method.length in options:
         raise InputError(f"--minutes and --{method.length} both say how long to train: give one")
     method.check(options)

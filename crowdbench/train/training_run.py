@@ -7,24 +7,20 @@ import csv
 import dataclasses
 import platform
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, described
 from crowdbench.files import whole
 from crowdbench.record import curves
-from crowdbench.train import checkpoint, methods
+from crowdbench.train import checkpoint, directories, methods
+from crowdbench.train.directories import CHECKPOINT, CURVE, RECORDING, WEIGHTS
 from crowdbench.train.method import Request, Training
 from crowdbench.weights.store import save_network
-
-CHECKPOINT = "checkpoint.safetensors"
-CURVE = "curve.csv"
-RECORDING = "training.rrd"
-WEIGHTS = "weights.safetensors"
 
 
 @dataclass(frozen=True)
@@ -49,24 +45,22 @@ class TrainingRun:
 
         Args:
             request: What is asked for.
-            directory: The directory, which must not exist.
+            directory: The directory. There is none, or it is empty, or was left by a training that was killed at once.
             device: `cpu` or `cuda`.
 
         Returns:
             The run.
 
         Raises:
-            InputError: Something that is asked for does not exist, or the directory does.
+            InputError: Something that is asked for does not exist, or the directory holds something or cannot be made.
         """
         _check(device)
+        directories.refuse_taken(directory, request.network)
         training = request.training(device)
         try:
-            directory.mkdir(parents=True)
-        except FileExistsError:
-            raise InputError(
-                f"{directory} exists already: name another place with --out, or go on with what is there: "
-                f"--resume {directory}"
-            ) from None
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{directory} cannot be made: {error.strerror}: name another place with --out") from None
         return cls(request, training, directory, device)
 
     @classmethod
@@ -83,66 +77,125 @@ class TrainingRun:
         Raises:
             InputError: There is no checkpoint, or the training is finished or cannot go on.
         """
-        if (directory / WEIGHTS).exists():
-            raise InputError(f"the training in {directory} is finished: its weights are {directory / WEIGHTS}")
-        about = checkpoint.read_about(directory / CHECKPOINT)
+        path = directory / CHECKPOINT
+        # The checkpoint is the last file that `finish` touches: while it is there, the training is not finished.
+        if not path.exists():
+            raise InputError(directories.why_nothing_goes_on(directory))
+        about = checkpoint.read_about(path)
         _check(device)
-        request = methods.method_of(about["network"])(**about)
+        with _readable(path):
+            request = methods.method_of(about["network"])(**about)
         training = request.training(device)
-        try:
-            training.restore(checkpoint.read(directory / CHECKPOINT))
-        except RuntimeError:
-            raise InputError(
-                f"{directory / CHECKPOINT} is a checkpoint of another network than {request.network}"
-            ) from None
+        state = checkpoint.read(path)
+        with _readable(path):
+            training.restore(state)
         return cls(request, training, directory, device)
 
     def train(self, after_validation: Callable[[Any, float], None]) -> None:
-        """Train to the end, and write a checkpoint after every validation.
+        """Train to the end, and write a checkpoint at the start and after every validation.
 
-        An exception leaves the last checkpoint, and no directory where there is no checkpoint yet.
+        An exception leaves the last checkpoint, and no directory where nothing has been validated yet.
 
         Args:
             after_validation: Called with every new point of the curve, and the progress from 0 to 1.
+
+        Raises:
+            InputError: A file cannot be written, or another process trains in the directory.
         """
 
         def save() -> None:
-            checkpoint.save(self.training.state(), self.directory / CHECKPOINT, dataclasses.asdict(self.request))
-            _write_curve(self.training.curve, self.directory / CURVE)
+            with self._writing():
+                self._save()
             after_validation(self.training.curve[-1], self.training.progress)
 
-        try:
-            self.training.run(save)
-        finally:
-            # Fails where there is a checkpoint in it, as it should.
-            with contextlib.suppress(OSError):
-                self.directory.rmdir()
+        with self._alone():
+            try:
+                if not self.training.curve:
+                    # At once, so that a place where nothing can be written is told before hours of work.
+                    with self._writing():
+                        self._save()
+                self.training.run(save)
+            except BaseException:
+                if not self.training.curve:
+                    directories.remove(self.directory)
+                raise
 
     def finish(self, progress: Callable[[int], None]) -> Path:
         """Measure the best network and write weights, card and curves; the checkpoint is removed.
+
+        Wherever it is killed, the checkpoint is there and can be resumed, and weights only beside their card.
 
         Args:
             progress: Called with the number of the `request.card_cases` that have ended since its last call.
 
         Returns:
             The path of the weights.
+
+        Raises:
+            InputError: A file cannot be written, or another process trains in the directory.
         """
-        points = [dataclasses.asdict(point) for point in self.training.curve]
-        curves.write(self.directory / RECORDING, self.request.command, points)
-        about = {
-            "command": self.request.command,
-            **self.request.card(self.training, progress),
-            "commit": _commit(),
-            "machine": f"{_processor()}, threads: {torch.get_num_threads()}, {self.device}",
-            "versions": {"python": platform.python_version(), "torch": torch.__version__},
-            "licence": "MIT",
-        }
         weights = self.directory / WEIGHTS
-        card = save_network(self.training.best, self.request.network, weights, about)
-        with whole(weights.with_suffix(".md")) as partial:
-            partial.write_text(methods.markdown(card), encoding="utf-8")
-        (self.directory / CHECKPOINT).unlink()
+        with self._alone():
+            about = {
+                "command": self.request.command,
+                **self.request.card(self.training, progress),
+                "commit": _commit(),
+                "machine": f"{_processor()}, threads: {torch.get_num_threads()}, {self.device}",
+                "versions": {"python": platform.python_version(), "torch": torch.__version__},
+                "licence": "MIT",
+            }
+            with self._writing():
+                points = [dataclasses.asdict(point) for point in self.training.curve]
+                curves.write(self.directory / RECORDING, self.request.command, points)
+                card = save_network(self.training.best, self.request.network, weights, about)
+                with whole(weights.with_suffix(".md")) as partial:
+                    partial.write_text(methods.markdown(card), encoding="utf-8")
+                (self.directory / CHECKPOINT).unlink()
         return weights
+
+    def _save(self) -> None:
+        """Write a checkpoint, and the curve where it has points."""
+        checkpoint.save(self.training.state(), self.directory / CHECKPOINT, dataclasses.asdict(self.request))
+        if self.training.curve:
+            _write_curve(self.training.curve, self.directory / CURVE)
+
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Keep other processes out of the directory."""
+        with self._writing():
+            lock = directories.lock(self.directory)
+        try:
+            yield
+        finally:
+            directories.unlock(lock)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Say in one sentence that a file cannot be written, and what is left."""
+        try:
+            yield
+        except OSError as error:
+            left = (
+                "its last checkpoint is kept: make room, and go on with "
+                f"crowdbench train {self.request.network} --resume {self.directory}"
+                if self.training.curve and (self.directory / CHECKPOINT).exists()
+                else "nothing was kept: name another place with --out"
+            )
+            reason = error.strerror or error
+            raise InputError(f"the training in {self.directory} cannot be written: {reason}; {left}") from None
+
+
+@contextlib.contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Say in one sentence that a checkpoint cannot be used."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path} cannot be continued: {error}") from None
+    except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+        raise InputError(
+            f"{path} cannot be continued: it is damaged, or of another version of crowdbench: {described(error)[:200]}"
+        ) from None
 
 
 def _write_curve(curve: Sequence[Any], path: Path) -> None:
@@ -155,7 +208,7 @@ def _write_curve(curve: Sequence[Any], path: Path) -> None:
 def _check(device: str) -> None:
     """Raises InputError where torch cannot use the device."""
     try:
-        torch.empty(0, device=device)
+        torch.empty(1, device=device).cpu()  # the device `meta` has no values to read
     except (RuntimeError, AssertionError) as error:
         reason = str(error).partition("\n")[0]
         raise InputError(f"nothing can be trained on the device {device!r}: {reason}") from None

@@ -50,7 +50,7 @@ def weights_file(weights: str) -> Path:
 
 
 def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> dict[str, Any]:
-    """Write weights, and their card beside them.
+    """Write weights, and their card beside them. The weights come last: where they are, there is their card.
 
     Args:
         network: The network.
@@ -60,13 +60,16 @@ def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, A
 
     Returns:
         The whole card.
+
+    Raises:
+        OSError: One of the files cannot be written.
     """
     content = save({key: tensor.detach().cpu().contiguous() for key, tensor in network.state_dict().items()})
     about = {"network": name, "sha256": hashlib.sha256(content).hexdigest(), **card}
-    with whole(path) as partial:
-        partial.write_bytes(content)
     with whole(path.with_suffix(".json")) as partial:
         partial.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+    with whole(path) as partial:
+        partial.write_bytes(content)
     return about
 
 
