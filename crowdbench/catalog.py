@@ -123,6 +123,47 @@ def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestr
     return scenario_file.parse(table, path.stem, source, functools.partial(load_policy, folder=path.parent))
 
 
+def load_recorded_scenario(table: Mapping[str, Any], source: str, pedestrians: Iterable[str] = ()) -> Scenario:
+    """Make the scenario of a run again.
+
+    Only what the user names is loaded from files, never what the run names: it may come from somebody else.
+
+    Args:
+        table: The table `scenario` of the run's `result.json`.
+        source: What that file is called, for errors.
+        pedestrians: The files of the pedestrian policies that are the user's own.
+
+    Returns:
+        The scenario.
+
+    Raises:
+        InputError: Something in the table is wrong, or a policy's file is not given, or is another one than in the run.
+    """
+    own = {name: (name, made, digest) for name, made, digest in map(load_policy, pedestrians)}
+    digests = table["pedestrians"].get("policy_files")
+    digests = digests if isinstance(digests, Mapping) else {}
+    for name, _, digest in own.values():
+        if name not in digests:
+            raise InputError(f"{source}: no pedestrian policy of the run is a file called {name}")
+        if digest != digests[name]:
+            raise InputError(
+                f"{source}: the pedestrian policy {name} of the run had the digest {digests[name]}, but the file that "
+                f"is given has {digest}: give the file as it was"
+            )
+
+    def load(name: str) -> tuple[str, PedestrianPolicy, str | None]:
+        if name in own:
+            return own[name]
+        if name in digests or plugins.file_and_function(name)[0] is not None:
+            raise InputError(
+                f"{source}: the pedestrian policy {name} of the run is a file of somebody's own: give it with "
+                f"--pedestrians ./{name}.py, and it is loaded if its digest is {digests.get(name)}"
+            )
+        return load_policy(name)
+
+    return scenario_file.restored(table, source, load)
+
+
 def scenarios() -> list[tuple[str, str]]:
     """Name and description of the built-in scenarios."""
     files = sorted(SCENARIOS.glob("*.toml"))

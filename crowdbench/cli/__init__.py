@@ -6,17 +6,20 @@ Commands import what they need when they run, so that the command line starts fa
 from __future__ import annotations
 
 import importlib.metadata
+import signal
 import sys
 from collections.abc import Callable
+from types import FrameType
 from typing import Annotated
 
 import typer
+from typer.exceptions import TyperException
 
-from crowdbench import interrupts
-from crowdbench.cli import bench, check, evaluate_predictor, listing, results, run, streams, study, train
-from crowdbench.cli.console import say
-from crowdbench.cli.failures import DEBUG, NOTHING_KEPT, failure
+from crowdbench.cli import bench, check, evaluate_predictor, listing, results, run, study, train
 from crowdbench.cli.options import INTERRUPTED
+from crowdbench.errors import InputError, Interrupted
+
+DEBUG = "--debug"
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "run": run.run,
@@ -58,20 +61,28 @@ def crowdbench(
 
 
 def main() -> None:
-    """The entry point. It prints one sentence for an error, and exits with a status other than 0."""
+    """The entry point. It prints one sentence for an error of the user, and exits with a status other than 0."""
     debug = DEBUG in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
-    streams.prepare()
-    interrupts.handle()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
     try:
         status = app(arguments, standalone_mode=False)
-        streams.flush()
-    except BaseException as error:
-        failed = failure(error)
-        if failed is None or (debug and not isinstance(error, SystemExit)):
+        if status == INTERRUPTED:
+            print("crowdbench: interrupted: nothing was kept", file=sys.stderr)
+        sys.exit(status)
+    except (InputError, TyperException) as error:
+        if debug:
             raise
-        say(f"crowdbench: {failed.sentence}")
-        sys.exit(failed.status)
-    if status == INTERRUPTED:
-        say(f"crowdbench: {NOTHING_KEPT}")
-    sys.exit(status)
+        message = error.format_message() if isinstance(error, TyperException) else str(error)
+        print(f"crowdbench: {message}", file=sys.stderr)
+        sys.exit(2 if isinstance(error, TyperException) else 1)
+    except OSError as error:
+        if debug:
+            raise
+        print(f"crowdbench: the output cannot be written: {error.strerror or error}", file=sys.stderr)
+        sys.exit(1)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise Interrupted

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from crowdbench.cli.options import JsonOption, MetricOption, print_table
+from crowdbench.errors import InputError
 
 
 def compare(
@@ -43,9 +45,28 @@ def view(
 def score(
     recording: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
     metric: MetricOption = None,
+    replay: Annotated[
+        bool,
+        typer.Option(
+            "--replay",
+            help="Simulate all cases again from the recorded commands, without the planner, and say what in the run's "
+            "files differs.",
+        ),
+    ] = False,
+    pedestrians: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="With --replay: the file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute the metrics of a run again, from its recording."""
+    """Compute the metrics of a run again: from its recording, or by a replay of its commands."""
+    if replay:
+        _replay(recording, metric or [], pedestrians or [], as_json)
+        return
+    if pedestrians:
+        raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
     from crowdbench import catalog
     from crowdbench.cli.tables import episodes_table, result_table
     from crowdbench.evaluate.score import score as measure
@@ -59,6 +80,24 @@ def score(
         print_table(result_table(title, scored.to_json(), metrics))
     else:
         print_table(episodes_table(scored.cases, scored.episodes))
+
+
+def _replay(directory: Path, metrics: list[str], pedestrians: list[str], as_json: bool) -> None:
+    """Print what a replay finds, and exit with 1 if anything differs."""
+    from crowdbench import catalog
+    from crowdbench.cli.console import announce_compilation, progress
+    from crowdbench.evaluate.replay import RunFiles, replay
+    from crowdbench.evaluate.results import RESULT
+
+    announce_compilation()
+    measured = catalog.load_metrics(metrics)
+    files = RunFiles.read(directory)
+    scenario = catalog.load_recorded_scenario(files.result["scenario"], str(directory / RESULT), pedestrians)
+    with progress(len(files.commands.case), "cases") as tell:
+        found = replay(files, scenario, measured, tell)
+    print(json.dumps(found.to_json(), indent=2) if as_json else found)
+    if found.differences:
+        sys.exit(1)
 
 
 def _recording(path: Path) -> Path:

@@ -4,18 +4,53 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from jaxtyping import Float, Int
 
+from crowdbench.errors import InputError, described
 from crowdbench.types import Trace
 
 COMMANDS = "commands.parquet"
 
 _SCHEMA = pa.schema([("case", pa.int64()), ("command", pa.list_(pa.float64()))])
 """A row per case: its number, and x and y of the command of each of its steps, in m/s."""
+
+
+@dataclass(frozen=True)
+class Commands:
+    """The commands of several cases.
+
+    Attributes:
+        case: Number of each case.
+        steps: Number of its commands.
+        command: The commands of the first case in m/s, then those of the second, ...
+    """
+
+    case: Int[np.ndarray, "case"]
+    steps: Int[np.ndarray, "case"]
+    command: Float[np.ndarray, "step 2"]
+
+    def padded(self, rows: Int[np.ndarray, "row"], steps: int) -> Float[np.ndarray, "row {steps} 2"]:
+        """The commands of some cases, zero after the last one.
+
+        Args:
+            rows: Which cases, by their indices.
+            steps: For how many steps; later commands are left out.
+
+        Returns:
+            Commands in m/s.
+        """
+        ends = np.cumsum(self.steps)
+        padded = np.zeros((len(rows), steps, 2))
+        for own, end, length in zip(padded, ends[rows], self.steps[rows], strict=True):
+            own[:length] = self.command[end - length : end][:steps]
+        return padded
 
 
 @contextlib.contextmanager
@@ -34,3 +69,26 @@ def _table(trace: Trace) -> pa.Table:
     ends = np.concatenate([[0], np.cumsum(2 * trace.steps)])
     commands = pa.ListArray.from_arrays(pa.array(ends, pa.int32()), pa.array(trace.command[driven].ravel()))
     return pa.table([pa.array(trace.case), commands], _SCHEMA)
+
+
+def read(path: Path) -> Commands:
+    """Read what `writing` wrote. Raises InputError where the file is missing or has other contents."""
+    if not path.is_file():
+        raise InputError(
+            f"there is no {path}, so that the run cannot be replayed: it was made with --record none or before "
+            "crowdbench kept commands"
+        )
+    try:
+        with pq.ParquetFile(path) as file:
+            table = file.read()
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise InputError(f"{path} is cut short, damaged or no Parquet file at all: {described(error)}") from None
+    if not table.schema.equals(_SCHEMA):
+        found = ", ".join(f"{field.name}: {field.type}" for field in table.schema)
+        raise InputError(f"{path} is not a table of commands as crowdbench writes it: it has the columns {found}")
+    command = pc.list_flatten(table["command"])
+    lengths = pc.list_value_length(table["command"])
+    if table["case"].null_count or lengths.null_count or command.null_count or np.any(lengths.to_numpy() % 2):
+        raise InputError(f"{path} is not a table of commands as crowdbench writes it: values are missing in it")
+    steps = lengths.to_numpy().astype(np.int64) // 2
+    return Commands(table["case"].to_numpy(), steps, command.to_numpy().reshape(-1, 2))

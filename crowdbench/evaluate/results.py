@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from crowdbench import files
 from crowdbench.errors import InputError, described, plugin_errors
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.summary import Estimate, summarize
@@ -89,6 +88,10 @@ class Episodes:
         """Each metric's mean and interval."""
         return summarize(self.columns, self.steps)
 
+    def counts(self) -> dict[str, int]:
+        """How many episodes ended in each outcome, by its label."""
+        return {outcome.label: int((self.outcome == outcome).sum()) for outcome in list(Outcome)[1:]}
+
     def write(self, path: Path) -> None:
         """Write as CSV. Numbers read back to the last bit."""
         with path.open("w", newline="", encoding="utf-8") as file:
@@ -102,7 +105,6 @@ class Episodes:
     def read(cls, path: Path) -> Episodes:
         """Read what `write` wrote. Raises InputError where the file is missing or has other contents."""
         try:
-            files.check_regular(path)
             with path.open(newline="", encoding="utf-8") as file:
                 header, *rows = list(csv.reader(file))
             by_name = dict(zip(header, zip(*rows, strict=True), strict=True))
@@ -121,12 +123,12 @@ def read_result(directory: Path) -> dict[str, Any]:
     """The contents of a run's `result.json`. Raises InputError where it is missing or has other contents."""
     path = directory / RESULT
     try:
-        result = json.loads(files.read_text(path))
+        result = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(
             f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
         ) from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
     expected = {"planner": str, "scenario": dict, "cases": str, "metrics": dict, "options": dict}
     if (

@@ -138,7 +138,7 @@ def _result(
         "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
         "cases": str(cases),
         "recorded": recorded,
-        "outcomes": {outcome.label: int((episodes.outcome == outcome).sum()) for outcome in list(Outcome)[1:]},
+        "outcomes": episodes.counts(),
         "metrics": to_json(episodes.summary()),
         "rates": episodes.rates,
         "timing": {

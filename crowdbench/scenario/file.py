@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,8 +43,7 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
     file = Location(source)
     top = parsed(ScenarioSpec, table, file)
     rules = Rules(dt=top.dt, time_limit=top.time_limit, collision=top.collision, visible=top.vehicle.visible)
-    # Not by `max_steps`, which a tiny dt makes infinite.
-    if top.time_limit - 1.0 > (MAX_STEPS - 1) * top.dt:
+    if rules.max_steps > MAX_STEPS:
         right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
         raise file.at("dt").wrong(repr(top.dt), right)
     layout = parsed(layout_spec(top.layout.generator), table.get("layout", {}), file.at("layout")).complete()
@@ -73,6 +74,32 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
         },
         table=top.complete() | {"layout": layout, "pedestrians": pedestrians | _written(policies)},
     )
+
+
+def restored(table: Mapping[str, Any], source: str, load_policy: PolicyLoader) -> Scenario:
+    """Make the scenario of a run again.
+
+    Args:
+        table: The table `scenario` of its `result.json`.
+        source: What that file is called, for errors.
+        load_policy: As in `parse`.
+
+    Returns:
+        The scenario, which draws the same cases to the last bit.
+
+    Raises:
+        InputError: As `parse` does.
+    """
+    crowd = {key: value for key, value in table["pedestrians"].items() if key != "policy_files"}
+    keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
+    made = parse({**keys, "pedestrians": crowd}, str(table.get("name", "")), source, load_policy)
+    shares = crowd.get("policy")
+    if isinstance(shares, Mapping) and len(shares) > 1 and math.isclose(sum(shares.values()), 1.0, abs_tol=1e-12):
+        # They have been divided by their sum: once more could change their last bits.
+        shares = {policy: float(shares[policy]) for policy in made.shares}
+        written = {**made.table, "pedestrians": {**made.table["pedestrians"], "policy": shares}}
+        return dataclasses.replace(made, shares=shares, table=written)
+    return made
 
 
 @dataclass(frozen=True)

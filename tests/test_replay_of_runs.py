@@ -1,0 +1,358 @@
+"""A run is simulated again from its commands: honest runs agree, forged ones are named."""
+
+import dataclasses
+import json
+import shutil
+import signal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from helpers import Still
+
+from crowdbench.catalog import load_metrics, load_planner, load_recorded_scenario, load_scenario
+from crowdbench.cli import app
+from crowdbench.errors import InputError
+from crowdbench.evaluate import rollout as rollouts
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.replay import RunFiles, replay
+from crowdbench.evaluate.results import Episodes, to_json
+from crowdbench.evaluate.run import run
+from crowdbench.planners.base import Planner
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.simulator import step
+from crowdbench.types import Outcome
+
+CASES = 12
+SOME = {name: METRICS[name] for name in ("success_rate", "collision_rate", "path_length", "jerk", "discomfort")}
+
+
+class Straight(Planner):
+    def plan(self, obs):
+        to_goal = obs.vehicle.goal - obs.vehicle.position
+        return to_goal / np.linalg.norm(to_goal, axis=1)[:, None]
+
+    def plan_ahead(self, obs, steps):
+        return self.plan(obs)[:, None].repeat(steps, axis=1)
+
+
+def go(out, planner="orca", cases=str(CASES), scenario="circle_crossing_5", **settings):
+    name, made = load_planner(planner) if isinstance(planner, str) else ("orca", planner)
+    loaded = load_scenario(scenario, settings.pop("overrides", {}), settings.pop("pedestrians", None))
+    settings = {"metrics": SOME, "about": {"options": {}}, "record": "failures"} | settings
+    run(Driver(made, name), loaded, Cases.parse(cases), out, **settings)
+    return out
+
+
+def again(directory, metrics=SOME, pedestrians=()):
+    files = RunFiles.read(directory)
+    scenario = load_recorded_scenario(files.result["scenario"], "result.json", pedestrians)
+    return replay(files, scenario, metrics)
+
+
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory):
+    return go(tmp_path_factory.mktemp("run") / "orca")
+
+
+@pytest.fixture
+def forged(honest, tmp_path):
+    return shutil.copytree(honest, tmp_path / "forged")
+
+
+def test_an_honest_run_agrees_to_the_last_bit(honest):
+    found = again(honest)
+    assert found.differences == []
+    assert (found.cases, found.recorded, found.versions) == (CASES, RunFiles.read(honest).recorded, [])
+    assert found.recorded >= 10
+    assert "All agree" in str(found)
+
+
+MIXED = {
+    "pedestrians.policy": {"orca": 0.7, "social_force": 0.2, "stroll.py": 0.1},
+    "pedestrians.number": [0, 4],
+    "pedestrians.radius": {"mean": 0.3, "std": 0.05, "low": 0.2, "high": 0.4},
+    "vehicle.visible": True,
+}
+
+STROLL = """
+import numpy as np
+from crowdbench import PedestrianPolicy
+
+class Stroll(PedestrianPolicy):
+    parameters = {"pace": 0.5}
+
+    def velocities(self, world, parameters):
+        pace = parameters["pace"][:, 1:, None]
+        return np.concatenate([pace, np.zeros_like(pace)], axis=2)
+
+def policy():
+    return Stroll()
+"""
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"planner": Straight(), "replan_every": 8},
+        {"overrides": {"collision": "crowdnav"}, "batch": 3, "record": "commands"},
+        {"overrides": MIXED, "batch": 5, "record": "all", "cases": "val:8:16"},
+        {"scenario": "circle_crossing_5_social_force", "cases": "497:503"},
+        {"overrides": {"pedestrians.number": 0}, "cases": "2"},
+    ],
+)
+def test_no_honest_run_is_accused(settings, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "stroll.py").write_text(STROLL)
+    found = again(
+        go(tmp_path / "run", **settings), pedestrians=["stroll.py"] if settings.get("overrides") is MIXED else []
+    )
+    assert found.differences == []
+
+
+def test_what_an_interrupted_run_kept_agrees(tmp_path, monkeypatch):
+    measure = Episodes.of
+
+    def interrupted(trace, metrics):
+        signal.raise_signal(signal.SIGINT)
+        return measure(trace, metrics)
+
+    with monkeypatch.context() as context:
+        context.setattr(Episodes, "of", interrupted)
+        go(tmp_path / "run", batch=5)
+    found = again(tmp_path / "run")
+    assert (found.cases, found.differences) == (5, [])
+
+
+def rewrite(directory, episodes=None, **result):
+    """Write other episodes with the summary that they have, and other keys of the result."""
+    written = json.loads((directory / "result.json").read_text())
+    if episodes is not None:
+        episodes.write(directory / "episodes.csv")
+        written |= {"outcomes": episodes.counts(), "metrics": to_json(episodes.summary())}
+    (directory / "result.json").write_text(json.dumps(written | result))
+
+
+def all_succeed(directory):
+    table = (directory / "episodes.csv").read_text()
+    (directory / "episodes.csv").write_text(table.replace(",collision,", ",success,"))
+
+
+def all_succeed_everywhere(directory):
+    old = Episodes.read(directory / "episodes.csv")
+    columns = dict(old.columns) | {
+        "success_rate": np.ones(len(old), bool),
+        "collision_rate": np.zeros(len(old), bool),
+    }
+    rewrite(directory, Episodes(old.case, np.full(len(old), int(Outcome.SUCCESS)), old.steps, columns))
+
+
+def failures_deleted(directory):
+    old = Episodes.read(directory / "episodes.csv")
+    rewrite(directory, old.take(np.flatnonzero(old.columns["success_rate"])))
+
+
+def failures_deleted_everywhere(directory):
+    failures_deleted(directory)
+    table = pq.read_table(directory / "commands.parquet")
+    kept = np.isin(table["case"].to_numpy(), Episodes.read(directory / "episodes.csv").case)
+    pq.write_table(table.filter(pa.array(kept)), directory / "commands.parquet")
+    (directory / "run.rrd").unlink()
+
+
+def shorter_paths(directory):
+    old = Episodes.read(directory / "episodes.csv")
+    rewrite(
+        directory, dataclasses.replace(old, columns={**old.columns, "path_length": old.columns["path_length"] * 0.9})
+    )
+
+
+def better_summary(directory):
+    metrics = json.loads((directory / "result.json").read_text())["metrics"]
+    metrics["jerk"]["mean"] *= 0.5
+    rewrite(directory, metrics=metrics)
+
+
+def rewrite_commands(directory, change):
+    table = pq.read_table(directory / "commands.parquet")
+    rows = [change(np.array(row)).tolist() for row in table["command"].to_pylist()]
+    changed = table.set_column(1, table.schema.field(1), pa.array(rows, table.schema.field(1).type))
+    pq.write_table(changed, directory / "commands.parquet")
+
+
+def other_commands(directory):
+    rewrite_commands(directory, lambda row: row * 0.9)
+
+
+def fast_commands(directory):
+    rewrite_commands(directory, lambda row: row * 1.5)
+
+
+def fewer_commands(directory):
+    rewrite_commands(directory, lambda row: row[:-2])
+
+
+def another_recording(directory):
+    shutil.copy(go(directory / "other", Straight()) / "run.rrd", directory)
+
+
+def fewer_recorded(directory):
+    (directory / "run.rrd").unlink()
+
+
+def other_seed(directory):
+    scenario = load_scenario("circle_crossing_5", {"seed": 5, "crowdnav_cases": 0})
+    rewrite(directory, scenario={"name": scenario.name, "digest": scenario.digest, **scenario.table})
+
+
+def other_scenario(directory):
+    scenario = load_scenario("square_crossing_5")
+    rewrite(directory, scenario={"name": scenario.name, "digest": scenario.digest, **scenario.table})
+
+
+def other_digest(directory):
+    old = json.loads((directory / "result.json").read_text())["scenario"]
+    rewrite(directory, scenario=old | {"digest": load_scenario("square_crossing_5").digest})
+
+
+@pytest.mark.parametrize(
+    ("forge", "named"),
+    [
+        (all_succeed, "cases end otherwise than episodes.csv says: test:"),
+        (all_succeed_everywhere, "values in result.json differ: outcomes.success (12, replayed: "),
+        (failures_deleted, "cases have no row in episodes.csv: test:"),
+        (failures_deleted_everywhere, "cases have no row in commands.parquet: test:"),
+        (shorter_paths, "12 of 12 cases have other figures in episodes.csv: test:0 (path_length "),
+        (better_summary, "values in result.json differ: metrics.jerk.mean ("),
+        (other_commands, "cases end otherwise than episodes.csv says: test:0 ("),
+        (fast_commands, "cases in commands.parquet have commands that a run refuses, faster than the vehicle"),
+        (fewer_commands, "12 of 12 cases have more or fewer commands in commands.parquet than steps: test:0 ("),
+        (another_recording, "episodes in run.rrd have other states: test:0 ("),
+        (fewer_recorded, "values in result.json differ: recorded ("),
+        (other_seed, "episodes in run.rrd have other states: test:0 ("),
+        (other_scenario, "cases end otherwise than episodes.csv says: test:"),
+        (other_digest, "values in result.json differ: scenario.digest ("),
+    ],
+)
+def test_a_forged_run_is_named(forge, named, forged):
+    forge(forged)
+    found = again(forged)
+    assert named in str(found)
+    assert "All agree" not in str(found)
+
+
+def goal_moved(monkeypatch):
+    draw = Scenario.draw
+
+    def nearer(self, split, cases):
+        world = draw(self, split, cases)
+        goal = world.goal.copy()
+        goal[:, 0] = world.position[:, 0] + 0.5
+        return world.replace(goal=goal)
+
+    monkeypatch.setattr(Scenario, "draw", nearer)
+
+
+def crowd_stopped(monkeypatch):
+    monkeypatch.setattr(rollouts, "crowd_velocities", lambda world, policies: np.zeros_like(world.position[:, 1:]))
+
+
+def judge_lenient(monkeypatch):
+    def lenient(world, command, crowd):
+        after, check = step(world, command, crowd)
+        return after, check._replace(outcome=np.where(check.outcome == Outcome.COLLISION, 0, check.outcome))
+
+    monkeypatch.setattr(rollouts, "step", lenient)
+
+
+@pytest.mark.parametrize("forge", [goal_moved, crowd_stopped, judge_lenient])
+def test_a_run_in_a_changed_simulator_is_named(forge, tmp_path, monkeypatch):
+    with monkeypatch.context() as context:
+        forge(context)
+        go(tmp_path / "run", Straight())
+    found = str(again(tmp_path / "run"))
+    assert "cases end otherwise than episodes.csv says" in found
+    assert "episodes in run.rrd have other states" in found
+
+
+def test_on_another_machine_the_last_bits_may_differ(forged):
+    old = Episodes.read(forged / "episodes.csv")
+    rewrite(forged, dataclasses.replace(old, columns={**old.columns, "jerk": old.columns["jerk"] * (1 + 1e-13)}))
+    assert "cases have other figures in episodes.csv: test:0 (jerk" in str(again(forged))
+    rewrite(forged, versions={"python": "3.0"})
+    found = again(forged)
+    assert found.differences == []
+    assert "outcomes exactly and figures to 1e-9" in str(found)
+    assert "numpy is" in str(found)
+
+
+def test_metrics_of_a_users_own_are_compared_if_they_are_given(tmp_path):
+    (tmp_path / "steps_squared.py").write_text("def metric(trace): return trace.steps**2.0")
+    metrics = SOME | {"steps_squared": load_metrics([str(tmp_path / "steps_squared.py")])["steps_squared"]}
+    go(tmp_path / "run", cases="3", metrics=metrics, record="commands")
+    known, unknown = again(tmp_path / "run", metrics), again(tmp_path / "run")
+    assert (known.unchecked, unknown.unchecked) == ([], ["steps_squared"])
+    assert (known.metrics, unknown.metrics) == (len(SOME) + 1, len(SOME))
+    assert known.differences == unknown.differences == []
+
+
+def test_only_policies_that_the_user_gives_are_loaded_from_files(tmp_path):
+    policy = tmp_path / "stroll.py"
+    policy.write_text(STROLL)
+    go(tmp_path / "run", cases="3", pedestrians=str(policy))
+    with pytest.raises(InputError, match=r"give it with --pedestrians \./stroll\.py"):
+        again(tmp_path / "run")
+    with pytest.raises(InputError, match="no pedestrian policy of the run is a file called other"):
+        again(tmp_path / "run", pedestrians=[str(shutil.copy(policy, tmp_path / "other.py"))])
+    policy.write_text(STROLL + "# changed")
+    with pytest.raises(InputError, match="give the file as it was"):
+        again(tmp_path / "run", pedestrians=[str(policy)])
+    table = json.loads((tmp_path / "run" / "result.json").read_text())["scenario"]
+    table["pedestrians"] = {"policy": str(policy)}
+    with pytest.raises(InputError, match="is a file of somebody's own"):
+        load_recorded_scenario(table, "result.json")
+
+
+def test_a_run_that_cannot_be_replayed_says_why(forged, tmp_path):
+    (tmp_path / "x.rrd").touch()
+    with pytest.raises(InputError, match="not the directory of a run, which --replay needs"):
+        RunFiles.read(tmp_path / "x.rrd")
+    commands = forged / "commands.parquet"
+    whole = commands.read_bytes()
+    commands.write_bytes(whole[:-100])
+    with pytest.raises(InputError, match="cut short, damaged or no Parquet file"):
+        RunFiles.read(forged)
+    pq.write_table(pa.table({"case": [1], "command": [[1.0, 2.0, 3.0]]}), commands)
+    with pytest.raises(InputError, match="values are missing"):
+        RunFiles.read(forged)
+    pq.write_table(pa.table({"case": [1]}), commands)
+    with pytest.raises(InputError, match="not a table of commands"):
+        RunFiles.read(forged)
+    commands.unlink()
+    with pytest.raises(InputError, match="was made with --record none"):
+        RunFiles.read(forged)
+    commands.write_bytes(whole)
+    rewrite(forged, cases="test:1000:4611686018427387904")
+    with pytest.raises(InputError, match="has no commands of the cases"):
+        again(forged)
+
+
+def test_the_command_says_what_differs_by_its_exit_status_too(forged, capsys):
+    app(["score", str(forged), "--replay"], standalone_mode=False)
+    assert "All agree" in capsys.readouterr().out
+    all_succeed(forged)
+    with pytest.raises(SystemExit, match="1"):
+        app(["score", str(forged), "--replay", "--json"], standalone_mode=False)
+    told = json.loads(capsys.readouterr().out)
+    assert told["agrees"] is False
+    assert "cases end otherwise than episodes.csv says" in [one["what"] for one in told["differences"]]
+    with pytest.raises(InputError, match="--pedestrians is for --replay"):
+        app(["score", str(forged), "--pedestrians", "x.py"], standalone_mode=False)
+
+
+def test_a_replay_does_not_need_the_planner(tmp_path):
+    go(tmp_path / "run", Still(), cases="2", about={"options": {}, "planner_file": "gone"})
+    assert again(tmp_path / "run").differences == []
