@@ -6,6 +6,7 @@ Commands import what they need when they run, so that the command line starts fa
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -62,6 +63,9 @@ def crowdbench(
 
 def main() -> None:
     """The entry point. It prints one sentence for an error of the user, and exits with a status other than 0."""
+    # Read when the simulator's threads start. They would wait for each other busily, which takes many times as long
+    # where another program wants the cores.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     debug = DEBUG in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
     for number in (signal.SIGINT, signal.SIGTERM):

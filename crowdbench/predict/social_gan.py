@@ -14,6 +14,7 @@ from crowdbench import rng
 from crowdbench.errors import InputError
 from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.predict.social_gan_network import NOISE, Generator
+from crowdbench.threads import CHUNK, in_chunks
 from crowdbench.types import Observation, Pedestrians
 from crowdbench.weights.store import built_in, digest, load_into, read_card, weights_file
 
@@ -58,21 +59,38 @@ class SocialGAN(Predictor):
         self.trained_without = trained_without
         self.facts = {"predictor_weights": digest(generator)}
 
-    @torch.inference_mode()
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There are `modes` modes."""
         scale = self.about["dt"] / obs.dt if self.rescaled else 1.0
         history, present = extrapolated_history(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
         # The noise depends only on seed, split, case, step and mode; all pedestrians of a future share it.
         noise = rng.normal(obs.key, NAME, obs.step, self.modes, NOISE)
-        device = next(self.generator.parameters()).device
         # Relative to the first pedestrian, because float32 is coarse far from the origin.
         near = torch.from_numpy(((history - history[:, -1:, :1]) * scale).astype(np.float32))
-        moves = self.generator(
-            near.to(device), present.to(device), torch.from_numpy(noise.astype(np.float32)).to(device), steps
-        )
-        displacement = scattered(moves, present.to(device)).double().cpu().numpy() / scale
+        drawn = torch.from_numpy(noise.astype(np.float32))
+        worlds, pedestrians = present.shape
+        moves = np.empty((worlds, self.modes, steps, pedestrians, 2))
+
+        def fill(part: slice) -> None:
+            moves[part] = self._moves(near[part], present[part], drawn[part], steps)
+
+        in_chunks(fill, worlds, max(1, CHUNK // (self.modes * max(pedestrians, 1))))
+        displacement = moves / scale
         return Prediction(history[:, None, None, -1] + displacement.cumsum(axis=2), displacement / obs.dt)
+
+    @torch.inference_mode()
+    def _moves(
+        self,
+        history: Float[Tensor, "scene time pedestrian 2"],
+        present: Bool[Tensor, "scene pedestrian"],
+        noise: Float[Tensor, "scene mode noise"],
+        steps: int,
+    ) -> Float[np.ndarray, "scene mode steps pedestrian 2"]:
+        """What the generator makes of these scenes, as in `Generator.forward`: displacements, 0 for the absent."""
+        device = next(self.generator.parameters()).device
+        present = present.to(device)
+        moves = self.generator(history.to(device), present, noise.to(device), steps)
+        return scattered(moves, present).double().cpu().numpy()
 
     def unseen(self, scene: str) -> Predictor:
         """See `Predictor`. Raises InputError where it was trained on the scene and there is no other."""

@@ -15,17 +15,14 @@ from crowdbench.numbers import is_integer
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.aggregate import MEAN, Aggregate, mean_future
-from crowdbench.planners.lookahead.chunks import in_chunks
 from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.planners.lookahead.one_step import Scene, scene_of, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.reward import discount, reward
+from crowdbench.threads import CHUNK, in_chunks
 from crowdbench.types import Observation, Outcome
 from crowdbench.value.networks import ValueNetwork
 from crowdbench.weights.store import digest
-
-CHUNK = 4096
-"""Joint states that a network is given at once: few enough for its layers to stay in a core's cache."""
 
 Actions = Callable[[Float[np.ndarray, "world"]], Float[np.ndarray, "world action 2"]]
 Reward = Callable[
@@ -150,13 +147,11 @@ class ValuePlanner(Planner):
         worlds, actions = commands.shape[:2]
         flat, world = commands.reshape(-1, 2), np.repeat(np.arange(worlds), actions)
         values = np.empty(worlds * actions)
-        modes, pedestrians = arranged.crowd.shape[1:3]
 
         def fill(rows: slice) -> None:
             values[rows] = self._chunk_values(arranged, flat[rows], world[rows])
 
-        # In chunks, so that memory does not grow with worlds or modes.
-        in_chunks(fill, len(flat), max(1, CHUNK // (modes * max(pedestrians, 1))))
+        in_chunks(fill, len(flat), _chunk(arranged))
         values = values.reshape(worlds, actions)
         return values if self.limits is None else np.where(self.limits.allow(scene, commands), values, -np.inf)
 
@@ -180,12 +175,24 @@ class ValuePlanner(Planner):
             return
         world, arranged = np.arange(len(obs)), self.aggregate.arrange(scene)
         joint = try_commands(arranged, command, world).joint
-        value, attention = _evaluate(self.value, joint, _present(arranged, world, joint.shape))
+        present = _present(arranged, world, joint.shape)
+        value, attention = np.empty(present.shape[:2]), np.empty(present.shape)
+
+        def fill(rows: slice) -> None:
+            value[rows], attention[rows] = _evaluate(self.value, joint[rows], present[rows])
+
+        in_chunks(fill, len(obs), _chunk(arranged))
         # A pedestrian's attention: the sum over its copies in one crowd, or the mean over separate futures.
         attention = attention[..., : arranged.present.shape[1]].reshape(len(obs), *scene.crowd.shape[1:3])
         obs.log("predicted", prediction.position)
         obs.log("value", value.mean(axis=1))
-        obs.log("attention", attention.sum(axis=1) / value.shape[1])
+        obs.log("attention", attention.sum(axis=1) / present.shape[1])
+
+
+def _chunk(scene: Scene) -> int:
+    """Number of commands that are valued at once, so that memory does not grow with worlds or modes."""
+    modes, pedestrians = scene.crowd.shape[1:3]
+    return max(1, CHUNK // (modes * max(pedestrians, 1)))
 
 
 def _present(

@@ -1,10 +1,12 @@
+from threading import Event, Thread
+
 import numpy as np
 import pytest
 import torch
 
 from crowdbench import load_planner, load_scenario
-from crowdbench.planners.lookahead.chunks import in_chunks
 from crowdbench.sim.sensor import observe
+from crowdbench.threads import in_chunks
 
 
 @pytest.fixture
@@ -40,6 +42,44 @@ def test_what_work_raises_is_raised_and_leaves_the_threads_as_they_were(number, 
     with pytest.raises(ValueError, match="0"):
         in_chunks(work, 10, 3)
     assert torch.get_num_threads() == number
+
+
+def test_work_that_overlaps_in_several_threads_leaves_torch_as_it_was(threads):
+    threads(2)
+    inside, outside, found = Event(), Event(), []
+
+    def long(part):
+        inside.set()
+        assert outside.wait(10)
+
+    def run(work):
+        in_chunks(work, 1, 1)
+        found.append(torch.get_num_threads())
+
+    first = Thread(target=run, args=[long])
+    first.start()
+    assert inside.wait(10)
+    second = Thread(target=run, args=[lambda part: None])
+    second.start()
+    second.join()
+    outside.set()
+    first.join()
+    later = Thread(target=run, args=[lambda part: None])
+    later.start()
+    later.join()
+    assert found == [2, 2, 2]
+
+
+def test_every_network_of_a_decision_runs_in_one_of_torchs_threads(threads):
+    threads(2)
+    _, planner = load_planner("sarl_sgan_kce")
+    found = []
+    for network in (planner.value.value, planner.predictor.generator.decoder):
+        network.register_forward_hook(lambda *_: found.append(torch.get_num_threads()))
+    obs = observe(load_scenario("circle_crossing_5").draw("val", np.arange(2)), record=lambda name, values: None)
+    planner.plan(obs)
+    assert set(found) == {1}
+    assert torch.get_num_threads() == 2
 
 
 @pytest.mark.parametrize("name", ["sarl_cvm", "sarl_sgan_kce"])

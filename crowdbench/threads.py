@@ -1,0 +1,63 @@
+"""Threads that share the work of networks, in each of which torch computes alone."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import torch
+
+CHUNK = 4096
+"""Rows that a network is given at once: few enough for its layers to stay in a core's cache, and enough work to be
+worth a thread."""
+
+
+def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
+    """Work on all rows, in as many threads as torch uses; in the calling thread alone where there is one chunk.
+
+    Each chunk is worked on by a single thread, so its bits do not depend on the number of threads. The threads also
+    wait for each other only once, asleep. Torch's own threads wait after every operation of a network, and wait busily,
+    which takes many times as long where another program wants the cores.
+
+    Args:
+        work: Called with slices that together cover every row once.
+        rows: Number of rows.
+        chunk: Number of rows of a slice; the last may have fewer.
+    """
+    slices = [slice(start, start + chunk) for start in range(0, rows, chunk)]
+    with _one_torch_thread() as threads:
+        if min(len(slices), threads) <= 1:
+            for each in slices:
+                work(each)
+        else:
+            # A new thread of Python would get the number of torch's threads that was set last, by anybody.
+            with ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+                # The results are read, because an exception is raised only when its result is read.
+                list(pool.map(work, slices))
+
+
+_lock = threading.Lock()
+_inside = 0
+_number = 1
+
+
+@contextlib.contextmanager
+def _one_torch_thread() -> Iterator[int]:
+    """Let torch compute in the calling thread alone, and yield the number of threads that it has otherwise."""
+    global _inside, _number
+    with _lock:
+        # Only the first one inside finds the number that the user set: torch gives new threads of Python what was set
+        # last.
+        if _inside == 0:
+            _number = torch.get_num_threads()
+        number = _number
+        _inside += 1
+        torch.set_num_threads(1)
+    try:
+        yield number
+    finally:
+        with _lock:
+            _inside -= 1
+            torch.set_num_threads(number)
