@@ -7,6 +7,7 @@ import errno
 import glob
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,8 +28,25 @@ def half_written(path: Path) -> list[Path]:
     return sorted(path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 8}"))
 
 
+def check_regular(path: Path) -> None:
+    """Raise OSError, which says why, unless a path is a file: reading a pipe or a device might never end."""
+    try:
+        mode = path.stat().st_mode
+    except ValueError:
+        raise OSError(errno.EINVAL, "its name holds a null character") from None
+    if stat.S_ISDIR(mode):
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+
+
 def read_regular(path: Path) -> bytes:
     """The content of a file. Raises OSError where it cannot be read, or may never end, like a pipe or a device."""
-    if path.exists() and not path.is_file() and not path.is_dir():
-        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    check_regular(path)
     return path.read_bytes()
+
+
+def read_text(path: Path) -> str:
+    """The text of a file. Raises OSError as `read_regular` does, and UnicodeDecodeError where it is not UTF-8."""
+    check_regular(path)
+    return path.read_text(encoding="utf-8")

@@ -1,14 +1,23 @@
-"""Ctrl-C (SIGINT) and SIGTERM, handled only where nothing is left half-written."""
+"""Ctrl-C (SIGINT) and SIGTERM, handled only where nothing is left half-written, and only in crowdbench's process."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from types import FrameType
 
 from crowdbench.errors import Interrupted
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def handle() -> None:
+    """Raise `Interrupted` where Ctrl-C or SIGTERM arrives, wherever that is."""
+    for number in SIGNALS:
+        signal.signal(number, _raise)
 
 
 class Interrupts:
@@ -27,7 +36,7 @@ class Interrupts:
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
+            for number in SIGNALS:
                 self._before[number] = signal.signal(number, self._note)
         return self
 
@@ -50,3 +59,18 @@ class Interrupts:
         self.asked = True
         if self._open:
             raise Interrupted
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    raise Interrupted
+
+
+def _end_quietly() -> None:
+    """In a forked process, such as a worker of a planner's pool: let the signals end it, without a traceback."""
+    for number in SIGNALS:
+        if getattr(signal.getsignal(number), "__module__", None) == __name__:
+            signal.signal(number, signal.SIG_DFL)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_end_quietly)

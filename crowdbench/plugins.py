@@ -15,6 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from crowdbench import files
 from crowdbench.errors import InputError, plugin_errors
 from crowdbench.plugin_options import read_options, takes_any
 
@@ -114,7 +115,8 @@ def load_module(path: Path) -> ModuleType:
     """Run a Python file as a module, which can import files beside it. Raises InputError where it fails."""
     try:
         path = path.resolve(strict=True)
-    except (OSError, RuntimeError) as error:
+        files.check_regular(path)
+    except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f"there is no file {path}: {getattr(error, 'strerror', None) or error}") from None
     # Known to the interpreter under a name of its own: dataclasses and pickle look it up.
     name = f"crowdbench_plugin_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
@@ -166,13 +168,17 @@ def source(spec: str) -> str | None:
 
 
 def docstring(path: Path) -> str:
-    """A Python file's docstring, empty if it has none. The file is read, not run, which would run its imports."""
-    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    """A Python file's docstring, empty if it has none. The file is read, not run, which would run its imports.
+
+    Raises InputError where it cannot be read.
+    """
+    with plugin_errors(f"{path} cannot be read:"):
+        return ast.get_docstring(ast.parse(files.read_regular(path))) or ""
 
 
 def _installed_docstring(entry: importlib.metadata.EntryPoint) -> str:
     # Finding a module runs the packages around it, and these may be broken.
-    with contextlib.suppress(Exception):
+    with contextlib.suppress(InputError), plugin_errors(f"{entry.module} cannot be found:"):
         spec = importlib.util.find_spec(entry.module)
         if spec and spec.origin and spec.origin.endswith(".py"):
             return docstring(Path(spec.origin))

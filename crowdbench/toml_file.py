@@ -18,7 +18,14 @@ from typing import Annotated, Any, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, ValidationError
 from pydantic.fields import FieldInfo
 
+from crowdbench import files
 from crowdbench.errors import InputError
+
+DEEPEST = 32
+"""Tables and lists are nested no deeper than this."""
+
+TOO_DEEP = f"tables and lists can be nested {DEEPEST} deep at most"
+TOO_LARGE = "an integer must fit into 64 bits, from -2^63 to 2^63 - 1"
 
 
 def read_toml(path: Path, kind: str) -> dict[str, Any]:
@@ -35,11 +42,42 @@ def read_toml(path: Path, kind: str) -> dict[str, Any]:
         InputError: The file cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return toml(files.read_text(path))
     except OSError as error:
         raise InputError(f"{kind} {path} cannot be read: {error.strerror}") from None
+    except InputError as error:
+        raise InputError(f"{kind} {path} cannot be used: {error}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{kind} {path} is not valid TOML: {error}") from None
+
+
+def toml(text: str) -> dict[str, Any]:
+    """The table that a text in TOML describes.
+
+    Raises:
+        tomllib.TOMLDecodeError: It is not TOML.
+        InputError: It is TOML, but nested too deep or with integers that do not fit into 64 bits.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except RecursionError:
+        raise InputError(TOO_DEEP) from None
+    except ValueError:  # raised where Python refuses to read an integer of thousands of digits
+        raise InputError(TOO_LARGE) from None
+    inside: list[Any] = [table]
+    for _ in range(DEEPEST):
+        if any(isinstance(value, int) and not -(2**63) <= value < 2**63 for value in inside):
+            raise InputError(TOO_LARGE)
+        inside = [child for value in inside for child in _children(value)]
+    if inside:
+        raise InputError(TOO_DEEP)
+    return table
+
+
+def _children(value: Any) -> Iterable[Any]:
+    return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
 
 
 class TomlTable(BaseModel):

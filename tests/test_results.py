@@ -91,8 +91,8 @@ def test_the_first_of_two_runs_to_one_place_stays(tmp_path):
 
 
 def test_what_a_killed_run_left_is_cleared_away_but_not_a_live_one(tmp_path):
-    (tmp_path / ".a.partial-dead").mkdir()
-    (tmp_path / ".a.lock-dead").touch()
+    (tmp_path / ".a.partial-0000dead").mkdir()
+    (tmp_path / ".a.lock-0000dead").touch()
     (tmp_path / ".a.earlier-dead").mkdir()
     (tmp_path / ".a.earlier-dead" / "result.json").write_text("{}")
     with new_directory(tmp_path / "a", True) as live:

@@ -7,20 +7,17 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
-import signal
 import sys
 from collections.abc import Callable
-from types import FrameType
 from typing import Annotated
 
 import typer
-from typer.exceptions import TyperException
 
-from crowdbench.cli import bench, check, evaluate_predictor, listing, results, run, study, train
+from crowdbench import interrupts
+from crowdbench.cli import bench, check, evaluate_predictor, listing, results, run, streams, study, train
+from crowdbench.cli.console import say
+from crowdbench.cli.failures import DEBUG, NOTHING_KEPT, failure
 from crowdbench.cli.options import INTERRUPTED
-from crowdbench.errors import InputError, Interrupted
-
-DEBUG = "--debug"
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "run": run.run,
@@ -62,31 +59,23 @@ def crowdbench(
 
 
 def main() -> None:
-    """The entry point. It prints one sentence for an error of the user, and exits with a status other than 0."""
+    """The entry point. It prints one sentence for an error, and exits with a status other than 0."""
     # Read when the simulator's threads start. They would wait for each other busily, which takes many times as long
     # where another program wants the cores.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     debug = DEBUG in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _interrupt)
+    streams.prepare()
+    interrupts.handle()
     try:
         status = app(arguments, standalone_mode=False)
-        if status == INTERRUPTED:
-            print("crowdbench: interrupted: nothing was kept", file=sys.stderr)
-        sys.exit(status)
-    except (InputError, TyperException) as error:
-        if debug:
+        streams.flush()
+    except BaseException as error:
+        failed = failure(error)
+        if failed is None or (debug and not isinstance(error, SystemExit)):
             raise
-        message = error.format_message() if isinstance(error, TyperException) else str(error)
-        print(f"crowdbench: {message}", file=sys.stderr)
-        sys.exit(2 if isinstance(error, TyperException) else 1)
-    except OSError as error:
-        if debug:
-            raise
-        print(f"crowdbench: the output cannot be written: {error.strerror or error}", file=sys.stderr)
-        sys.exit(1)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise Interrupted
+        say(f"crowdbench: {failed.sentence}")
+        sys.exit(failed.status)
+    if status == INTERRUPTED:
+        say(f"crowdbench: {NOTHING_KEPT}")
+    sys.exit(status)

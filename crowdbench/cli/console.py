@@ -68,8 +68,9 @@ def _duration(seconds: float) -> str:
 
 
 def say(text: str) -> None:
-    """Print a message that is not a result."""
-    print(text, file=sys.stderr, flush=True)
+    """Print a message that is not a result. Where standard error is closed or full, nobody reads it."""
+    with contextlib.suppress(OSError, ValueError):
+        print(text, file=sys.stderr, flush=True)
 
 
 def announce_compilation() -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crowdbench import files
 from crowdbench.cli.options import print_table
 from crowdbench.errors import InputError
 
@@ -104,9 +105,12 @@ def _weights(name: str) -> Page:
     from crowdbench.weights.store import weights_file
 
     card = weights_file(name).with_suffix(".md")
-    if not card.exists():
-        raise InputError(f"there is no card {card}")
-    return Page(card.read_text(encoding="utf-8"))
+    try:
+        return Page(files.read_text(card))
+    except OSError as error:
+        raise InputError(f"there is no card {card}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"the card {card} is no text in UTF-8") from None
 
 
 def _scenario(name: str) -> Page:
@@ -114,7 +118,7 @@ def _scenario(name: str) -> Page:
 
     load_scenario(name)
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
-    return Page(path.read_text(encoding="utf-8"))
+    return Page(files.read_text(path))
 
 
 def _metric(name: str) -> Page:

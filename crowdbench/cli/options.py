@@ -80,7 +80,7 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
         The values by their keys.
 
     Raises:
-        InputError: A text has no key or no `=`.
+        InputError: A text has no key or no `=`, or its value is TOML that cannot be used.
     """
     pairs = {}
     for text in texts:
@@ -88,13 +88,25 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
         if not equals or not key.strip():
             raise InputError(f"{flag} {text!r} sets nothing: write {flag} key=value")
         try:
-            read = tomllib.loads(f"value = {value}")["value"]
-            # Results are JSON, which has no dates and no infinity. These stay texts.
-            json.dumps(read, allow_nan=False)
-        except (tomllib.TOMLDecodeError, TypeError, ValueError):
-            read = value
-        pairs[key.strip()] = read
+            pairs[key.strip()] = _read(value)
+        except InputError as error:
+            raise InputError(f"{flag} {key.strip()} cannot be used: {error}") from None
     return pairs
+
+
+def _read(text: str) -> Any:
+    """A value as it is written in TOML; a text where it is none."""
+    from crowdbench.toml_file import toml
+
+    try:
+        read = toml(f"value = {text}")
+        # Results are JSON, which has no dates and no infinity. These stay texts.
+        json.dumps(read, allow_nan=False)
+    except InputError:
+        raise
+    except (tomllib.TOMLDecodeError, TypeError, ValueError):
+        return text
+    return read["value"] if len(read) == 1 else text
 
 
 def print_table(table: Any) -> None:

@@ -112,11 +112,14 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             Observations and infos by agent.
 
         Raises:
-            InputError: There is no such case.
+            InputError: There is no such case, or an option is unknown.
         """
+        # PettingZoo's own test gives an option called "options", only to see that options are taken.
+        given = {name: value for name, value in (options or {}).items() if name != "options"}
+        case = stepping.checked_options(given, "case").get("case")
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._case = stepping.chosen_case((options or {}).get("case"), self._generator)
+        self._case = stepping.chosen_case(case, self._generator)
         self._world = stepping.start(self.scenario, [self._case])
         self.agents = [agent for agent, here in zip(self.possible_agents, self._world.present[0], strict=True) if here]
         self._bodies = len(self.agents)

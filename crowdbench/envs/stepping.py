@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -28,6 +29,23 @@ def as_scenario(scenario: str | Path | Scenario) -> Scenario:
     Raises InputError where there is no such scenario.
     """
     return scenario if isinstance(scenario, Scenario) else load_scenario(str(scenario))
+
+
+def checked_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str, Any]:
+    """The options of a `reset`, none if it was given None.
+
+    Args:
+        options: What was given.
+        names: The options that there are.
+
+    Raises:
+        InputError: There is another one among them.
+    """
+    options = options or {}
+    for name in options:
+        if name not in names:
+            raise InputError(f"reset has no option {name!r}; its options are: {', '.join(names)}")
+    return options
 
 
 def chosen_case(case: object, generator: np.random.Generator) -> str:

@@ -76,12 +76,12 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             InputError: A seed or an option is wrong.
         """
-        options = options or {}
-        mask = self._mask(options.get("reset_mask"))
+        given = stepping.checked_options(options, "case", "reset_mask")
+        mask = self._mask(given.get("reset_mask"))
         seeds = self._one_each(
             "seed", [int(seed) + w for w in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
         )
-        case = options.get("case")
+        case = given.get("case")
         cases = self._one_each("case", [case] * self.num_envs if isinstance(case, str) else case)
         for row in np.flatnonzero(mask).tolist():
             if seeds[row] is not None:

@@ -65,10 +65,11 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             The observation and the info.
 
         Raises:
-            InputError: There is no such case.
+            InputError: There is no such case, or an option is unknown.
         """
+        case = stepping.checked_options(options, "case").get("case")
         super().reset(seed=seed)
-        self._case = stepping.chosen_case((options or {}).get("case"), self.np_random)
+        self._case = stepping.chosen_case(case, self.np_random)
         self._world = stepping.start(self.scenario, [self._case])
         self._renderer.show(self._world, self._case)
         return flatten(observe(self._world))[0], {"case": self._case}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import glob
+import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -19,6 +21,10 @@ from crowdbench.evaluate.results import RESULT
 #   runs/.a.partial-<token>  what it has written so far
 #   runs/.a.lock-<token>     locked by its process, and by nobody once that has been killed
 #   runs/.a.earlier-<token>  the earlier run that it replaces, for the moment in which it does
+_LOCK = re.compile(r"(\..*\.)lock-([0-9a-f]{8})", re.DOTALL)
+
+PATIENCE = 1.0
+"""Seconds to wait for a lock that another process looks at, to find out whether it is held."""
 
 
 @contextlib.contextmanager
@@ -42,14 +48,15 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
 
 
 def _prepared(path: Path, overwrite: bool) -> Path:
-    """The resolved path, once it is known that it can be written and killed runs are cleared away."""
+    """The resolved path, once it is known that it can be written."""
     try:
         path = path.resolve()
         # Before the name is refused: an earlier run may have to get its name back.
         _restore_earlier(path)
-        _clear_abandoned(path)
         _refuse_taken(path, overwrite)
-    except (OSError, RuntimeError) as error:
+    except InputError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
     return path
 
@@ -69,24 +76,30 @@ def _parent_of(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _partial(path: Path) -> Iterator[Path]:
-    """A directory beside `path`, locked as long as it is written to, and removed unless it is renamed."""
+    """A directory beside `path`, locked as long as it is written to, and removed unless it is renamed.
+
+    What killed processes have left in the same folder is removed first.
+    """
+    _clear_abandoned(path.parent)
     token = secrets.token_hex(4)
-    partial, lock = _beside(path, "partial", token), _beside(path, "lock", token)
+    partial, lock = (path.with_name(f".{path.name}.{role}-{token}") for role in ("partial", "lock"))
     try:
-        # First, because FileLock would wait for ever where the file cannot be made.
+        # First, because FileLock would wait where the file cannot be made.
         lock.touch()
         with _held(lock):
-            partial.mkdir()
-            yield partial
+            try:
+                partial.mkdir()
+                yield partial
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        lock.unlink(missing_ok=True)
+        _release(lock, partial)
 
 
 @contextlib.contextmanager
 def _held(path: Path) -> Iterator[None]:
     """Hold a lock. On a file system without locks there is none."""
-    lock = FileLock(path, timeout=0)
+    lock = FileLock(path, timeout=PATIENCE)
     with contextlib.suppress(NotImplementedError):
         lock.acquire()
     try:
@@ -95,9 +108,32 @@ def _held(path: Path) -> Iterator[None]:
         lock.release()
 
 
+def _clear_abandoned(folder: Path) -> None:
+    """Remove what killed processes have left in a folder: whatever has a lock that no process holds."""
+    # Raised where the folder is not there yet, or may not be read.
+    with contextlib.suppress(OSError):
+        for name in os.listdir(folder):
+            match = _LOCK.fullmatch(name)
+            if match:
+                _clear_if_abandoned(folder / name, folder / f"{match[1]}partial-{match[2]}")
+
+
+def _clear_if_abandoned(lock: Path, partial: Path) -> None:
+    # Raised where the lock is held, which says that its process is alive, or where it is somebody else's file.
+    with contextlib.suppress(OSError), FileLock(lock, timeout=0):
+        shutil.rmtree(partial, ignore_errors=True)
+        _release(lock, partial)
+
+
+def _release(lock: Path, partial: Path) -> None:
+    """Remove a lock, unless something is left that it says to be abandoned."""
+    if not partial.exists():
+        lock.unlink(missing_ok=True)
+
+
 def _move(partial: Path, path: Path, overwrite: bool) -> None:
     """Give the finished directory its name; an earlier run is removed only once the new one is there."""
-    earlier = _beside(path, "earlier", _token(partial))
+    earlier = path.with_name(f".{path.name}.earlier-{secrets.token_hex(4)}")
     if overwrite and path.exists():
         path.rename(earlier)
     try:
@@ -113,32 +149,11 @@ def _move(partial: Path, path: Path, overwrite: bool) -> None:
 
 def _restore_earlier(path: Path) -> None:
     """Give an earlier run its name back if its replacement was killed in between; remove it if it was replaced."""
-    for earlier in _all_beside(path, "earlier"):
+    for earlier in list(path.parent.glob(f".{glob.escape(path.name)}.earlier-*")):
         if path.exists():
             shutil.rmtree(earlier, ignore_errors=True)
         else:
             earlier.rename(path)
-
-
-def _clear_abandoned(path: Path) -> None:
-    """Remove what killed runs have left half-written: whatever has a lock that no process holds."""
-    for lock in _all_beside(path, "lock"):
-        # Raised where the lock is held, which says that its run is alive, or where it is somebody else's file.
-        with contextlib.suppress(OSError), FileLock(lock, timeout=0):
-            shutil.rmtree(_beside(path, "partial", _token(lock)), ignore_errors=True)
-            lock.unlink()
-
-
-def _beside(path: Path, role: str, token: str) -> Path:
-    return path.with_name(f".{path.name}.{role}-{token}")
-
-
-def _all_beside(path: Path, role: str) -> list[Path]:
-    return list(path.parent.glob(f".{glob.escape(path.name)}.{role}-*"))
-
-
-def _token(beside: Path) -> str:
-    return beside.name.rpartition("-")[2]
 
 
 def _refuse_taken(path: Path, overwrite: bool) -> None:

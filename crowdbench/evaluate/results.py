@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int, Shaped
 
+from crowdbench import files
 from crowdbench.errors import InputError, described, plugin_errors
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.summary import Estimate, summarize
@@ -105,6 +106,7 @@ class Episodes:
     def read(cls, path: Path) -> Episodes:
         """Read what `write` wrote. Raises InputError where the file is missing or has other contents."""
         try:
+            files.check_regular(path)
             with path.open(newline="", encoding="utf-8") as file:
                 header, *rows = list(csv.reader(file))
             by_name = dict(zip(header, zip(*rows, strict=True), strict=True))
@@ -123,12 +125,12 @@ def read_result(directory: Path) -> dict[str, Any]:
     """The contents of a run's `result.json`. Raises InputError where it is missing or has other contents."""
     path = directory / RESULT
     try:
-        result = json.loads(path.read_text(encoding="utf-8"))
+        result = json.loads(files.read_text(path))
     except OSError as error:
         raise InputError(
             f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
         ) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
     expected = {"planner": str, "scenario": dict, "cases": str, "metrics": dict, "options": dict}
     if (

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench import rng
+from crowdbench import files, rng
 from crowdbench.errors import InputError
 from crowdbench.types import Observation, Pedestrians, Vehicle
 
@@ -142,7 +142,7 @@ def read_folder(folder: Path) -> list[Tracks]:
 def read_tracks(path: Path) -> Tracks:
     """A recording. Raises InputError, with the line, where the file cannot be read or has another format."""
     try:
-        lines = path.read_text(encoding="utf-8").split("\n")
+        lines = files.read_text(path).split("\n")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import subprocess
 import sys
 import warnings
@@ -14,6 +16,12 @@ from rerun.chunk import Chunk, RrdReader, StoreEntry
 
 from crowdbench.errors import InputError
 
+ERRORS = (RuntimeError, ValueError, OSError)
+"""What Rerun and the file system raise."""
+
+
+PARTLY = "only a part was written, as on a full disk or under a limit of the size of files (ulimit -f)"
+
 
 @contextlib.contextmanager
 def errors_as(sentence: str) -> Iterator[None]:
@@ -22,8 +30,23 @@ def errors_as(sentence: str) -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Rerun warns of a missing end before it raises an error for it
             yield
-    except (RuntimeError, ValueError, OSError) as error:
+    except ERRORS as error:
         raise InputError(sentence) from error
+
+
+@contextlib.contextmanager
+def writing(what: str, advice: str = "") -> Iterator[None]:
+    """A context for writing a recording. Raises InputError, which says why, where that fails.
+
+    Args:
+        what: What is written.
+        advice: What helps, put at the end of the sentence.
+    """
+    try:
+        yield
+    except ERRORS as error:
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise InputError(f"{what} could not be written: {reason or error}{advice}") from error
 
 
 def opening(path: Path) -> contextlib.AbstractContextManager[None]:
@@ -67,13 +90,39 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
     Raises:
         OSError: The file could not be written in full.
     """
-    blueprint.save(application, folder / "layout.rbl")
+    with _switched_on():
+        blueprint.save(application, folder / "layout.rbl")
     # `rrd route` copies the messages as they are: it is faster than `rrd merge` and needs less memory.
     command = [sys.executable, "-m", "rerun_cli", "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
     # In a session of its own, because Ctrl-C in a terminal interrupts all processes of the session's group.
-    subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
+    ended = subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
     whole = folder / "whole.rrd"
+    if ended.returncode:
+        said = ended.stderr.decode(errors="replace").strip().splitlines()
+        raise OSError(f"rerun rrd route ended with status {ended.returncode}: {said[-1] if said else 'no message'}")
     # On a full disk, rerun writes part of the file and exits with 0.
-    if len(RrdReader(whole).recordings()) < len(parts):
-        raise OSError(f"{whole} is incomplete")
+    if not _holds(whole, len(parts)):
+        raise OSError(errno.ENOSPC, PARTLY)
     return whole
+
+
+def _holds(path: Path, recordings: int) -> bool:
+    """Whether a file can be read and has so many recordings."""
+    with contextlib.suppress(*ERRORS), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return len(RrdReader(path).recordings()) == recordings
+    return False
+
+
+@contextlib.contextmanager
+def _switched_on() -> Iterator[None]:
+    """The variable RERUN=off is for programs that show what they do; a recording was asked for."""
+    before = os.environ.get("RERUN")
+    os.environ["RERUN"] = "on"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["RERUN"]
+        else:
+            os.environ["RERUN"] = before

@@ -88,7 +88,7 @@ def _extract(path: Path, case: int | None, folder: Path) -> Path:
     own = f"/{PLANNER_PLOTS}/"
     plotted = {chunk.entity_path.removeprefix(own) for chunk in chunks if chunk.entity_path.startswith(own)}
     shown = blueprint([extent], sorted(plotted))
-    with rrd.errors_as(f"a copy of case {case} could not be written to {folder}: is the disk full?"):
+    with rrd.writing(f"a copy of case {case} in {folder}"):
         LazyChunkStream.from_iter(chunks).write_rrd(
             folder / "case.rrd", application_id=entry.application_id, recording_id=entry.recording_id
         )

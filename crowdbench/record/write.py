@@ -61,7 +61,7 @@ class Recorder:
             values: Metrics of all episodes of the trace by name, shown as text.
 
         Raises:
-            InputError: The disk is full.
+            InputError: They cannot be written.
         """
         for row in rows.tolist():
             label = Outcome(int(trace.outcome[row])).label
@@ -91,4 +91,4 @@ class Recorder:
                     rrd.join(Path(folder), parts, self._application, shown).replace(self._path)
 
     def _writing(self) -> contextlib.AbstractContextManager[None]:
-        return rrd.errors_as(f"{self._path} could not be written: is the disk full? (--record none does without)")
+        return rrd.writing(f"the recording {self._path.name}", " (--record none does without)")

@@ -15,6 +15,8 @@ from crowdbench.rng import SPLITS
 LAST = 2**62
 """Case numbers are smaller than this."""
 
+_NUMBER = "[0-9]{1,19}"
+
 
 @dataclass(frozen=True)
 class Cases:
@@ -36,7 +38,7 @@ class Cases:
 
         Raises InputError where the text has another form or the range is empty.
         """
-        match = re.fullmatch(r"(?:([a-z]+):)?(?:(\d+):)?(\d+)", text)
+        match = re.fullmatch(rf"(?:([a-z]+):)?(?:({_NUMBER}):)?({_NUMBER})", text)
         if match and (match[1] or "test") in SPLITS:
             cases = cls(match[1] or "test", int(match[2] or 0), int(match[3]))
             if cases.start < cases.stop <= LAST:
@@ -65,7 +67,7 @@ class Cases:
 
 def parse_case(text: str) -> tuple[str, int]:
     """Read the name of a case, `split:number`. Raises InputError where the text has another form."""
-    match = re.fullmatch(r"([a-z]+):(\d+)", text)
+    match = re.fullmatch(rf"([a-z]+):({_NUMBER})", text)
     if match and match[1] in SPLITS and int(match[2]) < LAST:
         return match[1], int(match[2])
     raise InputError(f"case {text!r} is not the name of a case: write test:37 (splits: {', '.join(SPLITS)})")

@@ -43,7 +43,8 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
     file = Location(source)
     top = parsed(ScenarioSpec, table, file)
     rules = Rules(dt=top.dt, time_limit=top.time_limit, collision=top.collision, visible=top.vehicle.visible)
-    if rules.max_steps > MAX_STEPS:
+    # Not by `max_steps`, which a tiny dt makes infinite.
+    if top.time_limit - 1.0 > (MAX_STEPS - 1) * top.dt:
         right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
         raise file.at("dt").wrong(repr(top.dt), right)
     layout = parsed(layout_spec(top.layout.generator), table.get("layout", {}), file.at("layout")).complete()

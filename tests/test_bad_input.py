@@ -1,0 +1,223 @@
+"""What nobody should give gets one sentence: no traceback, no wait without an end, no wrong reason."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from crowdbench import cli
+from crowdbench.cli import failures, streams
+from crowdbench.cli.options import assignments
+from crowdbench.errors import InputError, Interrupted
+from crowdbench.evaluate.directory import new_directory
+from crowdbench.evaluate.results import read_result
+from crowdbench.scenario.cases import Cases, parse_case
+from crowdbench.toml_file import DEEPEST
+
+DEEP = "[" * 5000 + "]" * 5000
+DIGITS = "9" * 5000
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def crowdbench(monkeypatch, capsys):
+    """Runs a command in this process: its exit status, what it prints, and its sentence about an error."""
+    monkeypatch.setattr(cli.interrupts, "handle", lambda: None)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["crowdbench", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        out, err = capsys.readouterr()
+        return stop.value.code, out, [line for line in err.splitlines() if not line.startswith("compiling")]
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("value", "right"),
+    [
+        (DEEP, f"can be nested {DEEPEST} deep"),
+        ("[" * 40 + "]" * 40, f"can be nested {DEEPEST} deep"),
+        ("{a=" * 2000 + "1" + "}" * 2000, f"can be nested {DEEPEST} deep"),
+        (DIGITS, "must fit into 64 bits"),
+        (f"[-{'9' * 40}]", "must fit into 64 bits"),
+        (str(2**63), "must fit into 64 bits"),
+    ],
+)
+def test_toml_that_nobody_means_is_refused_in_files_and_options(crowdbench, value, right):
+    Path("mine.toml").write_text(f"seed = {value}\n")
+    for command in (["run", "--planner", "orca", "--scenario", "./mine.toml"], ["study", "mine.toml"]):
+        status, _, errors = crowdbench(*command)
+        assert (status, len(errors)) == (1, 1)
+        assert "mine.toml cannot be used: " in errors[0]
+        assert right in errors[0]
+    for flag in ("--set", "--option"):
+        with pytest.raises(InputError, match=right):
+            assignments([f"seed={value}"], flag)
+
+
+def test_a_value_that_sets_a_second_key_is_a_text():
+    assert assignments(["a=1\nb=2"], "--set") == {"a": "1\nb=2"}
+
+
+@pytest.mark.parametrize("text", ["٣", "²", "val:٣", DIGITS, "9" * 40, f"0:{'9' * 40}", "1_000", "1\n"])
+def test_cases_are_ascii_digits_of_a_number_that_there_can_be(text):
+    with pytest.raises(InputError, match="not a range of cases"):
+        Cases.parse(text)
+    with pytest.raises(InputError, match="not the name of a case"):
+        parse_case(f"test:{text}")
+
+
+def test_a_step_too_short_to_divide_by_is_refused(crowdbench):
+    status, _, errors = crowdbench("run", "--planner", "orca", "--set", "dt=5e-324")
+    assert status == 1
+    assert "dt is 5e-324, but must be large enough" in errors[0]
+
+
+def special(path, kind):
+    """Make a path that is no file: reading some of them would never end."""
+    if kind == "fifo":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir(parents=True)
+    else:
+        path.symlink_to(f"/dev/{kind}")
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs devices")
+@pytest.mark.parametrize("kind", ["fifo", "zero", "stdin", "folder"])
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("x.toml", ["run", "--planner", "orca", "--scenario", "x.toml"]),
+        ("x.toml", ["list", "scenarios", "x.toml"]),
+        ("x.toml", ["study", "x.toml"]),
+        ("x.py", ["run", "--planner", "x.py"]),
+        ("x.py", ["list", "planners", "x.py"]),
+        ("x.py", ["run", "--planner", "orca", "--pedestrians", "x.py"]),
+        ("x.py", ["run", "--planner", "orca", "--metric", "x.py"]),
+        ("x.py", ["evaluate-predictor", "x.py"]),
+        ("x.txt", ["evaluate-predictor", "constant_velocity", "--data", "."]),
+        ("result.json", ["compare", ".", "."]),
+        ("x.rrd", ["score", "x.rrd"]),
+        ("x.rrd", ["view", "x.rrd"]),
+    ],
+)
+def test_pipes_devices_and_folders_are_not_read(crowdbench, tmp_path, name, command, kind):
+    special(tmp_path / name, kind)
+    status, out, errors = crowdbench(*command)
+    assert (status, out, len(errors)) == (1, "", 1)
+    assert not [path for path in tmp_path.iterdir() if path.name != name]
+
+
+@pytest.mark.parametrize(
+    "content", [b"'''\xe9'''\n", "x = 1".encode("utf-16"), b"x = 1\0"], ids=["latin1", "utf16", "nul"]
+)
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("x.toml", ["run", "--planner", "orca", "--scenario", "x.toml"]),
+        ("x.py", ["run", "--planner", "x.py"]),
+        ("x.py", ["run", "--planner", "orca", "--metric", "x.py"]),
+        ("x.py", ["run", "--planner", "orca", "--pedestrians", "x.py"]),
+    ],
+)
+def test_files_that_are_no_text_are_named(crowdbench, name, command, content):
+    Path(name).write_bytes(content)
+    status, out, errors = crowdbench(*command)
+    assert (status, out, len(errors)) == (1, "", 1)
+    assert name in errors[0]
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, f'{{"x": {DIGITS}}}', "\ufeff{}"])
+def test_a_result_that_no_run_writes_is_told(tmp_path, text):
+    (tmp_path / "result.json").write_text(text)
+    with pytest.raises(InputError, match="not valid JSON"):
+        read_result(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "expected"),
+    [
+        (InputError("bad\nthing"), 1, "bad thing"),
+        (InputError("x" * 5000), 1, "x ... x"),
+        (MemoryError(), 1, "not enough memory"),
+        (OSError(24, "Too many open files", "/a/b"), 1, "/a/b cannot be written or read: Too many open files"),
+        (OSError(28, "No space left on device"), 1, "the output cannot be written or read: No space left"),
+        (Interrupted(), 130, "interrupted: nothing was kept"),
+        (SystemExit(0), 3, "please report it"),
+        (ZeroDivisionError("by zero"), 3, "an error in crowdbench itself, ZeroDivisionError: by zero"),
+    ],
+)
+def test_whatever_a_command_raises_ends_in_one_sentence(crowdbench, monkeypatch, error, status, expected):
+    def broken(*arguments, **settings):
+        raise error
+
+    monkeypatch.setattr(cli, "app", broken)
+    found, out, errors = crowdbench("list")
+    assert (found, out, len(errors)) == (status, "", 1)
+    assert expected in errors[0]
+    assert len(errors[0]) < 1200
+
+
+def test_an_exception_without_a_readable_message_is_told():
+    class Unreadable(Exception):
+        def __str__(self):
+            raise RuntimeError
+
+    failed = failures.failure(Unreadable())
+    assert failed.status == failures.INTERNAL
+    assert "Unreadable: its message cannot be read" in failed.sentence
+
+
+def test_a_run_without_standard_streams_keeps_its_result(tmp_path):
+    command = f"{sys.executable} -m crowdbench run --planner orca --cases 2 --record none --out kept <&- >&- 2>&-"
+    assert subprocess.run(["sh", "-c", command], timeout=120).returncode == 0
+    assert read_result(tmp_path / "kept")["cases"] == "test:0:2"
+
+
+def test_what_ascii_lacks_is_printed_as_escapes():
+    code = "from crowdbench.cli import streams; streams.prepare(); print('m/s³ \\udcff')"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, timeout=60
+    )
+    assert done.stdout == b"m/s\\xb3 \\udcff\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_output_is_told_once():
+    command = [sys.executable, "-m", "crowdbench", "list", "metrics"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr == "crowdbench: the output cannot be written or read: No space left on device\n"
+
+
+def test_a_plug_in_that_closes_the_output_is_told(monkeypatch):
+    class Closed:
+        closed = True
+
+    monkeypatch.setattr(sys, "stdout", Closed())
+    with pytest.raises(AttributeError) as error:
+        streams.flush()
+    assert failures.failure(error.value).sentence == "the output cannot be written: a plug-in has closed it"
+
+
+def test_what_a_killed_process_left_is_cleared_by_the_next_one_in_the_folder(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / f".{name}.partial-0123abcd" / "inside").mkdir(parents=True)
+        (tmp_path / f".{name}.lock-0123abcd").touch()
+    (tmp_path / ".c.lock-0123abcd").touch()
+    (tmp_path / ".mine.lock").touch()
+    with new_directory(tmp_path / "e", False) as living:
+        (living / "result.json").write_text("{}")
+        with new_directory(tmp_path / "a", False) as partial:
+            (partial / "result.json").write_text("{}")
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "e", ".mine.lock"}
