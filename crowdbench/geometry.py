@@ -7,11 +7,12 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
+
+from crowdbench.compiled import njit
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def nearest_in_step(i, position, motion, radius, seen):
     """The smallest distance between an agent's rim and any other agent's during a step, in one world.
 
@@ -49,7 +50,7 @@ def norm(vector: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def heading_of(vx, vy, before):
     """The direction of a velocity. Compiled.
 
@@ -65,7 +66,7 @@ def heading_of(vx, vy, before):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def turn(before, after):
     """The change from one heading to another. Compiled.
 
@@ -108,7 +109,7 @@ def toward_goal(
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _toward_goal(position, goal, preferred_speed, out):
     """See `toward_goal`; fills `out`."""
     # Reshaped here and not in Python, where it would take most of the time.

@@ -14,7 +14,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int, UInt
-from numba import njit
+
+from crowdbench.compiled import njit
 
 SPLITS = ("train", "val", "test")
 """The splits of a scenario's cases. Each has the cases 0, 1, 2, ... without an end."""
@@ -82,7 +83,7 @@ _WEYL = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B))
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _high_product(a, b):
     """The upper 64 bits of a * b."""
     a0, a1, b0, b1 = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
@@ -91,7 +92,7 @@ def _high_product(a, b):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def philox(c0, c1, c2, c3, k0, k1):
     """Philox 4x64-10 (Salmon et al. 2011): random bits from ten rounds of mixing.
 
@@ -119,7 +120,7 @@ def philox(c0, c1, c2, c3, k0, k1):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _keys(seed, split, cases):
     """The random numbers for key `seed` and counters (case, split)."""
     zero = np.uint64(0)
@@ -130,7 +131,7 @@ def _keys(seed, split, cases):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _pair(a, b):
     """Two normal numbers from two random uint64 (Box and Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - (a >> np.uint64(11)) * 2.0**-53))
@@ -139,7 +140,7 @@ def _pair(a, b):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _normal(key, purpose, step, out):
     """Fill `out [world, pedestrian, n]`: key (case, purpose), counter (index, pedestrian, step), four at a time."""
     worlds, pedestrians, n = out.shape

@@ -1,18 +1,11 @@
 """What all tests share: shapes are checked at every call, and reference data is found or its tests skip."""
 
-import hashlib
 import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from jaxtyping import install_import_hook
-
-# numba's cache on disk does not notice when a function that another one calls has changed in another file.
-SOURCES = sorted((Path(__file__).parent.parent / "crowdbench").rglob("*.py"))
-DIGEST = hashlib.sha256(b"".join(path.read_bytes() for path in SOURCES)).hexdigest()[:16]
-os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir()) / f"crowdbench-numba-{DIGEST}"))
 
 # Tests run in several processes, whose networks' threads would get in each other's way. Of numba's own threads
 # torch knows nothing; OpenMP's they would share, and numba would give torch as many as itself.

@@ -9,7 +9,6 @@ from crowdbench.catalog import load_policy, load_scenario
 from crowdbench.planners.reactive import SocialForcePlanner
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim import social_force
-from crowdbench.sim.kernels import serial_and_parallel
 from crowdbench.sim.simulator import advance, crowd_velocities
 from crowdbench.sim.social_force import SOFTNESS, social_force_velocities
 
@@ -247,12 +246,6 @@ def test_one_thread_and_many_give_the_same_bits(monkeypatch):
     serial = social_force_velocities(*inputs)
     monkeypatch.setattr(social_force, "PARALLEL_PAIRS", 0)
     assert np.array_equal(serial, social_force_velocities(*inputs))
-
-
-def test_the_cache_keeps_the_code_for_one_thread_and_for_many_apart():
-    serial, parallel = serial_and_parallel(social_force._social_force_serial.py_func)
-    assert serial.py_func.__code__ is parallel.py_func.__code__
-    assert serial._cache._impl.filename_base != parallel._cache._impl.filename_base
 
 
 def test_a_world_does_not_depend_on_its_batch():

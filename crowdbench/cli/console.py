@@ -75,17 +75,8 @@ def say(text: str) -> None:
 
 def announce_compilation() -> None:
     """Print a message when the simulator is compiled, which happens when it first runs on a machine."""
-    from numba.core import event
+    from crowdbench.compiled import on_first_compilation
 
-    class Once(event.Listener):  # type: ignore[misc]
-        said = False
-
-        def on_start(self, event: object) -> None:
-            if not self.said:
-                say("compiling the simulator for this machine (once, takes some seconds; later runs use a cache)")
-            self.said = True
-
-        def on_end(self, event: object) -> None:
-            """No message."""
-
-    event.register("numba:compile", Once())
+    on_first_compilation(
+        lambda: say("compiling the simulator for this machine (once, takes some seconds; later runs use a cache)")
+    )

@@ -16,8 +16,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
+from crowdbench.compiled import njit
 from crowdbench.types import Observation, World
 
 AGENT_FEATURES = 6
@@ -55,7 +55,7 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _flatten(position, velocity, radius, present, goal, preferred_speed, visible, out):
     """Write observations.
 

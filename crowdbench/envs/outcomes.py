@@ -6,8 +6,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from crowdbench.compiled import njit
 from crowdbench.geometry import nearest_in_step
 from crowdbench.sim.episode import StepCheck, step_outcome
 from crowdbench.types import Outcome, World
@@ -48,7 +48,7 @@ def outcomes_of_agents(
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _check_pedestrians(position, motion, end, goal, radius, seen, outcomes, gaps):
     """Check a step for the pedestrians of one world.
 

@@ -11,8 +11,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from crowdbench.compiled import njit
 from crowdbench.geometry import nearest_in_step
 from crowdbench.types import Outcome, Rules, World
 
@@ -89,7 +89,7 @@ def swept_motion(
 
 
 @no_type_check
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
     """The outcome of a step for one agent.
 
@@ -116,7 +116,7 @@ def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _check(position, motion, end, goal, radius, present, step, max_steps, outcome, gap, wall_gap):
     """Check a step of each world's vehicle.
 

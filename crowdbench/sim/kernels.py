@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import functools
+import threading
 import types
 from collections.abc import Callable
 from typing import Any, no_type_check
 
 import numpy as np
-from numba import njit
+
+from crowdbench.compiled import njit
+
+_ONE_AT_A_TIME = threading.Lock()
 
 
 def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], Callable[..., Any]]:
@@ -18,13 +22,20 @@ def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], C
         loop: A function with a loop over `prange`.
 
     Returns:
-        The function compiled for one thread, and for all threads.
+        The function compiled for one thread, and for all threads. Calls of the second one wait for each other.
     """
-    # The second one gets another name, because numba's cache on disk identifies functions by name and line, without
-    # the options of the compilation.
+    # The second one gets another name, because the cache removes what another version of a kernel has left.
     twin = types.FunctionType(loop.__code__, loop.__globals__, f"{loop.__name__}_parallel")
     twin.__module__, twin.__qualname__ = loop.__module__, twin.__name__
-    return njit(cache=True, error_model="numpy")(loop), njit(cache=True, error_model="numpy", parallel=True)(twin)
+    parallel = njit(error_model="numpy", parallel=True)(twin)
+
+    def in_turn(*arguments: Any) -> None:
+        # numba's threading layer workqueue ends the process when two threads enter it. The others lose nothing by
+        # waiting, because each call uses all cores.
+        with _ONE_AT_A_TIME:
+            parallel(*arguments)
+
+    return njit(error_model="numpy")(loop), in_turn
 
 
 def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> np.ndarray:
@@ -50,7 +61,7 @@ def _number(value: float, dtype: type) -> np.ndarray:
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def at(array, w, i):
     """One agent's value in an array that `per_agent` made.
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from typing import no_type_check
 
-from numba import njit
+from crowdbench.compiled import njit
 
 _PARALLEL = 1e-5
 """Lines are parallel if the cross product of their directions is not larger than this, as in the library RVO2."""
 
 
 @no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def unit(x, y):
     """The unit vector along (x, y), and its length.
 
@@ -36,7 +36,7 @@ def unit(x, y):
 
 
 @no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _nearest_on_line(lines, k, speed, x, y, as_direction):
     """The best velocity on line k that the lines before it and the speed limit permit.
 
@@ -79,7 +79,7 @@ def _nearest_on_line(lines, k, speed, x, y, as_direction):
 
 
 @no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def nearest_permitted(lines, n, speed, x, y, as_direction):
     """The permitted velocity nearest to (x, y), or farthest in its direction (section 5.1).
 
@@ -112,7 +112,7 @@ def nearest_permitted(lines, n, speed, x, y, as_direction):
 
 
 @no_type_check
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def least_violation(lines, n, failed, speed, x, y, scratch):
     """The velocity whose largest distance beyond a line is smallest (section 5.3).
 

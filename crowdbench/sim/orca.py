@@ -17,8 +17,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
-from numba import njit, prange
 
+from crowdbench.compiled import njit, prange
 from crowdbench.sim.kernels import at, per_agent, serial_and_parallel
 from crowdbench.sim.linear_program import least_violation, nearest_permitted, unit
 
@@ -143,7 +143,7 @@ _orca_serial, _orca_parallel = serial_and_parallel(_orca)
 
 
 @no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
     """Find the neighbours of agent i of world w.
 
@@ -181,7 +181,7 @@ def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
 
 
 @no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, lines, k):
     """Write line k: the velocities that agent i of world w may take because of its neighbour j (equation 6, figure 2).
 
@@ -227,7 +227,7 @@ def _half_plane(position, velocity, radius, w, i, j, time_horizon, time_step, li
 
 
 @no_type_check
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _passes_left(px, py, vx, vy, qx, qy, ux, uy, rate):
     """Whether the nearer leg of the cone is the left one.
 

@@ -8,8 +8,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
+from crowdbench.compiled import njit
 from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle, World
 
 
@@ -63,7 +63,7 @@ def observe(
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _see(seen, step, observed, age):
     """How many positions of each pedestrian were observed, and how long ago it was seen.
 

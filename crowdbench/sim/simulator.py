@@ -8,8 +8,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
+from crowdbench.compiled import njit
 from crowdbench.errors import InputError, plugin_errors
 from crowdbench.geometry import heading_of, turn
 from crowdbench.sim.episode import StepCheck, check_step
@@ -122,7 +122,7 @@ def step(
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _advance(
     position,
     velocity,

@@ -25,8 +25,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numba import njit, prange
 
+from crowdbench.compiled import njit, prange
 from crowdbench.sim.kernels import serial_and_parallel
 
 SUB_STEP = 0.05
@@ -201,7 +201,7 @@ _social_force_serial, _social_force_parallel = serial_and_parallel(_social_force
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _desired(position, goal, preferred_speed):
     """The desired velocity (equations 1 and 2), as `geometry.toward_goal` computes it.
 
@@ -220,7 +220,7 @@ def _desired(position, goal, preferred_speed):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
     """The sum of the repulsion of all others on agent i, weighted by whether it sees them (equations 7 and 8).
 
@@ -251,7 +251,7 @@ def _repulsion(i, position, velocity, gx, gy, radius, seen, traits):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _rim_vector(x, y, radii):
     """The vector between two centres, shortened by the radii: the paper's r for pedestrians that are discs.
 
@@ -274,7 +274,7 @@ def _rim_vector(x, y, radii):
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _force(x, y, sx, sy, strength, reach):
     """The repulsion at (x, y) by a pedestrian at the origin.
 

@@ -24,7 +24,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
-from numba import njit
+
+from crowdbench.compiled import njit
 
 VEHICLE = 6
 """The first six numbers are the vehicle's, the same with every pedestrian."""
@@ -73,7 +74,7 @@ def joint_states(
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def write_joint_state(out, x, y, vx, vy, radius, goal, speed, position, velocity, radii, present):
     """Write the joint states of one vehicle with all pedestrians. Compiled.
 
@@ -116,7 +117,7 @@ def write_joint_state(out, x, y, vx, vy, radius, goal, speed, position, velocity
 
 
 @no_type_check
-@njit(cache=True)
+@njit
 def _joint_states(position, velocity, radius, present, goal, speed, out):
     for b in range(len(out)):
         write_joint_state(

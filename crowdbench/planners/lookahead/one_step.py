@@ -7,8 +7,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
-from numba import njit
 
+from crowdbench.compiled import njit
 from crowdbench.geometry import nearest_in_step
 from crowdbench.predict import Prediction
 from crowdbench.sim.episode import step_outcome
@@ -133,7 +133,7 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
 
 
 @no_type_check
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _try_commands(
     position,
     goal,
