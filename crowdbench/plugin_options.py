@@ -7,14 +7,24 @@ import functools
 import inspect
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from crowdbench.errors import InputError
+from crowdbench.numbers import is_integer, is_number
 
 REQUIRED = inspect.Parameter.empty
 """The default of an option that has none."""
+
+
+PLAIN: Mapping[Any, tuple[Callable[[Any], bool], str]] = {
+    bool: (lambda value: isinstance(value, bool), "true or false"),
+    int: (is_integer, "a whole number"),
+    float: (is_number, "a number"),
+    str: (lambda value: isinstance(value, str), "a text in quotes"),
+}
+"""The types of annotations that values are checked against: what belongs to each, and its name in errors."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +64,15 @@ class Option:
             The argument: None for false, a part for a table, and else the value.
 
         Raises:
-            InputError: The value should be a table and is not, or has other parameters, or one of them is impossible.
+            InputError: The value is of another type, or should be a table and is not, or has other parameters, or one
+                of them is impossible.
         """
         if self.can_be_off and (value is None or value is False):
             return None
-        if not self.parts or isinstance(value, tuple(self.parts)):
+        if not self.parts:
+            self._check(value)
+            return value
+        if isinstance(value, tuple(self.parts)):
             return value
         if isinstance(value, dict):
             for make, names, needed in self._makers():
@@ -69,6 +83,15 @@ class Option:
                         raise InputError(f"in {self.name}, {error}") from error
         right = " or ".join(f"a table with {', '.join(parameters(part))}" for part in self.parts)
         raise InputError(f"{self.name} is {value!r}, but must be {'false or ' * self.can_be_off}{right}")
+
+    def _check(self, value: Any) -> None:
+        """Raises InputError where all of the types are plain, and a value is none of them."""
+        plain = [kind for kind in self.types if kind is not types.NoneType]
+        if not plain or any(kind not in PLAIN for kind in plain) or any(PLAIN[kind][0](value) for kind in plain):
+            return
+        found = str(value).lower() if isinstance(value, bool) else repr(value)
+        right = " or ".join(PLAIN[kind][1] for kind in plain)
+        raise InputError(f"{self.name} is {found}, but must be {'false or ' * self.can_be_off}{right}")
 
     def _makers(self) -> list[tuple[Callable[..., object], set[str], set[str]]]:
         """What makes a part from a table, the parameters that it takes, and those that it needs: the default first."""

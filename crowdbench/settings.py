@@ -9,6 +9,9 @@ BATCH = 500
 HORIZON = 8
 """Number of steps for which predictors are measured."""
 
+MOST_AHEAD = 1000
+"""The most steps for which predictors can be measured: more than any episode has at the usual time steps."""
+
 RECORD = ("failures", "all", "commands", "none")
 """What is recorded: the commands of all cases unless it is "none", and with `WITH_EPISODES` episodes for the viewer."""
 

@@ -185,6 +185,11 @@ def test_options_reach_the_predictor_and_wrong_ones_are_told():
         ("linear", {"modes": 3}, "linear has no option 'modes'; its options are: none"),
         ("constant_velocity_sampled", {"mode": 3}, "has no option 'mode'; its options are: modes, angle"),
         ("constant_velocity_sampled", {"modes": 0}, "modes is 0, but must be a whole number, 1 or more"),
+        ("constant_velocity_sampled", {"modes": 2.5}, "modes is 2.5, but must be a whole number"),
+        ("constant_velocity_sampled", {"modes": True}, "modes is true, but must be a whole number"),
+        ("constant_velocity_sampled", {"angle": "wide"}, "angle is 'wide', but must be a number"),
+        ("sgan", {"rescaled": 1}, "rescaled is 1, but must be true or false"),
+        ("sgan", {"weights": 1}, "weights is 1, but must be a text in quotes"),
         ("constant_velocity_sampled", {"angle": -1.0}, "angle is -1.0, but must be a number of degrees, 0 or more"),
     ]:
         with pytest.raises(InputError, match=expected):

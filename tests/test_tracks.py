@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ GOOD = "780\t1.0\t8.46\t3.59\n790\t1.0\t9.57\t3.79\n"
         (GOOD + "\n800 1 2 north\n", "line 4: 'north' is not a number"),
         (GOOD + "800 1 nan 2\n", "line 3: x is nan, but must be a finite number"),
         (GOOD + "800 1 2 -inf\n", "line 3: y is -inf, but must be a finite number"),
+        (GOOD + "800 1 2 1e300\n", "line 3: y is 1e.300, but must be in metres, from -1e.07 to 1e.07"),
         (GOOD + "800 1.5 2 3\n", "line 3: pedestrian is 1.5, but must be a whole number"),
         (GOOD + "1e300 1 2 3\n", "line 3: frame is 1e.300, but must be a whole number"),
         (GOOD + "805 1 2 3\n", "line 3: frame 805 is not on the grid of the first one, 780: .* multiples of 10 apart"),
@@ -61,6 +64,13 @@ def tracks_of(rows, tmp_path):
     path = tmp_path / "some.txt"
     path.write_text("\n".join(" ".join(repr(float(value)) for value in row) for row in rows))
     return read_tracks(path)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
+def test_what_may_never_end_is_not_read(make, tmp_path):
+    make(tmp_path / "mine.txt")
+    with pytest.raises(InputError, match=r"mine\.txt cannot be read: it is not a regular file"):
+        read_folder(tmp_path)
 
 
 def test_windows_hold_those_who_are_there_in_every_frame(tmp_path):

@@ -1,4 +1,5 @@
 import json
+import os
 
 import pytest
 import torch
@@ -96,7 +97,19 @@ def test_weights_without_a_card_are_refused(saved):
     assert "need their card mine.json beside them" in refused(saved)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"network": "sarl"}', '{"network": "sarl", "sha256": 1}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        "[]",
+        "[" * 100_000,
+        "9" * 5000,
+        '{"network": "sarl"}',
+        '{"network": "sarl", "sha256": 1}',
+        '{"network": "sarl", "sha256": "1", "training": [1]}',
+    ],
+    ids=["cut", "list", "deep", "digits", "no sha256", "number", "training"],
+)
 def test_a_card_that_is_none_is_refused(saved, text):
     saved.with_suffix(".json").write_text(text)
     assert str(saved.with_suffix(".json")) in refused(saved)
@@ -104,6 +117,31 @@ def test_a_card_that_is_none_is_refused(saved, text):
 
 def test_weights_of_another_network_are_refused(saved):
     assert refused(saved, "cadrl").endswith("are of the network sarl, but must be of cadrl")
+
+
+def test_a_network_that_does_not_exist_is_told(saved):
+    assert refused(saved, "mlp") == "no value network is called 'mlp'; there are cadrl, lstm_rl, sarl"
+
+
+@pytest.mark.parametrize("suffix", [".safetensors", ".json"])
+def test_a_pipe_is_not_waited_for(suffix, saved):
+    path = saved.with_suffix(suffix)
+    path.unlink()
+    os.mkfifo(path)
+    assert refused(saved).endswith("it is not a regular file")
+
+
+def test_weights_that_are_not_finite_are_refused(tmp_path):
+    network = NETWORKS["sarl"]()
+    name, weights = next(iter(network.named_parameters()))
+    with torch.no_grad():
+        weights.view(-1)[0] = torch.nan
+    save_network(network, "sarl", tmp_path / "mine.safetensors", CARD)
+    assert f"have numbers in {name} that are not finite" in refused(tmp_path / "mine.safetensors")
+
+
+def test_a_device_without_values_is_refused(saved):
+    assert "cannot be loaded on meta" in refused(saved, device="meta")
 
 
 def test_foreign_tensors_are_refused_in_one_line(saved):
@@ -163,4 +201,23 @@ def test_social_gans_that_come_along_say_what_they_were_trained_on():
 def test_a_card_that_does_not_say_where_a_social_gan_was_trained_is_refused(tmp_path):
     save_network(Generator(), "sgan", tmp_path / "mine.safetensors", CARD)
     with pytest.raises(InputError, match="must say on which scenes, in steps of which dt, they were trained"):
+        load_predictor("sgan", {"weights": str(tmp_path / "mine.safetensors")})
+
+
+@pytest.mark.parametrize(
+    ("training", "message"),
+    [
+        ({"dt": 0}, "has a dt of 0, but it must be a number of seconds above 0"),
+        ({"dt": -0.4}, "has a dt of -0.4, but"),
+        ({"dt": float("nan")}, "has a dt of nan, but"),
+        ({"dt": "0.4"}, "has a dt of 0.4, but"),
+        ({"dt": 10**400}, "has a dt of 1000000000000000000000000000000000000000, but"),
+        ({"scenes": "eth"}, "must have a list of names as scenes"),
+        ({"pooling": "yes"}, "must have true or false as pooling"),
+    ],
+)
+def test_a_card_of_a_social_gan_with_a_wrong_value_is_refused(training, message, tmp_path):
+    card = CARD | {"training": {"dt": 0.4, "scenes": [], "pooling": False} | training}
+    save_network(Generator(), "sgan", tmp_path / "mine.safetensors", card)
+    with pytest.raises(InputError, match=message):
         load_predictor("sgan", {"weights": str(tmp_path / "mine.safetensors")})

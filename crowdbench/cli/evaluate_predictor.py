@@ -12,7 +12,7 @@ import typer
 
 from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments, print_table
 from crowdbench.errors import InputError
-from crowdbench.settings import HORIZON
+from crowdbench.settings import HORIZON, MOST_AHEAD
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -42,7 +42,7 @@ def evaluate_predictor(
     cases: Annotated[str | None, typer.Option(help="Of the scenario, such as val:100; val:200 if not given.")] = None,
     overrides: SetOption = None,
     data: DataOption = None,
-    ahead: Annotated[int, typer.Option(min=1, help="Number of steps that are predicted.")] = HORIZON,
+    ahead: Annotated[int, typer.Option(min=1, max=MOST_AHEAD, help="Number of steps that are predicted.")] = HORIZON,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the errors of predictors on the crowds of a scenario or on recorded tracks."""

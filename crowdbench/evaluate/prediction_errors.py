@@ -20,11 +20,13 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.errors import InputError, plugin_errors
 from crowdbench.evaluate.summary import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.geometry import norm
+from crowdbench.numbers import is_integer
 from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict.checked import checked
 from crowdbench.predict.tracks import Tracks, scenes, windows
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.settings import BATCH, HORIZON
+from crowdbench.settings import BATCH, HORIZON, MOST_AHEAD
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import advance, crowd_velocities
 from crowdbench.types import HISTORY, Observation
@@ -96,8 +98,10 @@ def on_scenario(
         progress: Called with the number of cases that were finished.
 
     Raises:
-        InputError: The predictor breaks its contract, or no pedestrian walks for long enough.
+        InputError: The predictor breaks its contract, no pedestrian walks for long enough, or `ahead` is not from 1 to
+            `MOST_AHEAD`.
     """
+    _check_ahead(ahead)
     clusters = _Clusters.empty(len(cases), ahead)
     for part in cases.batches(BATCH):
         for prediction, walking, truth in _walks(name, predictor, scenario, part, ahead):
@@ -137,12 +141,14 @@ def on_tracks(
         The errors by scene, and under `MEAN` their means over the scenes.
 
     Raises:
-        InputError: The predictor breaks its contract or is privileged, or a recording has no window.
+        InputError: The predictor breaks its contract or is privileged, a recording has no window, or `ahead` is not
+            from 1 to `MOST_AHEAD`.
     """
     if predictor.privileged:
         raise InputError(
             f"predictor {name} is privileged, it asks the simulator: evaluate it on a scenario, not on recordings"
         )
+    _check_ahead(ahead)
     found = {}
     for scene, parts in scenes(recordings).items():
         unseen = predictor.unseen(scene)
@@ -178,6 +184,11 @@ def displacement(
     total = np.where(counted[:, None, None, :, None], both, 0.0).sum(axis=3, keepdims=True)
     together = np.take_along_axis(both, total.argmin(axis=1, keepdims=True), axis=1)[:, 0]
     return np.stack([both[:, 0], together, both.min(axis=1)]).transpose(1, 3, 0, 4, 2)
+
+
+def _check_ahead(ahead: int) -> None:
+    if not (is_integer(ahead) and 1 <= ahead <= MOST_AHEAD):
+        raise InputError(f"ahead is {ahead!r}, but must be a whole number of steps from 1 to {MOST_AHEAD}")
 
 
 def _walks(
@@ -223,26 +234,8 @@ def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _C
 def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> Prediction:
     """What a predictor predicts. Raises InputError where it raises, or returns anything but a finite prediction."""
     with plugin_errors(f"predictor {name} raised"):
-        prediction = predictor.predict(obs, ahead)
-    if not isinstance(prediction, Prediction):
-        raise InputError(f"predictor {name} returned a {type(prediction).__name__} instead of a Prediction")
-    for word, values in (("positions", prediction.position), ("velocities", prediction.velocity)):
-        _check(f"predictor {name} returned {word}", values, ahead, obs.pedestrians.seen)
-    return prediction
-
-
-def _check(returned: str, values: object, ahead: int, present: Bool[np.ndarray, "world pedestrian"]) -> None:
-    if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
-        raise InputError(f"{returned} that are not an array of floats")
-    worlds, pedestrians = present.shape
-    modes = values.shape[1:2]
-    if values.shape != (worlds, *modes, ahead, pedestrians, 2) or modes == (0,):
-        raise InputError(
-            f"{returned} of shape {list(values.shape)}, but they must be [world, mode, time, pedestrian, 2] with "
-            f"{worlds} worlds, {ahead} steps and {pedestrians} pedestrians"
-        )
-    if not np.isfinite(np.moveaxis(values, 3, 1)[present]).all():
-        raise InputError(f"{returned} that are not finite")
+        answer = predictor.predict(obs, ahead)
+    return checked(answer, name, obs, ahead)
 
 
 @dataclass

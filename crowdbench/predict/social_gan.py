@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from crowdbench import rng
 from crowdbench.errors import InputError
+from crowdbench.numbers import is_number
 from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.predict.social_gan_network import NOISE, Generator
 from crowdbench.threads import CHUNK, in_chunks
@@ -20,6 +22,9 @@ from crowdbench.weights.store import built_in, digest, load_into, read_card, wei
 
 NAME = "sgan"
 """The name of the network on the cards of its weights."""
+
+LONGEST_STEP = 60.0
+"""The longest time step in seconds that a card can have."""
 
 
 class SocialGAN(Predictor):
@@ -153,14 +158,29 @@ def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> So
     """
     file = weights_file(weights)
     about = read_card(file).get("training", {})
-    generator = load_into(Generator(about.get("pooling", False)), NAME, file, device)
-    if not {"dt", "scenes"} <= about.keys():
-        raise InputError(
-            f"the card of the weights {file} must say on which scenes, in steps of which dt, they were trained"
-        )
+    generator = load_into(Generator(about.get("pooling") is True), NAME, file, device)
+    _check(about, file)
 
     def trained_without(scene: str) -> Predictor:
         return load_social_gan(f"{weights}-{scene}", modes, rescaled, device)
 
     has_others = any(path.stem.startswith(f"{weights}-") for path in built_in())
     return SocialGAN(generator, about, modes, rescaled, trained_without if has_others else None)
+
+
+def _check(about: Mapping[str, Any], file: Path) -> None:
+    """Raises InputError where a card does not say what the predictor must know of the training."""
+    if not {"dt", "scenes"} <= about.keys():
+        raise InputError(
+            f"the card of the weights {file} must say on which scenes, in steps of which dt, they were trained"
+        )
+    dt, names = about["dt"], about["scenes"]
+    if not (is_number(dt) and 0.0 < dt <= LONGEST_STEP):
+        raise InputError(
+            f"the card of the weights {file} has a dt of {str(dt)[:40]}, but it must be a number of seconds above 0 "
+            f"and up to {LONGEST_STEP:g}"
+        )
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise InputError(f"the card of the weights {file} must have a list of names as scenes")
+    if not isinstance(about.get("pooling", False), bool):
+        raise InputError(f"the card of the weights {file} must have true or false as pooling")

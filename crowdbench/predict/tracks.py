@@ -37,6 +37,9 @@ SCENES: Mapping[str, tuple[str, ...]] = {
 TRAINING_ONLY = ("crowds_zara03", "uni_examples")
 """Files of ETH/UCY that no scene is tested on."""
 
+FARTHEST = 1e7
+"""The largest coordinate in metres: coordinates of maps are smaller."""
+
 FEWEST = 2
 """The smallest number of pedestrians in a window, as in the evaluation of Social GAN (Gupta et al. 2018)."""
 
@@ -187,6 +190,13 @@ def _numbers(path: Path, lines: list[str]) -> tuple[Float[np.ndarray, "row 4"], 
         row, column = wrong[0]
         raise InputError(
             f"{path}, line {number[row]}: {COLUMNS[column]} is {table[row, column]}, but must be a finite number"
+        )
+    far = np.argwhere(np.abs(table[:, 2:]) > FARTHEST)
+    if len(far):
+        row, column = far[0] + (0, 2)
+        raise InputError(
+            f"{path}, line {number[row]}: {COLUMNS[column]} is {table[row, column]:g}, but must be in metres, from "
+            f"{-FARTHEST:g} to {FARTHEST:g}"
         )
     return table, number
 

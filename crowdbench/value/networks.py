@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from crowdbench.errors import InputError
 from crowdbench.reward import DISCOUNT, SUCCESS
 from crowdbench.value.joint_state import DISTANCE, SIZE, VEHICLE
 from crowdbench.weights.store import load_into, weights_file
@@ -213,6 +214,9 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
         The network, on the device.
 
     Raises:
-        InputError: The weights do not exist, are of another network, or are not those that their card describes.
+        InputError: There is no such network, or the weights do not exist, are of another network, or are not those
+            that their card describes.
     """
+    if network not in NETWORKS:
+        raise InputError(f"no value network is called {network!r}; there are {', '.join(NETWORKS)}")
     return load_into(NETWORKS[network](), network, weights_file(weights), device)

@@ -17,8 +17,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import nn
 
-from crowdbench.errors import InputError
-from crowdbench.files import whole
+from crowdbench.errors import InputError, described
+from crowdbench.files import read_regular, whole
 from crowdbench.plugins import ROOT
 
 WEIGHTS = ROOT / "agents" / "weights"
@@ -77,13 +77,15 @@ def read_card(path: Path) -> dict[str, Any]:
     """The card of the weights at `path`. Raises InputError where there is no card or it is not one."""
     card = path.with_suffix(".json")
     try:
-        table = json.loads(card.read_text(encoding="utf-8"))
+        table = json.loads(read_regular(card))
     except OSError as error:
         raise InputError(f"the weights {path} need their card {card.name} beside them: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{card} is not valid JSON: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{card} is not valid JSON: {described(error)}") from None
     if not isinstance(table, dict) or not all(isinstance(table.get(key), str) for key in ("network", "sha256")):
         raise InputError(f"{card} is not a card of weights: it must name their network and their sha256")
+    if not isinstance(table.get("training", {}), dict):
+        raise InputError(f"{card} is not a card of weights: its training must be a table")
     return table
 
 
@@ -100,10 +102,11 @@ def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> N
         The same network, on the device.
 
     Raises:
-        InputError: The weights are missing, altered, of another network, or no weights; or there is no such device.
+        InputError: The weights are missing, altered, of another network, not finite, or no weights; or there is no
+            such device.
     """
     try:
-        content = path.read_bytes()
+        content = read_regular(path)
     except OSError as error:
         raise InputError(f"the weights {path} cannot be read: {error.strerror}") from None
     card = read_card(path)
@@ -112,12 +115,18 @@ def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> N
     if hashlib.sha256(content).hexdigest() != card["sha256"]:
         raise InputError(f"the weights {path} are not those that their card describes: their sha256 differs")
     try:
-        network.load_state_dict(load(content))
-        return network.to(torch.device(device))
+        tensors = load(content)
+        network.load_state_dict(tensors)
+        moved = network.to(torch.device(device))
+        next(moved.parameters()).cpu()  # the device `meta` has no values to compute with
     except (SafetensorError, RuntimeError, AssertionError) as error:
         # torch tells of all missing and unexpected tensors, one per line.
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"the weights {path} cannot be loaded on {device}: {reason}") from None
+    for key, tensor in tensors.items():
+        if not tensor.isfinite().all():
+            raise InputError(f"the weights {path} have numbers in {key} that are not finite: train them again")
+    return moved
 
 
 def digest(network: nn.Module) -> str:

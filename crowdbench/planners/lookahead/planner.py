@@ -18,6 +18,7 @@ from crowdbench.planners.lookahead.aggregate import MEAN, Aggregate, mean_future
 from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.planners.lookahead.one_step import Scene, scene_of, try_commands
 from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict.checked import checked
 from crowdbench.reward import discount, reward
 from crowdbench.threads import CHUNK, in_chunks
 from crowdbench.types import Observation, Outcome
@@ -92,7 +93,7 @@ class ValuePlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""
-        prediction = self.predictor.predict(obs, steps)
+        prediction = checked(self.predictor.predict(obs, steps), type(self.predictor).__name__, obs, steps)
         commands = np.empty((len(obs), steps, 2))
         vehicle = obs.vehicle
         for step in range(steps):
@@ -210,7 +211,13 @@ def _evaluate(
     joint: Float[np.ndarray, "*batch pedestrian 13"],
     present: Bool[np.ndarray, "*batch pedestrian"],
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch pedestrian"]]:
-    """A network's values and attention, as float64."""
+    """A network's values and attention, as float64. Raises InputError where a value is not finite."""
     device = next(network.parameters()).device
     value, attention = network.attend(torch.from_numpy(joint).to(device), torch.from_numpy(present).to(device))
-    return value.double().cpu().numpy(), attention.double().cpu().numpy()
+    values = value.double().cpu().numpy()
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"the value network {network.name} gave a value of {values[~np.isfinite(values)][0]}, but values must be "
+            "finite: its weights or the predicted positions are too large"
+        )
+    return values, attention.double().cpu().numpy()
