@@ -47,7 +47,7 @@ def train(
         Path | None,
         typer.Option(
             help="Continue the interrupted training in this directory, with the options that it was started with; "
-            "only --device and --threads may be others."
+            "only --device and --threads can be different."
         ),
     ] = None,
     out: Annotated[
@@ -120,7 +120,7 @@ def _run(running: TrainingRun) -> None:
         )
         say(f"crowdbench: interrupted: {left}")
         sys.exit(INTERRUPTED)
-    print(f"The weights are {weights}: crowdbench {running.request.use} --option weights={weights}")
+    print(f"The weights are in {weights}; use them with crowdbench {running.request.use} --option weights={weights}")
 
 
 def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
