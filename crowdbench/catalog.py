@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -10,7 +11,9 @@ from typing import Any
 from crowdbench import plugins
 from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import METRICS, Metric
+from crowdbench.files import sha256
 from crowdbench.planners.base import Planner
+from crowdbench.plugin_files import file_digests
 from crowdbench.plugins import ROOT, Kind
 from crowdbench.scenario import file as scenario_file
 from crowdbench.scenario.scenario import Scenario
@@ -42,6 +45,43 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     if not isinstance(made, Planner):
         raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a crowdbench.Planner")
     return name, made
+
+
+def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """The sha256 of every file that a planner depends on beside crowdbench.
+
+    Args:
+        spec: As `load_planner` takes it, which has found the planner.
+        options: The planner's options.
+
+    Returns:
+        By `planner`, its Python files; by `option weights` and the like, the files that an option names, such as
+        trained weights with their card, or a predictor's file with what it imports. Files are named by their paths.
+    """
+    named = {f"option {name}": _files_named(value) for name, value in options.items()}
+    return {"planner": PLANNERS.files(spec)} | {name: files for name, files in named.items() if files}
+
+
+def _files_named(value: Any) -> dict[str, str]:
+    """The sha256 of every file that the value of an option names, perhaps within a table or a list."""
+    if isinstance(value, Mapping | list):
+        values = value.values() if isinstance(value, Mapping) else value
+        return {name: digest for each in values for name, digest in _files_named(each).items()}
+    if not isinstance(value, str):
+        return {}
+    built_in = ROOT / "agents" / "weights" / f"{value}.safetensors"
+    for path in (built_in, plugins.file_and_function(value)[0] or Path(value)):
+        if _is_file(path):
+            card = [path.with_suffix(".json")] if path.suffix == ".safetensors" else []
+            others = {each.name: sha256(each) for each in (path, *card) if _is_file(each)}
+            return file_digests(path) if path.suffix == ".py" else others
+    return {}
+
+
+def _is_file(path: Path) -> bool:
+    with contextlib.suppress(OSError, ValueError):  # raised where a text can be no path
+        return path.is_file()
+    return False
 
 
 def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy, str | None]:

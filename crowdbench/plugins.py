@@ -17,6 +17,7 @@ from typing import Any
 
 from crowdbench import files
 from crowdbench.errors import InputError, plugin_errors
+from crowdbench.plugin_files import file_digests, joint, module_digests
 from crowdbench.plugin_options import read_options, takes_any
 
 _PACKAGE = Path(__file__).parent
@@ -81,6 +82,21 @@ class Kind:
         if path.exists():
             return docstring(path)
         return "".join(_installed_docstring(entry) for entry in self._installed() if entry.name == spec)
+
+    def files(self, spec: str) -> dict[str, str]:
+        """The sha256 of every Python file of a plug-in that `find` finds, by its path: see `plugin_files`."""
+        file, _ = file_and_function(spec)
+        path = file or self.folder / f"{spec}.py"
+        if path.exists():
+            return file_digests(path)
+        (module,) = (entry.module for entry in self._installed() if entry.name == spec)
+        parts = tuple(module.split("."))
+        found = importlib.util.find_spec(module)
+        if found is None or found.origin is None:
+            return {}
+        origin = Path(found.origin).resolve()
+        depth = len(parts) if found.submodule_search_locations is not None else len(parts) - 1
+        return module_digests(origin.parents[depth], parts, package=parts[0])
 
     def _installed(self) -> list[importlib.metadata.EntryPoint]:
         return sorted(importlib.metadata.entry_points(group=self.entry_points))
@@ -162,9 +178,12 @@ def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) 
 
 
 def source(spec: str) -> str | None:
-    """Twelve hexadecimal digits that change with a user's file, not with what it imports; None for other plug-ins."""
+    """Twelve hexadecimal digits that change with a user's file and what it imports from its folder.
+
+    None for other plug-ins.
+    """
     file, _ = file_and_function(spec)
-    return None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()[:12]
+    return None if file is None else joint(file_digests(file))
 
 
 def docstring(path: Path) -> str:

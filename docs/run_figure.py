@@ -27,6 +27,7 @@ RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), what
     (3, "evaluate/metrics.py", "value per episode"),
     (3, "evaluate/summary.py", "means, intervals"),
     (2, "record/write.py", "run.rrd"),
+    (2, "evaluate/seal.py", "manifest.json"),
     (1, "cli/tables.py", "the table"),
 ]
 EVERY_STEP = slice(8, 14)

@@ -49,7 +49,8 @@ def test_a_run_leaves_a_table_a_result_its_episodes_and_a_recording(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "success_rate" in done.stdout
     run = tmp_path / "runs" / "orca-circle_crossing_5-12"
-    assert {path.name for path in run.iterdir()} == {"result.json", "episodes.csv", "commands.parquet", "run.rrd"}
+    files = {"result.json", "episodes.csv", "commands.parquet", "run.rrd", "manifest.json"}
+    assert {path.name for path in run.iterdir()} == files
     again = crowdbench("run", "--planner", "orca", "--cases", "12")
     assert again.returncode == 1
     assert again.stderr.startswith("crowdbench: ")

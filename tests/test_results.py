@@ -230,6 +230,10 @@ def test_the_resampled_difference_is_paired(tmp_path):
     for row in rows:
         row[at] = repr(float(row[at]) + 2.0)
     (tmp_path / "b" / "episodes.csv").write_text("\n".join([table[0], *map(",".join, rows)]) + "\n")
+    result = read_result(tmp_path / "b")
+    result["metrics"]["path_length"]["mean"] += 2.0
+    (tmp_path / "b" / "result.json").write_text(json.dumps(result))
+    (tmp_path / "b" / "manifest.json").unlink()
     difference = compare(tmp_path / "a", tmp_path / "b").rows["path_length"].difference
     assert (difference.low, difference.mean, difference.high) == pytest.approx((2.0, 2.0, 2.0))
 
@@ -346,6 +350,7 @@ def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
         compare(tmp_path / "a", tmp_path / "d")
     with pytest.raises(InputError, match="not the directory of a run"):
         compare(tmp_path / "a", tmp_path / "nowhere")
+    (tmp_path / "a" / "manifest.json").unlink()
     (tmp_path / "a" / "episodes.csv").write_text("case,outcome\n1,sucess\n")
     with pytest.raises(InputError, match="not a table of episodes"):
         compare(tmp_path / "a", tmp_path / "c")
@@ -356,6 +361,7 @@ def test_results_of_the_same_scenario_are_compared_whatever_digest_they_were_giv
     go(tmp_path / "b", cases="5")
     result = json.loads((tmp_path / "a" / "result.json").read_text())
     result["scenario"]["digest"] = "of version 1"
+    (tmp_path / "a" / "manifest.json").unlink()
     (tmp_path / "a" / "result.json").write_text(json.dumps(result))
     assert compare(tmp_path / "a", tmp_path / "b").cases == 5
     result["scenario"]["layout"] = 3

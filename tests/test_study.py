@@ -1,3 +1,4 @@
+import importlib.metadata
 import json
 import os
 import re
@@ -39,7 +40,7 @@ def test_only_what_is_missing_is_run(capsys):
     assert len(made()) == 6
     assert before.items() <= made().items()
     names = [path.name for path in Path("runs/study-tiny").glob("*/*")]
-    assert sorted(set(names)) == ["episodes.csv", "result.json"]
+    assert sorted(set(names)) == ["episodes.csv", "manifest.json", "result.json"]
 
 
 def digests(text):
@@ -67,7 +68,18 @@ def test_whatever_changes_a_number_makes_another_run(monkeypatch):
     Path("mine.py").write_text(MINE + "# changed\n")
     assert not digests(text) & before
     Path("mine.py").write_text(MINE)
-    monkeypatch.setattr("crowdbench.study.planned._code", lambda planner: "another simulator")
+    Path("helper.py").write_text("MARGIN = 0.1\n")
+    Path("mine.py").write_text(MINE + "    import helper\n")
+    helped = digests(text)
+    Path("helper.py").write_text("MARGIN = 0.2\n")
+    assert not digests(text) & helped
+    Path("mine.py").write_text(MINE)
+    version = importlib.metadata.version
+    with monkeypatch.context() as other:
+        other.setattr(importlib.metadata, "version", lambda name: "9" if name == "torch" else version(name))
+        assert not digests(text) & before
+    assert digests(text) == before
+    monkeypatch.setattr("crowdbench.study.planned.code", lambda: "another simulator")
     assert not digests(text) & before
 
 
@@ -79,6 +91,20 @@ def test_a_run_that_was_interrupted_is_not_taken_for_the_whole(tmp_path):
     assert read_result(tmp_path / one.directory)["cases"] == "test:0:8"
     assert missing([one], tmp_path) == []
     assert len(one.episodes(tmp_path)) == 8
+
+
+def test_an_edited_run_is_named_and_one_that_cannot_be_checked_is_made_again(tmp_path):
+    one = read(CROWDS).runs[0]
+    one.make(tmp_path, lambda done: None)
+    directory = tmp_path / one.directory
+    table = (directory / "episodes.csv").read_text()
+    (directory / "episodes.csv").write_text(table.replace("collision", "success"))
+    with pytest.raises(InputError, match=r"episodes\.csv is not the file that the run wrote"):
+        missing([one], tmp_path)
+    (directory / "episodes.csv").write_text(table)
+    assert missing([one], tmp_path) == []
+    (directory / "manifest.json").unlink()
+    assert missing([one], tmp_path) == [one]
 
 
 STOPS = """

@@ -18,10 +18,13 @@ def compare(
     b: Annotated[Path, typer.Argument(help="Directory of another run on the same scenario and cases.")],
 ) -> None:
     """Compare two runs, paired by case."""
+    from crowdbench.cli.console import say
     from crowdbench.cli.tables import changed_cases, comparison_table
     from crowdbench.evaluate.compare import compare as pair
 
     found = pair(a, b)
+    for doubt in found.doubts:
+        say(f"crowdbench: {doubt}")
     print_table(comparison_table(found))
     print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
     print("over the cases that both runs solve. Intervals are of the paired difference.")
@@ -68,9 +71,15 @@ def score(
     if pedestrians:
         raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
     from crowdbench import catalog
+    from crowdbench.cli.console import say
     from crowdbench.cli.tables import episodes_table, result_table
+    from crowdbench.evaluate.results import RECORDING
     from crowdbench.evaluate.score import score as measure
+    from crowdbench.evaluate.seal import doubts
 
+    if recording.is_dir():
+        for doubt in doubts(recording, (RECORDING,)):
+            say(f"crowdbench: {doubt}")
     metrics = catalog.load_metrics(metric or [])
     scored = measure(_recording(recording), metrics)
     if as_json:

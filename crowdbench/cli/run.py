@@ -62,7 +62,7 @@ def run(
 ) -> None:
     """Drive a planner through the cases of a scenario and score it."""
     use_threads(threads)
-    from crowdbench import catalog, plugins
+    from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.evaluate import run as runs
     from crowdbench.evaluate.driver import Driver
@@ -75,6 +75,7 @@ def run(
     selected = Cases.parse(cases)
     options = assignments(option or [], "--option")
     name, made = catalog.load_planner(planner, options)
+    files = catalog.planner_files(planner, options)
     settings = assignments(overrides or [], "--set")
     loaded = catalog.load_scenario(scenario, settings, pedestrians)
     changes = settings | ({"pedestrians": pedestrians} if pedestrians else {})
@@ -89,7 +90,8 @@ def run(
             selected,
             directory,
             metrics=metrics,
-            about={"options": options, "planner_file": plugins.source(planner), "overrides": changes},
+            about={"options": options, "planner_files": files, "overrides": changes},
+            asked={"planner": planner, "scenario": scenario, "pedestrians": pedestrians},
             replan_every=replan_every,
             record=record,
             batch=batch,

@@ -11,8 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.errors import InputError
+from crowdbench.evaluate.kept import read_run
 from crowdbench.evaluate.metrics import OVER_ALL, POOLED
-from crowdbench.evaluate.results import EPISODES, Episodes, planner_label, read_result
+from crowdbench.evaluate.results import EPISODES, Episodes, planner_label
+from crowdbench.evaluate.seal import Manifest, uncheckable
 from crowdbench.evaluate.summary import NOTHING, Estimate, around, bootstrap_distribution, interval, weighted_mean
 from crowdbench.scenario.digest import digest_of
 
@@ -44,6 +46,7 @@ class Comparison:
         both_solved: The number of cases that both have solved. Other means are over these.
         rows: The metrics, by name.
         changed: Case, outcome in A and outcome in B, of every case in which the outcomes differ.
+        doubts: Sentences on what speaks against comparing them.
     """
 
     names: tuple[str, str]
@@ -51,6 +54,7 @@ class Comparison:
     both_solved: int
     rows: dict[str, MetricDifference]
     changed: list[tuple[int, int, int]]
+    doubts: list[str]
 
 
 def compare(a: Path, b: Path) -> Comparison:
@@ -61,11 +65,11 @@ def compare(a: Path, b: Path) -> Comparison:
         b: The directory of run B.
 
     Raises:
-        InputError: They are not runs of the same scenario, or share no case.
+        InputError: One of them is not as its run wrote it, they are not runs of the same scenario, or share no case.
     """
-    results = read_result(a), read_result(b)
+    runs = read_run(a), read_run(b)
+    results, tables = (runs[0].result, runs[1].result), (runs[0].episodes, runs[1].episodes)
     _same(results, a, b)
-    tables = Episodes.read(a / EPISODES), Episodes.read(b / EPISODES)
     for directory, table in zip((a, b), tables, strict=True):
         if "success_rate" not in table.columns:
             raise InputError(f"{directory / EPISODES} has no column success_rate, so that it cannot be compared")
@@ -81,7 +85,16 @@ def compare(a: Path, b: Path) -> Comparison:
         both_solved=int(solved.sum()),
         rows={name: _difference(name, one, two, solved) for name in one.columns if name in two.columns},
         changed=list(zip(*(table[differ].tolist() for table in (one.case, one.outcome, two.outcome)), strict=True)),
+        doubts=_doubts((runs[0].manifest, runs[1].manifest), a, b),
     )
+
+
+def _doubts(manifests: tuple[Manifest | None, Manifest | None], a: Path, b: Path) -> list[str]:
+    doubts = [uncheckable(path) for path, manifest in zip((a, b), manifests, strict=True) if manifest is None]
+    one, two = manifests
+    if one and two and one.code != two.code:
+        doubts.append(f"{a} and {b} were made by different code of crowdbench, which may be what makes them differ")
+    return doubts
 
 
 def _difference(name: str, one: Episodes, two: Episodes, solved: Bool[np.ndarray, "case"]) -> MetricDifference:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import json
+import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,6 +18,8 @@ from crowdbench import files
 from crowdbench.errors import InputError, described, plugin_errors
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.summary import Estimate, summarize
+from crowdbench.numbers import is_integer, is_number
+from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome, Trace
 
 RESULT = "result.json"
@@ -106,9 +108,7 @@ class Episodes:
     def read(cls, path: Path) -> Episodes:
         """Read what `write` wrote. Raises InputError where the file is missing or has other contents."""
         try:
-            files.check_regular(path)
-            with path.open(newline="", encoding="utf-8") as file:
-                header, *rows = list(csv.reader(file))
+            header, *rows = csv.reader(io.StringIO(files.read_text(path), newline=""))
             by_name = dict(zip(header, zip(*rows, strict=True), strict=True))
             if len(by_name) < len(header):
                 raise ValueError("two columns have the same name")
@@ -125,21 +125,41 @@ def read_result(directory: Path) -> dict[str, Any]:
     """The contents of a run's `result.json`. Raises InputError where it is missing or has other contents."""
     path = directory / RESULT
     try:
-        result = json.loads(files.read_text(path))
+        result = files.read_json(path)
     except OSError as error:
         raise InputError(
             f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
         ) from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
-    expected = {"planner": str, "scenario": dict, "cases": str, "metrics": dict, "options": dict}
-    if (
-        not isinstance(result, dict)
-        or not all(isinstance(result.get(key), kind) for key, kind in expected.items())
-        or not all(isinstance(result["scenario"].get(key), dict) for key in ("layout", "pedestrians"))
-    ):
-        raise InputError(f"{path} is not a result of crowdbench: it must hold {', '.join(expected)}, each of its type")
+    if not _is_result(result):
+        raise InputError(f"{path} is not a result of crowdbench: it must hold {', '.join(_KEYS)}, each of its type")
+    try:
+        Cases.parse(result["cases"])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     return result
+
+
+_KEYS = {"planner": str, "scenario": dict, "cases": str, "outcomes": dict, "metrics": dict, "options": dict}
+"""What every result holds."""
+
+
+def _is_result(result: Any) -> bool:
+    if not isinstance(result, dict) or not all(isinstance(result.get(key), kind) for key, kind in _KEYS.items()):
+        return False
+    scenario, estimates = result["scenario"], result["metrics"].values()
+    return (
+        all(isinstance(scenario.get(key), dict) for key in ("layout", "pedestrians"))
+        and all(is_number(scenario.get(key)) and 0.0 < scenario[key] < 1e9 for key in ("dt", "time_limit"))
+        and all(map(is_integer, result["outcomes"].values()))
+        and all(isinstance(estimate, dict) and is_integer(estimate.get("n")) for estimate in estimates)
+        and all(estimate.get("mean") is None or _is_moderate(estimate["mean"]) for estimate in estimates)
+    )
+
+
+def _is_moderate(value: Any) -> bool:
+    return is_number(value) and abs(value) <= LARGEST
 
 
 def planner_label(planner: str, options: Mapping[str, Any], replan_every: int = 1) -> str:

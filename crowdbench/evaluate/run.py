@@ -7,6 +7,7 @@ import importlib.metadata
 import json
 import platform
 import re
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, to_json
 from crowdbench.evaluate.rollout import rollout
+from crowdbench.evaluate.seal import code, seal
 from crowdbench.interrupts import Interrupts
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -52,6 +54,7 @@ def run(
     *,
     metrics: Mapping[str, Metric],
     about: Mapping[str, Any],
+    asked: Mapping[str, Any] | None = None,
     replan_every: int = 1,
     record: str = "failures",
     batch: int = BATCH,
@@ -60,7 +63,8 @@ def run(
 ) -> Finished:
     """Drive a planner through cases, measure, and write `result.json`, `episodes.csv` and what is recorded.
 
-    These are the commands of all cases in `commands.parquet`, and episodes in `run.rrd`.
+    What is recorded are the commands of all cases in `commands.parquet`, and episodes in `run.rrd`. At the end,
+    `manifest.json` gets the sha256 of all these files: see `crowdbench.evaluate.seal`.
 
     An interrupt (Ctrl-C) keeps the batches that are finished. They are the first cases, so that their rates are not
     biased towards short episodes.
@@ -72,6 +76,7 @@ def run(
         out: The directory to write.
         metrics: What is measured, by name.
         about: More that `result.json` says of the run.
+        asked: More that `manifest.json` says of what was asked for, such as the scenario's file.
         replan_every: Steps between two observations of the planner, as in `rollout`.
         record: What is recorded, one of `settings.RECORD`.
         batch: Cases that run in lock-step, fewer where their traces would take too much memory.
@@ -86,6 +91,7 @@ def run(
         KeyboardInterrupt: Interrupted before the first batch was finished. Nothing is kept.
     """
     start = time.perf_counter()
+    code()  # before somebody changes it
     label = planner_label(driver.name, about.get("options", {}), replan_every)
     with Interrupts() as interrupts, new_directory(out, overwrite) as directory:
         with (
@@ -117,7 +123,10 @@ def run(
         result = _result(driver, scenario, driven, episodes, {"replan_every": replan_every, **about}, recorded, start)
         episodes.write(directory / EPISODES)
         (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    return Finished(result, interrupted=len(episodes) < len(cases))
+        request = {"cases": str(cases), "metrics": list(metrics), "replan_every": replan_every, "record": record}
+        request |= {"decision_limit": driver.decision_limit, **(asked or {})}
+        seal(directory, _manifest(about, request, interrupted=len(driven) < len(cases)))
+    return Finished(result, interrupted=len(driven) < len(cases))
 
 
 def _result(
@@ -146,6 +155,24 @@ def _result(
             "seconds": time.perf_counter() - start,
         },
         "versions": versions(),
+    }
+
+
+def _manifest(about: Mapping[str, Any], asked: Mapping[str, Any], interrupted: bool) -> dict[str, Any]:
+    """What `manifest.json` says beside the digests of the run's files.
+
+    Args:
+        about: What `result.json` says of options, overrides and the planner's files.
+        asked: What else was asked for.
+        interrupted: Whether cases are missing at the end.
+    """
+    torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
+    given = {name: about.get(name, {}) for name in ("options", "overrides")}
+    return {
+        "interrupted": interrupted,
+        "asked": {**asked, **given},
+        "planner_files": about.get("planner_files", {}),
+        "versions": versions() | torch,
     }
 
 

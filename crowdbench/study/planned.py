@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
+import importlib.metadata
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crowdbench import catalog, plugins
+from crowdbench import catalog
 from crowdbench.evaluate import run as runs
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.kept import read_run
 from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import EPISODES, RESULT, Episodes, planner_label, read_result, replanning
+from crowdbench.evaluate.results import EPISODES, RESULT, Episodes, planner_label, replanning
+from crowdbench.evaluate.seal import MANIFEST, code
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-
-_PACKAGE = Path(__file__).parent.parent
-_APART = tuple(_PACKAGE / name for name in ("agents", "bench", "cli", "envs", "study", "train"))
-"""Parts of the package on which no run depends, and the planners, whose files count one by one."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,8 @@ class PlannedRun:
         scenario: The scenario, overrides included.
         cases: The cases to run.
         replan_every: The steps between two observations of the planner.
-        about: What the result says of options, overrides and the planner's file.
+        about: What the result says of options, overrides and the planner's files.
+        asked: How the study calls the planner and the scenario.
     """
 
     driver: Driver
@@ -40,6 +39,7 @@ class PlannedRun:
     cases: Cases
     replan_every: int
     about: Mapping[str, Any]
+    asked: Mapping[str, Any]
 
     @classmethod
     def of(
@@ -66,8 +66,10 @@ class PlannedRun:
             InputError: The planner or the scenario does not exist, or does not take these options or overrides.
         """
         name, made = catalog.load_planner(planner, options)
-        about = {"options": options, "planner_file": plugins.source(planner), "overrides": overrides or {}}
-        return cls(Driver(made, name), catalog.load_scenario(scenario, overrides), cases, replan_every, about)
+        files = catalog.planner_files(planner, options)
+        about = {"options": options, "planner_files": files, "overrides": overrides or {}}
+        asked = {"planner": planner, "scenario": scenario}
+        return cls(Driver(made, name), catalog.load_scenario(scenario, overrides), cases, replan_every, about, asked)
 
     @property
     def planner(self) -> str:
@@ -90,18 +92,19 @@ class PlannedRun:
     def directory(self) -> str:
         """The name of its directory: a part for people, and a digest of all that its figures depend on.
 
-        What a plug-in's file imports does not count.
+        Of what a plug-in's file imports, the files in its folder count.
         """
         text = json.dumps(
             {
                 "planner": self.planner,
-                "planner_file": self.about["planner_file"],
+                "planner_files": self.about["planner_files"],
                 "planner_facts": dict(self.driver.planner.facts),
                 "options": self.about["options"],
                 "scenario": self.scenario.digest,
                 "cases": str(self.cases),
                 "replan_every": self.replan_every,
-                "crowdbench": _code(self.planner),
+                "crowdbench": code(),
+                "versions": {name: importlib.metadata.version(name) for name in ("numba", "numpy", "torch")},
             },
             sort_keys=True,
         )
@@ -110,9 +113,15 @@ class PlannedRun:
         return f"{name[:180]}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
     def is_in(self, out: Path) -> bool:
-        """Whether it has been made, to the last case. Raises InputError where its directory holds something else."""
+        """Whether it has been made, to the last case, and can be checked.
+
+        Raises InputError where its directory holds something else, or other files than it wrote.
+        """
         directory = out / self.directory
-        return (directory / RESULT).exists() and read_result(directory)["cases"] == str(self.cases)
+        if not (directory / RESULT).exists() and not (directory / MANIFEST).exists():
+            return False
+        kept = read_run(directory)
+        return kept.manifest is not None and kept.result["cases"] == str(self.cases)
 
     def make(self, out: Path, progress: Callable[[int], None]) -> None:
         """Make the run. After an interrupt the finished batches are kept, but the run is made again next time.
@@ -132,6 +141,7 @@ class PlannedRun:
             out / self.directory,
             metrics=METRICS,
             about=self.about,
+            asked=self.asked,
             replan_every=self.replan_every,
             record="none",
             overwrite=True,
@@ -157,12 +167,3 @@ def missing(wanted: Iterable[PlannedRun], out: Path) -> list[PlannedRun]:
     """
     each = {run.directory: run for run in wanted}
     return [run for run in each.values() if not run.is_in(out)]
-
-
-@functools.cache
-def _code(planner: str) -> str:
-    """A digest of the code of crowdbench on which runs of a planner may depend, its own file if it is built in."""
-    files = [path for path in sorted(_PACKAGE.rglob("*.py")) if not any(map(path.is_relative_to, _APART))]
-    own = catalog.PLANNERS.folder / f"{planner}.py"
-    files += [own] if own.exists() else []
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
