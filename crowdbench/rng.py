@@ -16,6 +16,10 @@ import numpy as np
 from jaxtyping import Float, Int, UInt
 
 from crowdbench.compiled import njit
+from crowdbench.errors import InputError
+
+LEADING, LEADING_BITS = 3, 21
+"""Axes of noise before the last two, and bits of an index along one of them: all fit in 64 bits of a counter."""
 
 SPLITS = ("train", "val", "test")
 """The splits of a scenario's cases. Each has the cases 0, 1, 2, ... without an end."""
@@ -48,24 +52,52 @@ def generator(key: np.uint64, purpose: str) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=np.array([key, _purpose(purpose)], np.uint64)))
 
 
-def normal(
-    key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], pedestrians: int, n: int
-) -> Float[np.ndarray, "world pedestrian n"]:
-    """Standard normal numbers. Each depends only on key, purpose, step, pedestrian and its own index.
+def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
+    """The keys of the noise that planners are given.
+
+    They follow from the keys of the cases by a cryptographic hash (BLAKE2), and so do not tell them: whoever knows the
+    key of a case can draw the whole case.
 
     Args:
-        key: The key of the case in every world.
-        purpose: A name for what is drawn. Other purposes of the same case have independent random numbers.
+        keys: The keys of the cases.
+
+    Returns:
+        64-bit keys.
+    """
+    hashed = [hashlib.blake2b(key.tobytes(), digest_size=8, person=b"noise").digest() for key in keys]
+    return np.frombuffer(b"".join(hashed), np.uint64).copy()
+
+
+def normal(
+    key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], shape: tuple[int, ...]
+) -> Float[np.ndarray, "world *shape"]:
+    """Standard normal numbers. Each depends only on key, purpose, step and its own indices, not on the shape.
+
+    Args:
+        key: The key of every world.
+        purpose: A name for what is drawn. Other purposes with the same key have independent random numbers.
         step: The step of every world.
-        pedestrians: Number of pedestrians.
-        n: How many numbers each pedestrian gets.
+        shape: Shape of the numbers of one world, with at most five axes. `(n,)` gives the first row of `(m, n)`.
 
     Returns:
         The numbers.
+
+    Raises:
+        InputError: The shape has more than five axes, or an axis that is negative or too long.
     """
-    out = np.empty((len(key), pedestrians, n))
-    _normal(key, _purpose(purpose), step, out)
-    return out
+    if len(shape) > 2 + LEADING or min(shape, default=0) < 0 or max(shape[:-2], default=0) > 2**LEADING_BITS:
+        raise InputError(
+            f"noise of shape {list(shape)} cannot be drawn: it must have at most {2 + LEADING} axes, "
+            f"the first {LEADING} of them no longer than 2^{LEADING_BITS}"
+        )
+    *leading, rows, n = (1, 1, *shape)[-max(len(shape), 2) :]
+    indices = np.indices(leading, np.uint64).reshape(len(leading), math.prod(leading))
+    blocks = np.zeros(indices.shape[1], np.uint64)
+    for index in indices:
+        blocks = (blocks << np.uint64(LEADING_BITS)) | index
+    out = np.empty((len(key), len(blocks), rows, n))
+    _normal(key, _purpose(purpose), step, blocks, out)
+    return out.reshape(len(key), *shape)
 
 
 @functools.cache
@@ -141,13 +173,14 @@ def _pair(a, b):
 
 @no_type_check
 @njit
-def _normal(key, purpose, step, out):
-    """Fill `out [world, pedestrian, n]`: key (case, purpose), counter (index, pedestrian, step), four at a time."""
-    worlds, pedestrians, n = out.shape
+def _normal(key, purpose, step, blocks, out):
+    """Fill `out [world, block, row, n]`: key (key, purpose), counter (index, row, step, block), four at a time."""
+    worlds, _, rows, n = out.shape
     for w in range(worlds):
-        for p in range(pedestrians):
-            for start in range(0, n, 4):
-                a, b, c, d = philox(np.uint64(start), np.uint64(p), np.uint64(step[w]), np.uint64(0), key[w], purpose)
-                quad = (*_pair(a, b), *_pair(c, d))
-                for i in range(min(4, n - start)):
-                    out[w, p, start + i] = quad[i]
+        for b in range(len(blocks)):
+            for r in range(rows):
+                for start in range(0, n, 4):
+                    four = philox(np.uint64(start), np.uint64(r), np.uint64(step[w]), blocks[b], key[w], purpose)
+                    quad = (*_pair(four[0], four[1]), *_pair(four[2], four[3]))
+                    for i in range(min(4, n - start)):
+                        out[w, b, r, start + i] = quad[i]

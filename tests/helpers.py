@@ -20,6 +20,7 @@ def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules
     return World(
         case=np.array([0]),
         key=np.array([0], np.uint64),
+        noise_key=np.array([0], np.uint64),
         step=np.array([step]),
         position=position,
         velocity=np.zeros_like(position) if velocity is None else np.array([velocity], float),

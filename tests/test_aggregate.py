@@ -61,7 +61,7 @@ def test_one_future_is_worth_what_it_is_worth_alone(aggregate):
 def test_one_pedestrian_or_none_is_crowd_enough(aggregate, crowd):
     logs = {}
     obs = observe(world([[0.0, 0.0], *crowd], goal=[[5.0, 0.0], *[[0.0, 0.0] for _ in crowd]]))
-    obs = Observation(**vars(obs) | {"record": logs.__setitem__})
+    obs = Observation(**vars(obs) | {"logs": logs})
     made = ValuePlanner(
         Forks(3),
         network(),
@@ -79,7 +79,7 @@ def test_one_pedestrian_or_none_is_crowd_enough(aggregate, crowd):
 def test_a_pedestrian_gets_the_attention_of_all_its_futures():
     logs = {}
     obs, net = crowded(), network()
-    obs = Observation(**vars(obs) | {"record": logs.__setitem__})
+    obs = Observation(**vars(obs) | {"logs": logs})
     made = ValuePlanner(Forks(2), net, aggregate=AGGREGATES["crowd"])
     command = made.plan(obs)
     whole = by_hand(scene(obs, made.predictor.predict(obs, 1)))

@@ -59,7 +59,7 @@ class Breaks(Straight):
 
 
 def with_case_2(command, obs, value):
-    command[obs.case == 2] = value
+    command[obs.row == 2] = value
     return command
 
 
@@ -171,7 +171,7 @@ def test_several_offences_are_all_found():
 
 def test_a_planner_that_breaks_at_its_reset_is_told_so():
     class Mine(Straight):
-        def reset(self, cases):
+        def reset(self, rows):
             raise KeyError("weights")
 
     points = examined(Mine)
@@ -185,13 +185,13 @@ class Remembers(Straight):
     def __init__(self):
         self.calls = {}
 
-    def reset(self, cases):
-        self.calls = dict.fromkeys(cases.tolist(), 0)
+    def reset(self, rows):
+        self.calls = dict.fromkeys(rows.tolist(), 0)
 
     def plan(self, obs):
-        for case in obs.case.tolist():
+        for case in obs.row.tolist():
             self.calls[case] += 1
-        slower = np.array([0.99 ** self.calls[case] for case in obs.case.tolist()])
+        slower = np.array([0.99 ** self.calls[case] for case in obs.row.tolist()])
         return super().plan(obs) * slower[:, None]
 
 

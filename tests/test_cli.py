@@ -15,8 +15,13 @@ import numpy as np
 from crowdbench import Planner
 
 class Slow(Planner):
+    batches = 0
+
+    def reset(self, rows):
+        self.batches += 1
+
     def plan(self, obs):
-        if obs.case[0] >= 10:
+        if self.batches == 2:
             open("reached", "w").close()
             time.sleep(1000)
         return np.zeros((len(obs), 2))

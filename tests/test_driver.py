@@ -9,8 +9,11 @@ import pytest
 from helpers import Still, drive, same
 
 from crowdbench import rng
+from crowdbench.catalog import load_scenario
 from crowdbench.errors import InputError
 from crowdbench.planners.base import OneWorldPlanner, Planner
+from crowdbench.scenario.cases import Cases
+from crowdbench.sim.sensor import observe
 
 
 class Says(Planner):
@@ -25,13 +28,13 @@ class Says(Planner):
 
 def nan_for_case_3(obs):
     command = np.zeros((len(obs), 2))
-    command[obs.case == 3, 1] = np.nan
+    command[obs.row == 3, 1] = np.nan
     return command
 
 
 def fast_for_case_4(obs):
     command = np.zeros((len(obs), 2))
-    command[obs.case == 4] = [1.0, 0.3]
+    command[obs.row == 4] = [1.0, 0.3]
     return command
 
 
@@ -59,11 +62,11 @@ BROKEN = {
     "a string": (lambda obs: "north", "returned a str instead of a float array"),
     "integers": (lambda obs: np.zeros((len(obs), 2), int), "returned a int64 array instead of a float array"),
     "too fast": (fast_for_case_4, "asked for 1.04403 m/s, but the vehicle's maximum is 1 m/s (case 4, step 2)"),
-    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (case 0, step 2)"),
+    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (step 2, one of 5 cases)"),
     "peeking": (lambda obs: obs.true_next(), "raised PermissionError: true_next()"),
-    "a way out": (lambda obs: sys.exit(0), "raised SystemExit: 0 (case 0, step 2)"),
-    "deaf": (deaf, "took longer than the limit of 0.2 s (case 0, step 2)"),
-    "no end": (forever, "took longer than the limit of 0.2 s (case 0, step 2)"),
+    "a way out": (lambda obs: sys.exit(0), "raised SystemExit: 0 (step 2, one of 5 cases)"),
+    "deaf": (deaf, "took longer than the limit of 0.2 s (step 2, one of 5 cases)"),
+    "no end": (forever, "took longer than the limit of 0.2 s (step 2, one of 5 cases)"),
 }
 
 
@@ -92,7 +95,7 @@ def ahead(case, step, command):
 
     def answer(obs):
         commands = np.zeros((len(obs), 8, 2))
-        commands[obs.case == case, step - obs.step[0]] = command
+        commands[obs.row == case, step - obs.step[0]] = command
         return commands
 
     return answer
@@ -111,8 +114,8 @@ BROKEN_AHEAD = {
     "a step too few": (lambda obs: np.zeros((len(obs), 7, 2)), "returned shape [5, 7, 2] instead of [5, 8, 2]"),
     "time first": (lambda obs: np.zeros((8, len(obs), 2)), "returned shape [8, 5, 2] instead of [5, 8, 2]"),
     "a list": (lambda obs: [], "returned a list instead of a float array of shape [world, time, 2]"),
-    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (case 0, step 8)"),
-    "no end": (forever, "took longer than the limit of 0.2 s (case 0, step 8)"),
+    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (step 8, one of 5 cases)"),
+    "no end": (forever, "took longer than the limit of 0.2 s (step 8, one of 5 cases)"),
 }
 
 
@@ -153,7 +156,7 @@ def test_a_planner_for_one_world_is_lifted_to_batches():
     seen = []
 
     def straight(obs):
-        shapes = obs.vehicle.position.shape, obs.pedestrians.history.shape, obs.normal("x", 3).shape
+        shapes = obs.vehicle.position.shape, obs.pedestrians.history.shape, obs.noise("x", (5, 3)).shape
         seen.append((*shapes, float(obs.time)))
         offset = obs.vehicle.goal - obs.vehicle.position
         obs.log("distance", np.linalg.norm(offset))
@@ -171,7 +174,7 @@ def test_a_planner_for_one_world_is_lifted_to_batches():
 
 def test_a_planner_that_breaks_in_one_world_is_told_its_case():
     def one(obs):
-        if obs.case == 3 and obs.step == 4:
+        if obs.row == 3 and obs.step == 4:
             raise ValueError("lost")
         return np.zeros(2)
 
@@ -204,7 +207,7 @@ def test_a_planner_cannot_raise_its_own_maximum():
 
 def test_a_planner_that_breaks_at_its_reset_is_told_so():
     class Mine(Still):
-        def reset(self, cases):
+        def reset(self, rows):
             raise KeyError("weights")
 
     with pytest.raises(InputError, match=r"planner Mine raised KeyError in reset\(\)"):
@@ -218,16 +221,28 @@ def test_a_decision_limit_is_a_time(limit):
 
 
 def test_a_planners_noise_is_not_the_crowds():
-    seen = []
+    start = load_scenario("circle_crossing_5").worlds(Cases("val", 0, 20))
+    own = observe(start).noise("social_force", (5, 2))
+    assert not (own == rng.normal(start.key, "social_force", start.step, (5, 2))).any()
+    assert not np.isin(start.noise_key, start.key).any()
 
-    class Listens(Still):
-        def plan(self, obs):
-            crowds = rng.normal(obs.key, "social_force", obs.step, 5, 2)
-            seen.append((obs.normal("social_force", 2) == crowds).any())
-            return super().plan(obs)
 
-    drive(Listens(), "2")
-    assert not any(seen)
+def test_noise_does_not_change_with_batch_padding_or_length():
+    obs = observe(load_scenario("circle_crossing_5").worlds(Cases("val", 0, 9)))
+    noise = obs.noise("x", (3, 5, 6))
+    assert np.array_equal(obs.take(np.array([7, 2])).noise("x", (2, 9, 5))[:, :, :5], noise[[7, 2], :2, :, :5])
+    assert np.array_equal(obs.noise("x", (5, 6)), noise[:, 0])
+    assert np.array_equal(obs.noise("x", (6,)), noise[:, 0, 0])
+    assert np.array_equal(obs.noise("x", ()), noise[:, 0, 0, 0])
+    assert obs.noise("x", (0, 4)).shape == (9, 0, 4)
+    assert len(np.unique(obs.noise("x", (2, 3, 4, 5, 6)))) == 9 * 720
+
+
+@pytest.mark.parametrize("shape", [(1,) * 6, (2, -1), (2**21 + 1, 1, 1)])
+def test_impossible_shapes_of_noise_are_refused(shape):
+    obs = observe(load_scenario("circle_crossing_5").worlds(Cases("val", 0, 1)))
+    with pytest.raises(InputError, match="cannot be drawn: it must have at most 5 axes"):
+        obs.noise("x", shape)
 
 
 def test_a_log_has_a_plain_name():

@@ -25,7 +25,7 @@ class Recorder(Planner):
         self.seen = {}
 
     def plan(self, obs):
-        for case, features in zip(obs.case.tolist(), flatten(obs), strict=True):
+        for case, features in zip(obs.row.tolist(), flatten(obs), strict=True):
             self.seen.setdefault(case, []).append(features)
         return self.orca.plan(obs)
 

@@ -151,7 +151,7 @@ def test_a_planner_is_privileged_where_its_predictor_is(predictor, privileged):
 def test_what_the_planner_saw_is_logged():
     logs = {}
     obs, net = crowded(), network()
-    obs = Observation(**vars(obs) | {"record": logs.__setitem__})
+    obs = Observation(**vars(obs) | {"logs": logs})
     made = ValuePlanner(Forks(2), net)
     command, prediction = made.plan(obs), made.predictor.predict(obs, 1)
     assert logs.keys() == {"predicted", "value", "attention"}

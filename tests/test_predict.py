@@ -51,8 +51,8 @@ def observation(tracks, observed=None, before=None):
             age=np.zeros((worlds, pedestrians)),
         ),
         obstacles=np.empty((worlds, 0, 0, 2)),
-        case=np.arange(worlds),
-        key=np.zeros(worlds, np.uint64),
+        row=np.arange(worlds),
+        noise_key=np.zeros(worlds, np.uint64),
         step=observed.max(axis=1, initial=1) - 1,
         dt=DT,
     )

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli.tables import comparison_table, result_table
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, Interrupted
 from crowdbench.evaluate import directory
 from crowdbench.evaluate.compare import compare, mcnemar
 from crowdbench.evaluate.directory import new_directory
@@ -173,13 +173,17 @@ def test_directories_are_told_apart_by_what_was_run():
 
 
 class Breaks(Planner):
-    """Raises `error` in the step after the first batch."""
+    """Raises `error` in a batch."""
 
-    def __init__(self, error):
+    def __init__(self, error, batch=2):
         self.error = error
+        self.left = batch
+
+    def reset(self, rows):
+        self.left -= 1
 
     def plan(self, obs):
-        if obs.case[0] >= 10:
+        if not self.left:
             raise self.error
         return np.zeros((len(obs), 2))
 
@@ -194,13 +198,19 @@ def test_an_error_leaves_nothing_behind(tmp_path):
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["a"]
 
 
+def test_an_interrupt_that_a_planner_raises_is_its_error(tmp_path):
+    with pytest.raises(InputError, match=r"planner \w+ raised KeyboardInterrupt"):
+        go(tmp_path / "a", Breaks(KeyboardInterrupt()), batch=10)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_interrupt_keeps_the_finished_batches(tmp_path):
-    finished = go(tmp_path / "a", Breaks(KeyboardInterrupt()), batch=10)
+    finished = go(tmp_path / "a", Breaks(Interrupted()), batch=10)
     assert finished.interrupted
     assert read_result(tmp_path / "a")["cases"] == "test:0:10"
     assert len(Episodes.read(tmp_path / "a" / "episodes.csv")) == 10
     with pytest.raises(KeyboardInterrupt):
-        go(tmp_path / "b", Breaks(KeyboardInterrupt()), cases="10:20")
+        go(tmp_path / "b", Breaks(Interrupted(), batch=1), cases="10")
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 

@@ -12,7 +12,7 @@ def test_philox_is_numpys():
 
 def test_noise_is_standard_normal():
     keys = rng.case_keys(0, "train", np.arange(2000))
-    noise = rng.normal(keys, "test", np.zeros(2000, np.int64), 5, 7).ravel()
+    noise = rng.normal(keys, "test", np.zeros(2000, np.int64), (5, 7)).ravel()
     assert abs(noise.mean()) < 0.02
     assert abs(noise.std() - 1) < 0.01
     assert abs((noise**3).mean()) < 0.05
@@ -21,12 +21,12 @@ def test_noise_is_standard_normal():
 
 def test_noise_depends_on_case_step_pedestrian_and_purpose_alone():
     keys, steps = rng.case_keys(3, "val", np.arange(10)), np.arange(10)
-    noise = rng.normal(keys, "a", steps, 4, 6)
-    assert np.array_equal(noise[7:8, :2, :3], rng.normal(keys[7:8], "a", steps[7:8], 2, 3))
+    noise = rng.normal(keys, "a", steps, (4, 6))
+    assert np.array_equal(noise[7:8, :2, :3], rng.normal(keys[7:8], "a", steps[7:8], (2, 3)))
     for other in (
-        rng.normal(keys, "b", steps, 4, 6),
-        rng.normal(keys, "a", steps + 1, 4, 6),
-        rng.normal(rng.case_keys(4, "val", np.arange(10)), "a", steps, 4, 6),
+        rng.normal(keys, "b", steps, (4, 6)),
+        rng.normal(keys, "a", steps + 1, (4, 6)),
+        rng.normal(rng.case_keys(4, "val", np.arange(10)), "a", steps, (4, 6)),
     ):
         assert not (noise == other).any()
     assert len(np.unique(noise)) == noise.size

@@ -122,7 +122,7 @@ def test_the_undisturbed_crowd_is_the_crowd_of_an_invisible_vehicle():
 def test_what_a_planner_logs_lands_at_its_case_and_step():
     class Talker(Still):
         def plan(self, obs):
-            obs.log("clock", obs.case * 1000.0 + obs.step)
+            obs.log("clock", obs.row * 1000.0 + obs.step)
             return super().plan(obs)
 
     trace = rollout(Driver(Talker(), "talker"), load_scenario("circle_crossing_5"), Cases.parse("20"), keep_logs=True)
@@ -150,7 +150,7 @@ def test_replanning_every_step_is_planning():
 
 
 class Ahead(Planner):
-    """Plans the same few moves again and again: odd cases drive up, even ones wait. Keeps when it was asked what."""
+    """Plans the same few moves again and again: odd worlds drive up, even ones wait. Keeps when it was asked what."""
 
     privileged = True
 
@@ -161,14 +161,19 @@ class Ahead(Planner):
         raise AssertionError("only asked for several steps at once")
 
     def plan_ahead(self, obs, steps):
-        self.asked.append((int(obs.step[0]), steps, obs.case, obs.true_next()))
-        obs.log("clock", obs.case * 1000.0 + obs.step)
-        return self.moves(obs.case, np.arange(steps)) + 1e-3 * obs.pedestrians.position[:, :1]
+        self.asked.append((int(obs.step[0]), steps, obs.row, obs.true_next()))
+        obs.log("clock", obs.row * 1000.0 + obs.step)
+        return self.moves(self.number(obs), np.arange(steps)) + 1e-3 * obs.pedestrians.position[:, :1]
 
     @staticmethod
-    def moves(case, k):
-        """The commands of cases before a pedestrian's position is added, so that none is like another."""
-        return np.stack(np.broadcast_arrays(0.01 * k, 0.9 * (case[:, None] % 2) + 1e-4 * case[:, None]), axis=2)
+    def number(start):
+        """A number below 100 that each case keeps in any batch."""
+        return (start.noise_key % np.uint64(100)).astype(int)
+
+    @staticmethod
+    def moves(number, k):
+        """The commands of worlds before a pedestrian's position is added, so that none is like another."""
+        return np.stack(np.broadcast_arrays(0.01 * k, 0.9 * (number[:, None] % 2) + 1e-4 * number[:, None]), axis=2)
 
 
 def test_a_plan_of_several_steps_is_carried_out_without_looking():
@@ -177,14 +182,15 @@ def test_a_plan_of_several_steps_is_carried_out_without_looking():
     assert {Outcome.COLLISION, Outcome.TIMEOUT} <= set(trace.outcome)
     assert (trace.steps % 8 != 0).any()
     assert [(start, steps) for start, steps, *_ in planner.asked] == [(start, 8) for start in range(0, 97, 8)]
-    for start, _, case, future in planner.asked:
+    for start, _, row, future in planner.asked:
         running = trace.steps > start
-        assert np.array_equal(case, trace.case[running])
+        assert np.array_equal(row, np.flatnonzero(running))
         assert np.array_equal(future, trace.velocity[running, start + 1, 1:])
+    number = Ahead.number(load_scenario("circle_crossing_5").worlds(Cases.parse("40")))
     for w in range(40):
         t = np.arange(trace.steps[w])
         seen = trace.position[w, t - t % 8, 1]
-        expected = Ahead.moves(trace.case[w : w + 1], t % 8)[0] + 1e-3 * seen
+        expected = Ahead.moves(number[w : w + 1], t % 8)[0] + 1e-3 * seen
         assert np.array_equal(trace.velocity[w, t + 1, 0], expected)
 
 

@@ -26,7 +26,7 @@ def predictor(pooling=False, **options):
 def crowds(worlds, pedestrians, present=None):
     """An observation in which every world is a case of its own."""
     obs = observation(bent(worlds, pedestrians))
-    obs.key[:] = np.arange(worlds)
+    obs.noise_key[:] = np.arange(worlds)
     if present is not None:
         obs.pedestrians.seen[:] = present
     return obs
@@ -141,7 +141,7 @@ def test_history_is_extrapolated_backwards_from_the_first_displacement():
 def test_rescaled_steps_are_the_same_walk_seen_by_a_slower_clock():
     obs = crowds(2, 2)
     stretched = observation(bent(2, 2) * 1.6)
-    stretched.key[:] = obs.key
+    stretched.noise_key[:] = obs.noise_key
     as_it_is, rescaled = predictor().predict(stretched, 4), predictor(rescaled=True).predict(obs, 4)
     np.testing.assert_allclose(rescaled.position * 1.6, as_it_is.position, atol=1e-4)
 

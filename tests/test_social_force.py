@@ -232,7 +232,7 @@ def test_the_fluctuation_has_its_size_at_any_time_step(time_step):
     goal[..., 0] = 1e6
     keys = rng.case_keys(0, "train", np.arange(worlds))
     for step in range(30):
-        noise = rng.normal(keys, "test", np.full(worlds, step), 1, 2)
+        noise = rng.normal(keys, "test", np.full(worlds, step), (1, 2))
         velocity = social_force_velocities(
             position, velocity, goal, np.full((worlds, 1), 0.3), np.ones((worlds, 1)), noise,
             time_step=time_step, fluctuation=0.1,

@@ -115,7 +115,7 @@ def test_a_window_shows_a_predictor_what_was_seen(tmp_path):
     assert (obs.pedestrians.observed == np.where(found.present, 5, 0)).all()
     assert obs.dt == 0.4
     part = found.take(slice(3, 6)).observation(5)
-    np.testing.assert_array_equal(part.normal("noise", 2), obs.normal("noise", 2)[3:6])
+    np.testing.assert_array_equal(part.noise("x", (2, 3)), obs.noise("x", (2, 3))[3:6])
     obs.pedestrians.history[:] = 0.0
     assert found.position[:, :5].any()
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.errors import InputError
-from crowdbench.evaluate.contract import Fault, examine
+from crowdbench.evaluate.contract import Asked, Fault, examine
 from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.geometry import norm
@@ -64,7 +64,7 @@ def check(
     Raises:
         InputError: Something other than the planner breaks its contract.
     """
-    witness = _Witness(make())
+    witness = _Witness(make(), cases.indices)
     late = raised = ""
     try:
         rollout(Driver(witness, name, decision_limit), scenario, cases)
@@ -75,15 +75,14 @@ def check(
             raise
         raised = str(error)
     again = _Replay(name, decision_limit, witness)
-    alone = [cases.indices[row : row + 1] for row in range(len(cases))]
+    everybody = np.arange(len(cases))
+    alone = [everybody[row : row + 1] for row in everybody]
     return [
         Point("exceptions", not raised, raised or f"none in {len(witness.calls)} calls"),
         _decision_time(witness, late, decision_limit),
         *_answers(witness),
         # The same planner, so that what it remembers beyond its `reset` is found too.
-        again.point(
-            "deterministic", "when it sees the same episodes again", lambda: witness.planner, [cases.indices], 0.0
-        ),
+        again.point("deterministic", "when it sees the same episodes again", lambda: witness.planner, [everybody], 0.0),
         again.point("batch", "when a case runs alone", make, alone, TIES),
     ]
 
@@ -106,10 +105,15 @@ class _Witness(Planner):
         dtypes: The types that they had.
         examined: At how many commands each point could be examined.
         faults: The first fault found at each point, with case and step.
+
+    Args:
+        planner: The planner.
+        cases: The case numbers by `Observation.row`.
     """
 
-    def __init__(self, planner: Planner) -> None:
+    def __init__(self, planner: Planner, cases: Int[np.ndarray, "case"]) -> None:
         self.planner = planner
+        self.cases = cases
         self.privileged = planner.privileged
         self.raised = False
         self.calls: list[_Call] = []
@@ -117,9 +121,9 @@ class _Witness(Planner):
         self.examined: Counter[str] = Counter()
         self.faults: dict[str, str] = {}
 
-    def reset(self, cases: Int[np.ndarray, "world"]) -> None:
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         with self._noticing():
-            self.planner.reset(cases)
+            self.planner.reset(rows)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         shown = obs.take(slice(None))
@@ -139,14 +143,14 @@ class _Witness(Planner):
     def _noticing(self) -> Iterator[None]:
         try:
             yield
-        except (Exception, SystemExit):
+        except BaseException:
             self.raised = True
             raise
 
     def _note(self, point: str, fault: Fault | None, shown: Observation) -> None:
         self.examined[point] += len(shown)
         if fault is not None:
-            self.faults.setdefault(point, fault.at(shown))
+            self.faults.setdefault(point, fault.at(Asked.of(shown, self.cases)))
 
 
 def _decision_time(witness: _Witness, late: str, limit: float) -> Point:
@@ -190,7 +194,7 @@ class _Replay:
         name: str,
         when: str,
         make: Callable[[], Planner],
-        groups: Sequence[Int[np.ndarray, "case"]],
+        groups: Sequence[Int[np.ndarray, "row"]],
         most: float,
     ) -> Point:
         """Whether planners give the same commands.
@@ -199,15 +203,15 @@ class _Replay:
             name: Name of the point.
             when: When they might not, as said to people.
             make: The planner for each group.
-            groups: The cases that each planner is shown.
+            groups: The rows, in ascending order, that each planner is shown.
             most: Share of the commands that may differ.
         """
         if not self.shown:
             return Point(name, None, NO_COMMAND)
         again = [np.full_like(command, np.nan) for _, command in self.shown]
         try:
-            for cases in groups:
-                self._drive(make(), cases, again)
+            for rows in groups:
+                self._drive(make(), rows, again)
         except InputError as error:
             return Point(name, False, f"{when}: {error}")
         before = np.concatenate([command for _, command in self.shown])
@@ -215,20 +219,22 @@ class _Replay:
         share = float(1.0 - same.mean())
         return Point(name, share <= most, f"{share:.2%} of commands differ {when} (at most {most:.0%} may)")
 
-    def _drive(self, planner: Planner, cases: Int[np.ndarray, "case"], again: list[np.ndarray]) -> None:
-        """Write into `again` what a planner answers in the given cases.
+    def _drive(self, planner: Planner, group: Int[np.ndarray, "row"], again: list[np.ndarray]) -> None:
+        """Write into `again` what a planner answers in the given rows, which it sees as a batch of their own.
 
         Raises InputError where it raises, takes too long, or breaks a point that the first one has kept.
         """
-        witness = _Witness(planner)
+        cases = self.first.cases[group]
+        witness = _Witness(planner, cases)
         driver = Driver(witness, self.name, self.decision_limit)
         driver.reset(cases)
         for (obs, _), commands in zip(self.shown, again, strict=True):
-            rows = np.flatnonzero(np.isin(obs.case, cases))
-            if len(rows):
-                driver.decide(obs.take(rows))
+            running = np.flatnonzero(np.isin(obs.row, group))
+            if len(running):
+                shown = obs.take(running)
+                driver.decide(dataclasses.replace(shown, row=np.searchsorted(group, shown.row)))
                 if (answer := witness.calls[-1].command) is not None:
-                    commands[rows] = answer
+                    commands[running] = answer
         for point, fault in witness.faults.items():
             if point not in self.first.faults:
                 raise InputError(f"planner {self.name} {fault}")

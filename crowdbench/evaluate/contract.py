@@ -6,24 +6,54 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from crowdbench.errors import is_interrupt
 from crowdbench.geometry import norm
 from crowdbench.sim.simulator import SPEED_TOLERANCE
 from crowdbench.types import Observation
 
 
 @dataclass(frozen=True)
+class Asked:
+    """What a planner is asked: kept apart, because the planner could change its observation.
+
+    Attributes:
+        case: Number of the case of each world.
+        step: Steps done so far.
+        max_speed: The vehicle's maximum speed in m/s.
+    """
+
+    case: Int[np.ndarray, "world"]
+    step: Int[np.ndarray, "world"]
+    max_speed: Float[np.ndarray, "world"]
+
+    @classmethod
+    def of(cls, obs: Observation, cases: Int[np.ndarray, "case"]) -> Asked:
+        """What a planner is asked by an observation; `cases` are the case numbers by `Observation.row`."""
+        return cls(cases[obs.row], obs.step.copy(), obs.vehicle.preferred_speed.copy())
+
+
+@dataclass(frozen=True)
 class Fault:
-    """How an answer breaks a point of the contract: what it is, in which row, and for how many steps ahead."""
+    """How an answer breaks a point of the contract.
+
+    Attributes:
+        what: What is wrong.
+        row: Index of the world in the batch; None where it is not known.
+        ahead: The step, counted from the one that the planner was asked in.
+    """
 
     what: str
-    row: int = 0
+    row: int | None = 0
     ahead: int = 0
 
-    def at(self, obs: Observation) -> str:
+    def at(self, asked: Asked) -> str:
         """The fault with the case and the step that it is in."""
-        return f"{self.what} (case {obs.case[self.row]}, step {obs.step[self.row] + self.ahead})"
+        if self.row is None and len(asked.case) > 1:
+            return f"{self.what} (step {asked.step[0]}, one of {len(asked.case)} cases)"
+        row = self.row or 0
+        return f"{self.what} (case {asked.case[row]}, step {asked.step[row] + self.ahead})"
 
 
 class Examined(NamedTuple):
@@ -51,15 +81,16 @@ def examine(answer: object, max_speed: Float[np.ndarray, "world"], *steps: int) 
         max_speed: The vehicle's maximum speed in m/s.
         steps: For how many steps commands were asked for; left out where it was the next one alone.
     """
-    points = {"dtype": _dtype(answer, *steps)}
-    values = _numbers(answer)
-    if values is None:
+    plain = _plain(answer)
+    points = {"dtype": _dtype(answer, plain, *steps)}
+    if plain is None or plain.dtype.kind not in "fiu":
         return Examined(points, None)
+    values = plain.astype(np.float64)
     points["shape"] = _shape(values, [len(max_speed), *steps, 2])
     if points["shape"] is not None:
         return Examined(points, None)
     each = values.reshape(-1, *(steps or (1,)), 2)
-    finite = np.isfinite(each).all(axis=2)
+    finite = np.asarray(np.isfinite(each).all(axis=2))
     speed = norm(np.where(finite[..., None], each, 0.0))
     fast = speed > max_speed[:, None] * (1 + SPEED_TOLERANCE)
     points["finite"] = None
@@ -76,21 +107,28 @@ def examine(answer: object, max_speed: Float[np.ndarray, "world"], *steps: int) 
     return Examined(points, values)
 
 
-def _dtype(answer: object, *steps: int) -> Fault | None:
-    if isinstance(answer, np.ndarray) and answer.dtype.kind == "f":
+def _plain(answer: object) -> np.ndarray | None:
+    """A copy of the answer as an array of NumPy's own, also where it is nested lists; None where it cannot be one.
+
+    A subclass of ndarray could do anything when it is used.
+    """
+    try:
+        return np.array(answer, subok=False)
+    except BaseException as error:  # whatever an object of the planner's own raises
+        if is_interrupt(error):
+            raise
         return None
-    found = f"{answer.dtype} array" if isinstance(answer, np.ndarray) else type(answer).__name__
+
+
+def _dtype(answer: object, plain: np.ndarray | None, *steps: int) -> Fault | None:
+    if plain is not None and issubclass(type(answer), np.ndarray):
+        if plain.dtype.kind == "f":
+            return None
+        found = f"{plain.dtype} array"
+    else:
+        found = type(answer).__name__
     wanted = "[world, time, 2]" if steps else "[world, 2]"
     return Fault(f"returned a {found} instead of a float array of shape {wanted}")
-
-
-def _numbers(answer: object) -> Float[np.ndarray, "*shape"] | None:
-    """The answer as float64, also where it is integers or nested lists; None where it is nothing of the kind."""
-    try:
-        array = np.asarray(answer)
-    except Exception:  # whatever an object of the planner's own raises
-        return None
-    return array.astype(np.float64) if array.dtype.kind in "fiu" else None
 
 
 def _shape(values: Float[np.ndarray, "*shape"], expected: list[int]) -> Fault | None:

@@ -6,17 +6,19 @@ The only place that calls `plan` and `plan_ahead`.
 from __future__ import annotations
 
 import contextlib
+import json
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.errors import InputError
-from crowdbench.evaluate.contract import Fault, examine
+from crowdbench.errors import InputError, described, is_interrupt, plugin_errors
+from crowdbench.evaluate.contract import Asked, Fault, examine
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.settings import DECISION_LIMIT
 from crowdbench.types import Observation
@@ -33,10 +35,12 @@ class Driver:
         planner: The planner.
         name: What it is called in errors.
         decision_limit: Seconds that it may take for a decision, for all worlds of a batch together.
+        privileged: Whether it is shown the pedestrians' next velocities. Read once, so that it cannot change.
+        facts: What results say of it beyond its name and options. Read once, too.
         seconds: Time that it has taken for its decisions so far.
 
     Raises:
-        InputError: The decision limit is not positive.
+        InputError: The decision limit is not positive, or `privileged` or `facts` of the planner are not of their type.
     """
 
     def __init__(self, planner: Planner, name: str, decision_limit: float = DECISION_LIMIT) -> None:
@@ -47,17 +51,22 @@ class Driver:
         self.planner = planner
         self.name = name
         self.decision_limit = decision_limit
+        self.privileged = _privileged(planner, name)
+        self.facts = _facts(planner, name)
         self.seconds = 0.0
+        self._cases = np.empty(0, np.int64)
 
     def reset(self, cases: Int[np.ndarray, "world"]) -> None:
-        """Tell the planner which cases start. Raises InputError where it raises."""
-        try:
-            self.planner.reset(cases)
-        except (Exception, SystemExit) as error:
-            raise InputError(f"planner {self.name} raised {type(error).__name__} in reset(): {error}") from error
+        """Tell the planner that episodes start, and keep their case numbers for errors.
+
+        Raises InputError where the planner raises.
+        """
+        self._cases = cases.copy()
+        with plugin_errors(f"planner {self.name} raised", " in reset()"):
+            self.planner.reset(np.arange(len(cases)))
 
     def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """The planner's commands in m/s.
+        """The planner's commands in m/s. Call `reset` first.
 
         Raises:
             InputError: The planner raises, or returns anything but a finite velocity per world within the vehicle's
@@ -67,7 +76,7 @@ class Driver:
         return self._asked(obs, self.planner.plan)
 
     def decide_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        """The planner's commands for several steps.
+        """The planner's commands for several steps. Call `reset` first.
 
         Args:
             obs: What the planner sees before the first of them.
@@ -83,11 +92,25 @@ class Driver:
         return self._asked(obs, self.planner.plan_ahead, steps)
 
     def _asked(self, obs: Observation, plan: Callable[..., object], *steps: int) -> Float[np.ndarray, "world *time 2"]:
-        max_speed = obs.vehicle.preferred_speed.copy()  # as it was before the planner could change it
+        asked = Asked.of(obs, self._cases)
         start = time.perf_counter()
+        answer = self._answer(asked, lambda: plan(obs, *steps))
+        seconds = time.perf_counter() - start
+        self.seconds += seconds
+        # Nobody interrupts a planner in another thread, or one that catches the interrupt.
+        if seconds > self.decision_limit:
+            raise self._too_slow(asked, None)
+        examined = examine(answer, asked.max_speed, *steps)
+        if examined.fault is not None:
+            raise InputError(self._sentence(examined.fault, asked))
+        assert examined.commands is not None  # or else there is a fault
+        return examined.commands
+
+    def _answer(self, asked: Asked, plan: Callable[[], object]) -> object:
+        """What the planner returns. Whatever it raises becomes an InputError."""
         try:
             with _interrupted_after(self.decision_limit):
-                answer = plan(obs, *steps)
+                return plan()
         except InputError:
             raise
         except OneStepOnly:
@@ -96,27 +119,33 @@ class Driver:
                 "it has no plan_ahead, so that it runs with replan_every = 1 only"
             ) from None
         except _TimeLimit as error:
-            raise self._too_slow(obs, getattr(error, "row", 0)) from None
-        except (Exception, SystemExit) as error:
-            fault = Fault(f"raised {type(error).__name__}: {error}", getattr(error, "row", 0))
-            raise InputError(self._sentence(fault, obs)) from error
-        seconds = time.perf_counter() - start
-        self.seconds += seconds
-        # Nobody interrupts a planner in another thread, or one that catches the interrupt.
-        if seconds > self.decision_limit:
-            raise self._too_slow(obs, 0)
-        examined = examine(answer, max_speed, *steps)
-        if examined.fault is not None:
-            raise InputError(self._sentence(examined.fault, obs))
-        assert examined.commands is not None  # or else there is a fault
-        return examined.commands
+            raise self._too_slow(asked, getattr(error, "row", None)) from None
+        except BaseException as error:
+            if is_interrupt(error):
+                raise
+            fault = Fault(f"raised {described(error)}", getattr(error, "row", None))
+            raise InputError(self._sentence(fault, asked)) from error
 
-    def _too_slow(self, obs: Observation, row: int) -> DecisionLimitExceeded:
+    def _too_slow(self, asked: Asked, row: int | None) -> DecisionLimitExceeded:
         fault = Fault(f"took longer than the limit of {self.decision_limit:g} s", row)
-        return DecisionLimitExceeded(self._sentence(fault, obs))
+        return DecisionLimitExceeded(self._sentence(fault, asked))
 
-    def _sentence(self, fault: Fault, obs: Observation) -> str:
-        return f"planner {self.name} {fault.at(obs)}"
+    def _sentence(self, fault: Fault, asked: Asked) -> str:
+        return f"planner {self.name} {fault.at(asked)}"
+
+
+def _privileged(planner: Planner, name: str) -> bool:
+    with plugin_errors(f"planner {name} raised", " in privileged"):
+        privileged = planner.privileged
+    if not isinstance(privileged, bool):
+        raise InputError(f"planner {name} has privileged = {privileged!r}, but it must be True or False")
+    return privileged
+
+
+def _facts(planner: Planner, name: str) -> dict[str, Any]:
+    """A copy of the planner's facts, as it is read back from JSON."""
+    with plugin_errors(f"planner {name} has facts that a result cannot hold, which must be texts by name:"):
+        return dict(json.loads(json.dumps(dict(planner.facts), allow_nan=False)))
 
 
 class _TimeLimit(BaseException):

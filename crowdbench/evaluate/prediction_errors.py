@@ -28,7 +28,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.settings import BATCH, HORIZON, MOST_AHEAD
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities
+from crowdbench.sim.simulator import advance, crowd_velocities, taken_velocities
 from crowdbench.types import HISTORY, Observation
 
 MEAN = "mean over scenes"
@@ -203,7 +203,7 @@ def _walks(
     for _ in range(scenario.rules.max_steps):
         walking = walking & (norm(world.position - world.goal) >= world.radius)[:, 1:]
         crowd = crowd_velocities(world, scenario.policies)
-        obs = observe(world, future=crowd.copy() if predictor.privileged else None)
+        obs = observe(world, future=taken_velocities(world, crowd) if predictor.privileged else None)
         predicted.append((_predict(name, predictor, obs, ahead), walking))
         world = advance(world, np.pad(crowd, ((0, 0), (1, 0), (0, 0))))
         positions.append(world.position[:, 1:])

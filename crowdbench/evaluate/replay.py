@@ -167,14 +167,13 @@ def replay(
 
 
 class _Recorded(Planner):
-    """Gives the commands `[world, step, 2]` that were recorded of a range of cases."""
+    """Gives the commands that were recorded of a batch of cases."""
 
-    def __init__(self, command: Float[np.ndarray, "world step 2"], start: int) -> None:
+    def __init__(self, command: Float[np.ndarray, "world step 2"]) -> None:
         self._command = command
-        self._start = start
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        return self._command[obs.case - self._start, obs.step]
+        return self._command[obs.row, obs.step]
 
 
 def _traces(files: RunFiles, scenario: Scenario, progress: Callable[[int], None] | None) -> Iterator[Trace]:
@@ -191,7 +190,7 @@ def _traces(files: RunFiles, scenario: Scenario, progress: Callable[[int], None]
             chosen = first[rows[part.start - together.start : part.stop - together.start]]
             command = files.commands.padded(chosen, scenario.rules.max_steps)
             command[~possible[chosen]] = 0.0  # the driver would end the replay at them
-            driver = Driver(_Recorded(command, part.start), "of the replay")
+            driver = Driver(_Recorded(command), "of the replay")
             yield rollout(driver, scenario, part, progress=progress)
 
 

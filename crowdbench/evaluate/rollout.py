@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,7 +14,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.episode import StepCheck
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities, step
+from crowdbench.sim.simulator import advance, crowd_velocities, step, taken_velocities
 from crowdbench.types import Outcome, Trace, World
 
 
@@ -56,12 +55,10 @@ def rollout(
         crowd = crowd_velocities(world, scenario.policies)
         ahead = t % replan_every
         if ahead == 0:
-            obs = observe(
-                world,
-                future=crowd.copy() if driver.planner.privileged else None,
-                record=functools.partial(states.log, rows, t) if keep_logs else None,
-            )
+            future = taken_velocities(world, crowd) if driver.privileged else None
+            obs = observe(world, rows, future, {} if keep_logs else None)
             commands = driver.decide(obs)[:, None] if replan_every == 1 else driver.decide_ahead(obs, replan_every)
+            states.log(rows, t, obs.logs or {})
         after, check = step(world, commands[:, ahead], crowd)
         states.add(rows, t, commands[:, ahead], after, check)
         running = check.outcome == Outcome.RUNNING
@@ -132,19 +129,27 @@ class _States:
         self.outcome[rows] = check.outcome
         self.steps[rows] = t + 1
 
-    def log(self, rows: Int[np.ndarray, "running"], t: int, name: str, values: np.ndarray) -> None:
+    def log(self, rows: Int[np.ndarray, "running"], t: int, logs: Mapping[str, np.ndarray]) -> None:
         """Keep what the planner logs.
 
         Args:
             rows: The worlds that are running.
             t: The number of the step, from 0.
-            name: What the planner calls it.
-            values: One entry for each of these worlds.
+            logs: By name, one entry for each of these worlds.
+
+        Raises:
+            InputError: A log has another shape than before.
         """
-        shape = (len(self.outcome), self.gap.shape[1], *np.shape(values)[1:])
-        if name not in self.logs:
-            self.logs[name] = np.full(shape, np.nan)
-        self.logs[name][rows, t] = values
+        for name, values in logs.items():
+            shape = (len(self.outcome), self.gap.shape[1], *values.shape[1:])
+            if name not in self.logs:
+                self.logs[name] = np.full(shape, np.nan)
+            if self.logs[name].shape != shape:
+                raise InputError(
+                    f"the log {name} has shape {list(values.shape[1:])} per world in step {t}, "
+                    f"but had {list(self.logs[name].shape[2:])} before"
+                )
+            self.logs[name][rows, t] = values
 
     def trace(self, split: str, undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None) -> Trace:
         """The trace of all episodes."""

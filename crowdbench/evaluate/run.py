@@ -141,8 +141,8 @@ def _result(
     """The contents of `result.json`; `start` is when the run began, as `time.perf_counter` counts seconds."""
     return {
         "planner": driver.name,
-        "privileged": driver.planner.privileged,
-        "planner_facts": dict(driver.planner.facts),
+        "privileged": driver.privileged,
+        "planner_facts": driver.facts,
         **about,
         "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
         "cases": str(cases),

@@ -47,8 +47,12 @@ class Planner(abc.ABC):
         """
         raise OneStepOnly
 
-    def reset(self, cases: Int[np.ndarray, "world"]) -> None:  # noqa: B027 (a hook, empty unless wanted)
-        """Called once before a batch of cases starts, for planners with a memory of each case."""
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:  # noqa: B027 (a hook, empty unless wanted)
+        """Called once before a batch of episodes starts, for planners with a memory of each episode.
+
+        Args:
+            rows: The rows that `Observation.row` will have: 0, 1, 2, ...
+        """
 
 
 class OneWorldPlanner(Planner):
@@ -70,17 +74,15 @@ class OneWorldPlanner(Planner):
         return command
 
     def _decide(self, obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Float[np.ndarray, "2"]:
+        """The command of one world in m/s; what is logged is put into row `w` of `logs`."""
+        one = obs.rows(lambda array: array[w, ...], None if obs.logs is None else {})
         try:
-            return self.decide(_one_world(obs, w, logs))
+            command = self.decide(one)
         except BaseException as error:
             error.row = w  # type: ignore[attr-defined]  # whoever reports it can tell the case
             raise
-
-
-def _one_world(obs: Observation, w: int, logs: dict[str, np.ndarray]) -> Observation:
-    def record(name: str, values: np.ndarray) -> None:
-        if name not in logs:
-            logs[name] = np.full((len(obs), *np.shape(values)), np.nan)
-        logs[name][w] = values
-
-    return obs.rows(lambda array: array[w, ...], record)
+        for name, values in (one.logs or {}).items():
+            if name not in logs:
+                logs[name] = np.full((len(obs), *values.shape), np.nan)
+            logs[name][w] = values
+        return command

@@ -68,7 +68,7 @@ class ConstantVelocitySampled(Predictor):
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There are `modes` modes, all of them random."""
-        turn = self.angle * obs.normal("constant_velocity_sampled", self.modes).transpose(0, 2, 1)
+        turn = self.angle * obs.noise("constant_velocity_sampled", (self.modes, obs.pedestrians.seen.shape[1]))
         x, y = np.moveaxis(last_velocity(obs)[:, None], -1, 0)
         turned = np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)], axis=-1)
         return straight_on(obs.pedestrians.history[:, -1], turned, obs.dt, steps)

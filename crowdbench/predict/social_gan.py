@@ -11,7 +11,6 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from crowdbench import rng
 from crowdbench.errors import InputError
 from crowdbench.numbers import is_number
 from crowdbench.predict.base import Prediction, Predictor
@@ -68,8 +67,8 @@ class SocialGAN(Predictor):
         """See `Predictor`. There are `modes` modes."""
         scale = self.about["dt"] / obs.dt if self.rescaled else 1.0
         history, present = extrapolated_history(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
-        # The noise depends only on seed, split, case, step and mode; all pedestrians of a future share it.
-        noise = rng.normal(obs.key, NAME, obs.step, self.modes, NOISE)
+        # All pedestrians of a future share its noise.
+        noise = obs.noise(NAME, (self.modes, NOISE))
         # Relative to the first pedestrian, because float32 is coarse far from the origin.
         near = torch.from_numpy(((history - history[:, -1:, :1]) * scale).astype(np.float32))
         drawn = torch.from_numpy(noise.astype(np.float32))

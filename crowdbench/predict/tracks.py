@@ -91,8 +91,8 @@ class Windows:
     def observation(self, seen: int) -> Observation:
         """The observation of each window, for a predictor.
 
-        The number of the first frame takes the place of the case. There is no vehicle: its values are NaN. Recordings
-        have no radii: they are 0.
+        The noise depends on the number of the first frame, as elsewhere on the case. There is no vehicle: its values
+        are NaN. Recordings have no radii: they are 0.
 
         Args:
             seen: Number of frames that are observed, the first ones of a window; the last of them is the present.
@@ -125,8 +125,8 @@ class Windows:
                 age=np.where(self.present, 0.0, np.inf),
             ),
             obstacles=np.empty((len(self), 0, 0, 2)),
-            case=self.frame,
-            key=rng.case_keys(0, "test", self.frame),
+            row=np.arange(len(self)),
+            noise_key=rng.noise_keys(rng.case_keys(0, "test", self.frame)),
             step=np.full(len(self), seen - 1),
             dt=self.dt,
         )

@@ -155,6 +155,7 @@ class Scenario:
         return World(
             case=cases,
             key=keys,
+            noise_key=rng.noise_keys(keys),
             step=np.zeros(worlds, np.int64),
             position=position,
             velocity=np.zeros_like(position),

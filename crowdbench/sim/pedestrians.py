@@ -97,7 +97,7 @@ class SocialForce(PedestrianPolicy):
         pedestrian = world.present.copy()
         pedestrian[:, 0] = False
         noise = np.zeros_like(world.position)
-        noise[:, 1:] = rng.normal(world.key, "social_force", world.step, pedestrian.shape[1] - 1, 2)
+        noise[:, 1:] = rng.normal(world.key, "social_force", world.step, (pedestrian.shape[1] - 1, 2))
         return social_force_velocities(
             world.position,
             world.velocity,

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from crowdbench.compiled import njit
 from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle, World
@@ -15,15 +14,17 @@ from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle, World
 
 def observe(
     world: World,
+    row: Int[np.ndarray, "world"] | None = None,
     future: Float[np.ndarray, "world pedestrian 2"] | None = None,
-    record: Callable[[str, np.ndarray], None] | None = None,
+    logs: dict[str, np.ndarray] | None = None,
 ) -> Observation:
     """Observe with a perfect sensor: every pedestrian that is present, without error or delay.
 
     Args:
         world: The worlds as they are now.
+        row: Number of each world in the batch as it started; counted from 0 if None.
         future: The pedestrians' next velocities in m/s, for privileged planners only.
-        record: Receives what the planner logs.
+        logs: Receives what the planner logs.
 
     Returns:
         The observation. Its arrays are copies, so that a planner cannot change the world.
@@ -53,12 +54,12 @@ def observe(
             age=age,
         ),
         obstacles=world.obstacles.copy(),
-        case=world.case.copy(),
-        key=world.key.copy(),
+        row=np.arange(len(world)) if row is None else row.copy(),
+        noise_key=world.noise_key.copy(),
         step=world.step.copy(),
         dt=world.rules.dt,
         future=future,
-        record=record,
+        logs=logs,
     )
 
 

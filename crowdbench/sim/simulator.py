@@ -55,8 +55,10 @@ def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarra
         found = f"{velocity.dtype} of shape {velocity.shape}" if isinstance(velocity, np.ndarray) else repr(velocity)
         raise InputError(f"pedestrian policy {name} returned {found}, but must return float64 of shape {expected}")
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
-    if not math.isfinite(velocity.sum()) and len(wrong := np.argwhere(~np.isfinite(velocity))):
-        row, pedestrian, _ = wrong[0]
+    if not math.isfinite(velocity.sum()) and len(
+        wrong := np.argwhere(~np.isfinite(velocity).all(axis=2) & world.present[:, 1:])
+    ):
+        row, pedestrian = wrong[0]
         raise InputError(
             f"pedestrian policy {name} returned {velocity[row, pedestrian].tolist()} for pedestrian {pedestrian} "
             f"of case {world.case[row]}, but a velocity must be finite"
@@ -102,6 +104,13 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
         angular_speed=angular_speed,
         history=history,
     )
+
+
+def taken_velocities(
+    world: World, crowd: Float[np.ndarray, "world pedestrian 2"]
+) -> Float[np.ndarray, "world pedestrian 2"]:
+    """The velocities in m/s that pedestrians take in the next step, where their policies ask for `crowd`."""
+    return advance(world, np.pad(crowd, ((0, 0), (1, 0), (0, 0)))).velocity[:, 1:]
 
 
 def step(

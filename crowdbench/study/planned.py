@@ -79,7 +79,7 @@ class PlannedRun:
     @property
     def privileged(self) -> bool:
         """Whether the planner uses what no vehicle could know."""
-        return self.driver.planner.privileged
+        return self.driver.privileged
 
     @property
     def title(self) -> str:
@@ -98,7 +98,7 @@ class PlannedRun:
             {
                 "planner": self.planner,
                 "planner_files": self.about["planner_files"],
-                "planner_facts": dict(self.driver.planner.facts),
+                "planner_facts": self.driver.facts,
                 "options": self.about["options"],
                 "scenario": self.scenario.digest,
                 "cases": str(self.cases),

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from crowdbench import rng
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.types import Observation
@@ -33,7 +32,7 @@ class EpsilonGreedy(Planner):
         """See `Planner`."""
         commands = self.planner.actions(obs.vehicle.preferred_speed)
         # Uniform numbers by the normal distribution function: the streams of a case have only normal numbers.
-        explore, which = ndtr(rng.normal(obs.key, self.purpose, obs.step, 1, 2)[:, 0]).T
+        explore, which = ndtr(obs.noise(self.purpose, (2,))).T
         chosen = commands[np.arange(len(obs)), (which * commands.shape[1]).astype(int)]
         greedy = explore >= self.epsilon
         if greedy.any():

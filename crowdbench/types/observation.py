@@ -73,54 +73,57 @@ class Pedestrians:
 class Observation:
     """What a planner is given at each decision, for every world that is still running.
 
-    Worlds whose episode has ended leave the batch, so that a planner with a memory must find its entries by `case`. A
+    Worlds whose episode has ended leave the batch, so that a planner with a memory must find its entries by `row`. A
     planner for one world at a time is given the same without the world axis.
+
+    A planner is not told which case it drives, so that it cannot look up what it may not see. The start positions still
+    identify the case to whoever knows the scenario with its seed.
 
     Attributes:
         vehicle: The vehicle's own state and goal.
         pedestrians: What it sees of the pedestrians.
         obstacles: Polygons in metres, NaN after the last corner and the last polygon. Two corners make a wall.
-        case: Number of the case of each row.
-        key: Start of the random streams of the case.
+        row: Number of each world in the batch as it started: the same during the whole episode.
+        noise_key: Start of the noise of each world.
         step: Steps done so far.
         dt: Length of a step in seconds.
         future: The pedestrians' next velocities in m/s; None unless the planner is privileged.
-        record: Receives what the planner logs; None where nothing is recorded.
+        logs: What the planner has logged in this decision, by name; None where nothing is recorded.
     """
 
     vehicle: Vehicle
     pedestrians: Pedestrians
     obstacles: Float[np.ndarray, "*world polygon corner 2"]
-    case: Int[np.ndarray, "*world"]
-    key: UInt[np.ndarray, "*world"]
+    row: Int[np.ndarray, "*world"]
+    noise_key: UInt[np.ndarray, "*world"]
     step: Int[np.ndarray, "*world"]
     dt: float
     future: Float[np.ndarray, "*world pedestrian 2"] | None = None
-    record: Callable[[str, np.ndarray], None] | None = None
+    logs: dict[str, np.ndarray] | None = None
 
     def __len__(self) -> int:
-        return len(self.case)
+        return len(self.row)
 
     def take(self, rows: np.ndarray | slice) -> Observation:
         """A copy of the given rows (a mask, indices or a slice). Its `log` records nothing."""
-        return self.rows(lambda array: array[rows].copy(), record=None)
+        return self.rows(lambda array: array[rows].copy(), logs=None)
 
     def rows(
         self,
         chosen: Callable[[np.ndarray], np.ndarray],
-        record: Callable[[str, np.ndarray], None] | None,
+        logs: dict[str, np.ndarray] | None,
     ) -> Observation:
         """The observation of some of the worlds.
 
         Args:
             chosen: Takes the part of an array `[world, ...]` that belongs to these worlds.
-            record: Receives what is logged in the new observation.
+            logs: Receives what is logged in the new observation.
 
         Returns:
             An observation with the chosen part of each array.
         """
         vehicle, pedestrians = _chosen(self.vehicle, chosen), _chosen(self.pedestrians, chosen)
-        return dataclasses.replace(_chosen(self, chosen), vehicle=vehicle, pedestrians=pedestrians, record=record)
+        return dataclasses.replace(_chosen(self, chosen), vehicle=vehicle, pedestrians=pedestrians, logs=logs)
 
     @property
     def time(self) -> Float[np.ndarray, "*world"]:
@@ -149,20 +152,21 @@ class Observation:
             np.concatenate([np.ones((len(self), 1), bool), crowd.seen], axis=1),
         )
 
-    def normal(self, purpose: str, n: int) -> Float[np.ndarray, "*world pedestrian n"]:
-        """Standard normal noise that depends only on seed, case, purpose, step and pedestrian.
+    def noise(self, purpose: str, shape: tuple[int, ...]) -> Float[np.ndarray, "*world *shape"]:
+        """Standard normal noise that depends only on seed, split, case, step, purpose and its own indices.
 
-        Repeated calls return the same noise, in any batch and with any padding.
+        Repeated calls return the same noise, in any batch. A longer axis only adds numbers, so that noise for
+        `(pedestrians, 3)` is the same with any padding.
 
         Args:
             purpose: A name; each name has its own noise.
-            n: Numbers per pedestrian.
+            shape: Shape of the noise of one world, with at most five axes.
+
+        Raises:
+            InputError: The shape has more axes, or a negative or huge one.
         """
-        pedestrians = self.pedestrians.seen.shape[-1]
-        # The prefix keeps planners from drawing the simulator's own noise.
-        own = f"planner: {purpose}"
-        noise = rng.normal(np.atleast_1d(self.key), own, np.atleast_1d(self.step), pedestrians, n)
-        return noise.reshape(*np.shape(self.key), pedestrians, n)
+        drawn = rng.normal(np.atleast_1d(self.noise_key), purpose, np.atleast_1d(self.step), tuple(shape))
+        return drawn.reshape(*np.shape(self.noise_key), *shape)
 
     def true_next(self) -> Float[np.ndarray, "*world pedestrian 2"]:
         """The velocities in m/s that the pedestrians will take in this step.
@@ -184,14 +188,27 @@ class Observation:
                 `[world, ..., time, n, 2]` lines over time.
 
         Raises:
-            InputError: The name has other characters.
+            InputError: The name has other characters, or the values are no numbers with one entry per world.
         """
         if not name.isidentifier():
             raise InputError(
                 f"a log is called {name!r}, but its name must be letters, digits and underscores, a letter first"
             )
-        if self.record is not None:
-            self.record(name, np.asarray(values))
+        if self.logs is not None:
+            self.logs[name] = self._logged(name, values)
+
+    def _logged(self, name: str, values: object) -> Float[np.ndarray, "*world *shape"]:
+        """What is logged as an array of its own."""
+        try:
+            array = np.array(values, np.float64, subok=False)
+        except (TypeError, ValueError):
+            raise InputError(f"the log {name} is a {type(values).__name__}, but must be an array of numbers") from None
+        worlds = np.shape(self.row)
+        if array.shape[: len(worlds)] != worlds:
+            raise InputError(
+                f"the log {name} has shape {list(array.shape)}, but its first axis must be the {len(self)} worlds"
+            )
+        return array
 
 
 def _chosen(part: Part, chosen: Callable[[np.ndarray], np.ndarray]) -> Part:

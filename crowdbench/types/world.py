@@ -22,7 +22,8 @@ class World:
 
     Attributes:
         case: Number of the case within its split.
-        key: Start of the random streams of the case.
+        key: Start of the random streams of the case. It tells the whole case, so that planners do not see it.
+        noise_key: Start of the noise of planners.
         step: Steps done so far.
         position: Centres in metres.
         velocity: Velocities of the last step in m/s.
@@ -50,6 +51,7 @@ class World:
 
     case: Int[np.ndarray, "world"]
     key: UInt[np.ndarray, "world"]
+    noise_key: UInt[np.ndarray, "world"]
     step: Int[np.ndarray, "world"]
     position: Float[np.ndarray, "world agent 2"]
     velocity: Float[np.ndarray, "world agent 2"]

@@ -50,7 +50,7 @@ def states_of(name):
     All, or where it has several futures, those of every third case and those of the first change.
     """
     states = read_states(FOLDER / "states.npz")
-    few = (states.case % 3 == 0) | (states.step == FIRST_CHANGE)
+    few = (states.row % 3 == 0) | (states.step == FIRST_CHANGE)
     return states.take(few) if name in SEVERAL_FUTURES else states
 
 

@@ -172,7 +172,7 @@ class ValuePlanner(Planner):
         self, obs: Observation, prediction: Prediction, scene: Scene, command: Float[np.ndarray, "world 2"]
     ) -> None:
         """Log the predicted crowd, the value of the state after the command, and the network's attention."""
-        if obs.record is None:
+        if obs.logs is None:
             return
         world, arranged = np.arange(len(obs)), self.aggregate.arrange(scene)
         joint = try_commands(arranged, command, world).joint
