@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from crowdbench import plugins
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, plugin_errors
 from crowdbench.evaluate.metrics import METRICS, Metric
 from crowdbench.files import sha256
+from crowdbench.numbers import is_number
 from crowdbench.planners.base import Planner
 from crowdbench.plugin_files import file_digests
 from crowdbench.plugins import ROOT, Kind
@@ -41,10 +42,8 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
         InputError: There is no such planner, it does not take the options, or its file is broken.
     """
     name, factory = PLANNERS.find(spec)
-    made = plugins.call(name, factory, options or {})
-    if not isinstance(made, Planner):
-        raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a crowdbench.Planner")
-    return name, made
+    # mypy refuses abstract classes as arguments, though none is constructed.
+    return name, plugins.make(Planner, name, factory, options or {})  # type: ignore[type-abstract]
 
 
 def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:
@@ -100,12 +99,30 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
     if plugins.file_and_function(spec)[0] is not None:
         spec = str(folder / spec)
     name, factory = PEDESTRIANS.find(spec)
-    made = plugins.call(name, factory, {})
-    if not isinstance(made, PedestrianPolicy):
-        raise InputError(
-            f"{spec}: the factory made a {type(made).__name__}, but must make a crowdbench.PedestrianPolicy"
-        )
-    return name, made, plugins.source(spec)
+    return name, made_policy(name, factory), plugins.source(spec)
+
+
+def made_policy(name: str, factory: Callable[..., object]) -> PedestrianPolicy:
+    """Construct a pedestrian policy.
+
+    Args:
+        name: The policy's name.
+        factory: What constructs it.
+
+    Returns:
+        The policy.
+
+    Raises:
+        InputError: The factory fails or makes something else, or the policy's parameters are no numbers by name.
+    """
+    made = plugins.make(PedestrianPolicy, name, factory, {})  # type: ignore[type-abstract]
+    with plugin_errors(f"the parameters of {name} cannot be read:"):
+        parameters = dict(made.parameters)
+    for key, value in parameters.items():
+        if not isinstance(key, str) or not is_number(value):
+            right = "parameters are numbers by name, such as {'pace': 0.5}"
+            raise InputError(f"the pedestrian policy {name} has the parameter {key!r} with {value!r}: {right}")
+    return made
 
 
 def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:

@@ -61,16 +61,54 @@ class Interrupts:
             raise Interrupted
 
 
+@contextlib.contextmanager
+def one_process(who: str) -> Iterator[None]:
+    """End a process that is forked in here and comes out of here: it would write, and remove, the same files.
+
+    Args:
+        who: What forks, for the message.
+    """
+    process, error = os.getpid(), None
+    try:
+        yield
+    except BaseException as raised:
+        if os.getpid() == process:
+            raise
+        error = raised
+    if os.getpid() == process:
+        return
+    if isinstance(error, SystemExit) and isinstance(error.code, int | None):
+        os._exit(error.code or 0)
+    message = (
+        f"crowdbench: a process that {who} has forked went on with the run, and was ended: end it by os._exit(0)\n"
+    )
+    os.write(2, message.encode(errors="backslashreplace"))
+    os._exit(1)
+
+
 def _raise(number: int, frame: FrameType | None) -> None:
     raise Interrupted
 
 
-def _end_quietly() -> None:
-    """In a forked process, such as a worker of a planner's pool: let the signals end it, without a traceback."""
+# A forked process, such as a worker of a planner's pool, is ended by the signals, and quietly. They wait while it is
+# made: one that came before its handlers are reset would be lost.
+_before_fork = threading.local()
+
+
+def _hold_back() -> None:
+    _before_fork.blocked = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+
+
+def _let_in() -> None:
+    signal.pthread_sigmask(signal.SIG_SETMASK, _before_fork.blocked)
+
+
+def _reset() -> None:
     for number in SIGNALS:
         if getattr(signal.getsignal(number), "__module__", None) == __name__:
             signal.signal(number, signal.SIG_DFL)
+    _let_in()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_end_quietly)
+    os.register_at_fork(before=_hold_back, after_in_parent=_let_in, after_in_child=_reset)

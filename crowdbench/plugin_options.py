@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import inspect
@@ -11,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, plugin_errors
 from crowdbench.numbers import is_integer, is_number
 
 REQUIRED = inspect.Parameter.empty
@@ -114,30 +115,38 @@ def parameters(part: type) -> dict[str, Any]:
 def read_options(factory: Callable[..., object]) -> list[Option]:
     """The options of a function or class, without `*args` and `**kwargs`.
 
-    Raises TypeError or ValueError where it has no signature that can be read.
+    Raises InputError where it has no signature that can be read.
     """
+    signature = _signature(factory)
     hints = _hints(factory)
     return [
         Option(name, parameter.default, _alternatives(hints.get(name)))
-        for name, parameter in inspect.signature(factory).parameters.items()
+        for name, parameter in signature.parameters.items()
         if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
     ]
 
 
 def takes_any(factory: Callable[..., object]) -> bool:
     """Whether a function takes options of any name, `**kwargs`."""
-    return any(each.kind is each.VAR_KEYWORD for each in inspect.signature(factory).parameters.values())
+    return any(each.kind is each.VAR_KEYWORD for each in _signature(factory).parameters.values())
+
+
+def _signature(factory: Callable[..., object]) -> inspect.Signature:
+    try:
+        return inspect.signature(factory)
+    except (TypeError, ValueError):
+        name = getattr(factory, "__name__", type(factory).__name__)
+        raise InputError(f"{name} is no function whose options can be read") from None
 
 
 def _hints(factory: Callable[..., object]) -> dict[str, Any]:
     while isinstance(factory, functools.partial):
         factory = factory.func
     called = factory.__init__ if inspect.isclass(factory) else factory
-    try:
+    # Annotations may name what is imported for type checkers alone, and are evaluated, whatever they are.
+    with contextlib.suppress(InputError), plugin_errors("annotations raised"):
         return typing.get_type_hints(called)
-    except (AttributeError, NameError, TypeError):
-        # Annotations may name what is imported for type checkers alone.
-        return {}
+    return {}
 
 
 def _alternatives(hint: Any) -> tuple[Any, ...]:

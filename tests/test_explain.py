@@ -99,7 +99,7 @@ def test_a_partial_shows_its_own_defaults():
 
 
 def test_what_makes_no_policy_has_no_parameters():
-    with pytest.raises(InputError, match="vehicle is not a pedestrian policy: its function makes a int"):
+    with pytest.raises(InputError, match="vehicle: the factory made a int"):
         parameter_rows("vehicle", lambda: 3)
 
 

@@ -249,7 +249,7 @@ def test_a_predictor_is_found_by_name_or_in_a_file(tmp_path):
     assert (name, type(predictor)) == ("other", Linear)
     for spec, expected in [
         ("linaer", "no predictor is called 'linaer'; there are linear, constant_velocity, "),
-        (f"{path}:wrong", "made a int, but must make a Predictor"),
+        (f"{path}:wrong", "made a int, but must make a crowdbench.Predictor"),
         (f"{path}:none", "defines no function none"),
         ("./nowhere.py", "there is no file"),
     ]:

@@ -10,12 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from docstring_parser import DocstringStyle, parse
+from docstring_parser import Docstring, DocstringStyle, parse
 
-from crowdbench import plugins
-from crowdbench.errors import InputError
+from crowdbench.catalog import made_policy
 from crowdbench.plugin_options import REQUIRED, Option, read_options
-from crowdbench.sim.pedestrians import PedestrianPolicy
 
 WORDS: dict[Any, str] = {
     bool: "true or false",
@@ -57,7 +55,7 @@ class OptionRow:
 
 def description(docstring: str | None) -> str:
     """A docstring without its sections."""
-    return parse(docstring or "", DocstringStyle.GOOGLE).description or ""
+    return _parsed(docstring).description or ""
 
 
 def option_rows(factory: Callable[..., object]) -> list[OptionRow]:
@@ -96,9 +94,7 @@ def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]
     Raises:
         InputError: The factory does not make a pedestrian policy.
     """
-    policy, said = plugins.call(name, factory, {}), _said(factory)
-    if not isinstance(policy, PedestrianPolicy):
-        raise InputError(f"{name} is not a pedestrian policy: its function makes a {type(policy).__name__}")
+    policy, said = made_policy(name, factory), _said(factory)
     options = [Option(key, float(default), (float,)) for key, default in policy.parameters.items()]
     return [dataclasses.replace(_row(each, said), name=f"pedestrians.{name}.{each.name}") for each in options]
 
@@ -106,11 +102,16 @@ def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]
 def _said(documented: Any) -> dict[str, tuple[str, str]]:
     """What the docstring of a function or class says of each parameter: meaning and unit."""
     said = {}
-    for entry in parse(documented.__doc__ or "", DocstringStyle.GOOGLE).params:
+    for entry in _parsed(documented.__doc__).params:
         text = " ".join((entry.description or "").split())
         match = re.fullmatch(r"(.*?)\s*\[([^\[\]]+)\]\.?", text)
         said[entry.arg_name] = (f"{match[1].rstrip('.')}.", match[2]) if match else (text, "")
     return said
+
+
+def _parsed(docstring: object) -> Docstring:
+    """A docstring; whatever else somebody has put in its place says nothing."""
+    return parse(docstring if isinstance(docstring, str) else "", DocstringStyle.GOOGLE)
 
 
 def _row(option: Option, said: dict[str, tuple[str, str]]) -> OptionRow:

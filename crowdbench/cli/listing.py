@@ -16,6 +16,7 @@ from crowdbench.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.cli.explain import OptionRow
+    from crowdbench.plugins import Kind
 
 
 def list_(
@@ -77,12 +78,17 @@ def _described(things: Mapping[str, object]) -> list[tuple[str, str]]:
     return [(name, (thing.__doc__ or "").partition("\n")[0]) for name, thing in things.items()]
 
 
+def _text(kind: Kind, name: str) -> str:
+    """What the file of a plug-in says of it."""
+    return kind.docstring(name) or f"{name} has no docstring: its file says nothing about the {kind.word}."
+
+
 def _planner(name: str) -> Page:
     from crowdbench.catalog import PLANNERS
     from crowdbench.cli.explain import option_rows
 
     _, factory = PLANNERS.find(name)
-    return Page(PLANNERS.docstring(name), option_rows(factory))
+    return Page(_text(PLANNERS, name), option_rows(factory))
 
 
 def _pedestrians(name: str) -> Page:
@@ -90,7 +96,7 @@ def _pedestrians(name: str) -> Page:
     from crowdbench.cli.explain import parameter_rows
 
     found, factory = PEDESTRIANS.find(name)
-    return Page(PEDESTRIANS.docstring(name), parameter_rows(found, factory), "Parameters: --set name=value")
+    return Page(_text(PEDESTRIANS, name), parameter_rows(found, factory), "Parameters: --set name=value")
 
 
 def _predictor(name: str) -> Page:
@@ -98,7 +104,8 @@ def _predictor(name: str) -> Page:
     from crowdbench.predict.load import find_predictor
 
     _, factory = find_predictor(name)
-    return Page(description(factory.__doc__), option_rows(factory))
+    said = description(factory.__doc__) or f"{name} has no docstring: its file says nothing about the predictor."
+    return Page(said, option_rows(factory))
 
 
 def _weights(name: str) -> Page:

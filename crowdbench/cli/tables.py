@@ -198,7 +198,7 @@ def _table(title: str, *columns: tuple[str, Any]) -> Table:
 
 def _unit(metric: Metric) -> str:
     """The unit in brackets at the end of the metric's first docstring line."""
-    first = (metric.__doc__ or "").partition("\n")[0]
+    first = str(metric.__doc__ or "").partition("\n")[0]
     unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
     return "" if unit == "1" else unit
 

@@ -19,6 +19,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.errors import InputError, described, is_interrupt, plugin_errors
 from crowdbench.evaluate.contract import Asked, Fault, examine
+from crowdbench.interrupts import one_process
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.settings import DECISION_LIMIT
 from crowdbench.types import Observation
@@ -109,7 +110,7 @@ class Driver:
     def _answer(self, asked: Asked, plan: Callable[[], object]) -> object:
         """What the planner returns. Whatever it raises becomes an InputError."""
         try:
-            with _interrupted_after(self.decision_limit):
+            with one_process(f"planner {self.name}"), _interrupted_after(self.decision_limit):
                 return plan()
         except InputError:
             raise

@@ -204,6 +204,8 @@ def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int 
 def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
     with plugin_errors(f"metric {name} raised"):
         values = metric(trace)
+        if isinstance(values, np.ndarray):
+            values = np.asarray(values)  # a subclass may answer otherwise than its numbers
     if not isinstance(values, np.ndarray) or values.shape != (len(trace),) or values.dtype.kind not in "bfiu":
         found = (
             f"shape {list(values.shape)} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__

@@ -26,10 +26,7 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
         InputError: There is no such predictor, it does not take the options, or its file is broken.
     """
     name, factory = find_predictor(spec)
-    made = plugins.call(name, factory, options or {})
-    if not isinstance(made, Predictor):
-        raise InputError(f"{spec}: the factory made a {type(made).__name__}, but must make a Predictor")
-    return name, made
+    return name, plugins.make(Predictor, name, factory, options or {})  # type: ignore[type-abstract]
 
 
 def find_predictor(spec: str) -> tuple[str, Callable[..., object]]:
