@@ -15,11 +15,13 @@ from crowdbench.catalog import load_metrics, load_planner, load_recorded_scenari
 from crowdbench.cli import app
 from crowdbench.errors import InputError
 from crowdbench.evaluate import rollout as rollouts
+from crowdbench.evaluate import seal
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.replay import RunFiles, replay
 from crowdbench.evaluate.results import Episodes, to_json
 from crowdbench.evaluate.run import run
+from crowdbench.files import sha256
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -136,6 +138,14 @@ def rewrite(directory, episodes=None, **result):
     (directory / "result.json").write_text(json.dumps(written | result))
 
 
+def seal_again(directory):
+    """Make the manifest fit the files."""
+    manifest = json.loads((directory / "manifest.json").read_text())
+    files = {path.name: sha256(path) for path in directory.iterdir() if path.is_file() and path.suffix != ".json"}
+    files["result.json"] = sha256(directory / "result.json")
+    (directory / "manifest.json").write_text(json.dumps(manifest | {"files": files}))
+
+
 def all_succeed(directory):
     table = (directory / "episodes.csv").read_text()
     (directory / "episodes.csv").write_text(table.replace(",collision,", ",success,"))
@@ -239,9 +249,11 @@ def other_digest(directory):
 )
 def test_a_forged_run_is_named(forge, named, forged):
     forge(forged)
+    seal_again(forged)
     found = again(forged)
     assert named in str(found)
     assert "All agree" not in str(found)
+    assert "checks of manifest.json fail" not in str(found)
 
 
 def goal_moved(monkeypatch):
@@ -282,11 +294,20 @@ def test_on_another_machine_the_last_bits_may_differ(forged):
     old = Episodes.read(forged / "episodes.csv")
     rewrite(forged, dataclasses.replace(old, columns={**old.columns, "jerk": old.columns["jerk"] * (1 + 1e-13)}))
     assert "cases have other figures in episodes.csv: test:0 (jerk" in str(again(forged))
+    assert "1 of 1 checks of manifest.json fail" in str(again(forged))
     rewrite(forged, versions={"python": "3.0"})
+    seal_again(forged)
     found = again(forged)
     assert found.differences == []
     assert "outcomes exactly and figures to 1e-9" in str(found)
     assert "numpy is" in str(found)
+
+
+def test_with_other_code_of_crowdbench_the_last_bits_may_differ(honest, monkeypatch):
+    monkeypatch.setattr(seal, "code", lambda: "other")
+    found = again(honest)
+    assert found.versions == ["the code of crowdbench is another than in the run"]
+    assert found.differences == []
 
 
 def test_metrics_of_a_users_own_are_compared_if_they_are_given(tmp_path):

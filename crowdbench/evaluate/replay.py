@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.errors import InputError
-from crowdbench.evaluate import commands, differences
+from crowdbench.evaluate import commands, differences, seal
 from crowdbench.evaluate.commands import COMMANDS, Commands
 from crowdbench.evaluate.differences import Difference, listed
 from crowdbench.evaluate.driver import Driver
@@ -24,6 +24,7 @@ from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, read_result, to_json
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.evaluate.run import fitting, versions
+from crowdbench.evaluate.seal import MANIFEST, checked
 from crowdbench.geometry import norm
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
@@ -46,6 +47,8 @@ class RunFiles:
         episodes: The rows of `episodes.csv`.
         commands: The commands.
         recording: The recorded episodes; None where none is there.
+        code: The digest of the code of crowdbench that made the run, as its manifest says; empty where that is unknown.
+        broken: In which file the manifest finds an edit, as a sentence; empty if in none.
     """
 
     result: dict[str, Any]
@@ -53,6 +56,8 @@ class RunFiles:
     episodes: Episodes
     commands: Commands
     recording: Recording | None
+    code: str
+    broken: str
 
     @property
     def recorded(self) -> int:
@@ -70,12 +75,20 @@ class RunFiles:
             from crowdbench.record.read import read
 
             recording = read(directory / RECORDING)
+        code, broken = "", ""
+        try:
+            manifest = checked(directory, (RESULT, EPISODES, COMMANDS, RECORDING))
+            code = manifest.code if manifest is not None else ""
+        except InputError as error:
+            broken = str(error)  # and the replay says what in the file is wrong
         return cls(
             result,
             Cases.parse(result["cases"]),
             Episodes.read(directory / EPISODES),
             commands.read(directory / COMMANDS),
             recording,
+            code,
+            broken,
         )
 
 
@@ -142,7 +155,7 @@ def replay(
     Raises:
         InputError: The run has commands of none of its cases, or a pedestrian policy or a metric breaks its contract.
     """
-    changed = _changed_versions(files.result.get("versions"))
+    changed = _changed_versions(files)
     columns = dict.fromkeys([*files.episodes.columns, *files.result["metrics"]])
     measured = {name: metrics[name] for name in columns if name in metrics}
     parts: list[Episodes] = []
@@ -158,6 +171,7 @@ def replay(
         unchecked=[name for name in columns if name not in metrics],
         versions=changed,
         differences=[
+            *listed(f"checks of {MANIFEST} fail", [files.broken] if files.broken else [], 1),
             *_commands(files, scenario, replayed),
             *_episodes(files, replayed, exact=not changed),
             *_result(files, scenario, replayed, exact=not changed),
@@ -288,10 +302,15 @@ def _kind(trace: Trace) -> dict[str, Any]:
     }
 
 
-def _changed_versions(recorded: object) -> list[str]:
+def _changed_versions(files: RunFiles) -> list[str]:
+    """What the last bits depend on and is not known to be the same as in the run."""
+    recorded = files.result.get("versions")
     known = recorded if isinstance(recorded, dict) else {}
-    return [
+    changed = [
         f"{name} is {here} here and was {known.get(name, 'another')} in the run"
         for name, here in versions().items()
         if known.get(name) != here
     ]
+    if files.code and files.code != seal.code():
+        changed.append("the code of crowdbench is another than in the run")
+    return changed
