@@ -14,7 +14,7 @@ from rich.console import Console
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli.tables import comparison_table, result_table
 from crowdbench.errors import InputError, Interrupted
-from crowdbench.evaluate import directory
+from crowdbench.evaluate import directory, rollout
 from crowdbench.evaluate.compare import compare, mcnemar
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
@@ -22,6 +22,7 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes, planner_label, read_result
 from crowdbench.evaluate.run import directory_name, run
 from crowdbench.planners.base import Planner
+from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.record.read import read
 from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome
@@ -315,6 +316,29 @@ def test_a_table_that_is_none_of_crowdbench_gets_one_sentence(tmp_path, table):
     (tmp_path / "episodes.csv").write_text(table)
     with pytest.raises(InputError, match="is not a table of episodes"):
         Episodes.read(tmp_path / "episodes.csv")
+
+
+class Verbose(ORCAPlanner):
+    """Logs futures of two kilobytes."""
+
+    def plan(self, obs):
+        obs.log("future", np.ones((len(obs), 8, 16, 2)))
+        return super().plan(obs)
+
+
+def test_a_planner_that_logs_much_runs_in_smaller_batches(tmp_path, monkeypatch):
+    go(tmp_path / "a", Verbose(), record="failures")
+    batches = []
+    monkeypatch.setattr(rollout, "LOG_MEMORY", 7 * 97 * 8 * 16 * 2 * 4)
+    monkeypatch.setattr(Verbose, "reset", lambda self, rows: batches.append(len(rows)))
+    go(tmp_path / "b", Verbose(), record="failures")
+    assert batches == [30, 7, 7, 7, 7, 2]
+    assert (tmp_path / "a" / "episodes.csv").read_bytes() == (tmp_path / "b" / "episodes.csv").read_bytes()
+    assert read(tmp_path / "b" / "run.rrd").trace.case.tolist() == read(tmp_path / "a" / "run.rrd").trace.case.tolist()
+    monkeypatch.setattr(rollout, "LOG_MEMORY", 1)
+    batches.clear()
+    go(tmp_path / "c", Verbose(), cases="3", record="failures")
+    assert batches == [3, 1, 1, 1]
 
 
 def test_a_comparison_is_paired_by_case(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -16,6 +17,21 @@ from crowdbench.sim.episode import StepCheck
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import advance, crowd_velocities, step, taken_velocities
 from crowdbench.types import Outcome, Trace, World
+
+LOG_MEMORY = 256e6
+"""Bytes that the logs of a batch may take, unless it is of one world."""
+
+
+class LogsTooLarge(Exception):
+    """What a planner logs would take too much memory: the batch must be smaller.
+
+    Attributes:
+        fitting: The number of cases whose logs fit.
+    """
+
+    def __init__(self, fitting: int) -> None:
+        super().__init__(f"the logs of {fitting} cases fit")
+        self.fitting = fitting
 
 
 def rollout(
@@ -43,6 +59,7 @@ def rollout(
 
     Raises:
         InputError: Planner or scenario break their contract, or `replan_every` is below 1.
+        LogsTooLarge: With `keep_logs`, where the planner's logs would take more than `LOG_MEMORY`.
     """
     if replan_every < 1:
         raise InputError(f"replan_every is {replan_every}, but a planner observes again after 1 step or more")
@@ -139,17 +156,28 @@ class _States:
 
         Raises:
             InputError: A log has another shape than before.
+            LogsTooLarge: See there.
         """
         for name, values in logs.items():
             shape = (len(self.outcome), self.gap.shape[1], *values.shape[1:])
             if name not in self.logs:
-                self.logs[name] = np.full(shape, np.nan)
+                self.logs[name] = self._empty_log(shape)
             if self.logs[name].shape != shape:
                 raise InputError(
                     f"the log {name} has shape {list(values.shape[1:])} per world in step {t}, "
                     f"but had {list(self.logs[name].shape[2:])} before"
                 )
-            self.logs[name][rows, t] = values
+            with np.errstate(over="ignore"):
+                self.logs[name][rows, t] = values
+
+    def _empty_log(self, shape: tuple[int, ...]) -> np.ndarray:
+        # Curves keep all digits; points and lines are drawn in float32.
+        dtype = np.dtype(np.float64 if len(shape) <= 3 else np.float32)
+        size = math.prod(shape) * dtype.itemsize + sum(log.nbytes for log in self.logs.values())
+        worlds = shape[0]
+        if size > LOG_MEMORY and worlds > 1:
+            raise LogsTooLarge(max(1, int(worlds * LOG_MEMORY / size)))
+        return np.full(shape, np.nan, dtype)
 
     def trace(self, split: str, undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None) -> Trace:
         """The trace of all episodes."""

@@ -21,7 +21,7 @@ from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, to_json
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.evaluate.rollout import LogsTooLarge, rollout
 from crowdbench.evaluate.seal import code, seal
 from crowdbench.interrupts import Interrupts
 from crowdbench.scenario.cases import Cases
@@ -30,7 +30,10 @@ from crowdbench.settings import BATCH, FIRST_RECORDED, MOST_FAILURES, WITH_EPISO
 from crowdbench.types import Outcome, Trace
 
 MEMORY = 256e6
-"""Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches."""
+"""Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches.
+
+What planners log counts apart: see `rollout.LOG_MEMORY`.
+"""
 
 
 @dataclass(frozen=True)
@@ -100,24 +103,21 @@ def run(
         ):
             parts: list[Episodes] = []
             recorded = 0
-            for part in cases.batches(fitting(batch, scenario)):
-                try:
-                    with interrupts.let_through():
-                        trace = rollout(
-                            driver,
-                            scenario,
-                            part,
-                            replan_every=replan_every,
-                            keep_logs=record in WITH_EPISODES,
-                            progress=progress,
-                        )
-                except KeyboardInterrupt:
-                    if not parts:
-                        raise
-                    break
-                parts.append(Episodes.of(trace, metrics))
-                recorded += keep(trace, parts[-1], part.start - cases.start)
-                keep_commands(trace)
+
+            def drive(part: Cases) -> Trace:
+                with interrupts.let_through():
+                    logs = record in WITH_EPISODES
+                    return rollout(driver, scenario, part, replan_every=replan_every, keep_logs=logs, progress=progress)
+
+            try:
+                for trace in _traces(drive, driver, cases, fitting(batch, scenario)):
+                    parts.append(Episodes.of(trace, metrics))
+                    recorded += keep(trace, parts[-1], int(trace.case[0]) - cases.start)
+                    keep_commands(trace)
+                    del trace  # two traces at a time would take twice the memory
+            except KeyboardInterrupt:
+                if not parts:
+                    raise
         episodes = Episodes.joined(parts)
         driven = Cases(cases.split, cases.start, cases.start + len(episodes))
         result = _result(driver, scenario, driven, episodes, {"replan_every": replan_every, **about}, recorded, start)
@@ -127,6 +127,28 @@ def run(
         request |= {"decision_limit": driver.decision_limit, **(asked or {})}
         seal(directory, _manifest(about, request, interrupted=len(driven) < len(cases)))
     return Finished(result, interrupted=len(driven) < len(cases))
+
+
+def _traces(drive: Callable[[Cases], Trace], driver: Driver, cases: Cases, batch: int) -> Iterator[Trace]:
+    """The traces of all cases, batch by batch, in smaller ones where the planner's logs would take too much memory.
+
+    Args:
+        drive: Drives some cases, as `rollout` does.
+        driver: The driver, whose time for a batch that was given up does not count.
+        cases: The cases.
+        batch: Cases that run in lock-step, at most.
+    """
+    start = cases.start
+    while start < cases.stop:
+        seconds = driver.seconds
+        try:
+            trace = drive(Cases(cases.split, start, min(start + batch, cases.stop)))
+        except LogsTooLarge as error:
+            batch, driver.seconds = error.fitting, seconds
+            continue
+        start += len(trace)
+        yield trace
+        del trace
 
 
 def _result(
