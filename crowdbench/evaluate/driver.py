@@ -38,7 +38,7 @@ class Driver:
         decision_limit: Seconds that it may take for a decision, for all worlds of a batch together.
         privileged: Whether it is shown the pedestrians' next velocities. Read once, so that it cannot change.
         facts: What results say of it beyond its name and options. Read once, too.
-        seconds: Time that it has taken for its decisions so far.
+        seconds: Time that it has taken so far, for its decisions and in `reset`.
 
     Raises:
         InputError: The decision limit is not positive, or `privileged` or `facts` of the planner are not of their type.
@@ -63,8 +63,10 @@ class Driver:
         Raises InputError where the planner raises.
         """
         self._cases = cases.copy()
+        start = time.perf_counter()
         with plugin_errors(f"planner {self.name} raised", " in reset()"):
             self.planner.reset(np.arange(len(cases)))
+        self.seconds += time.perf_counter() - start
 
     def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """The planner's commands in m/s. Call `reset` first.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Quantity, Scenario
 from crowdbench.scenario.schema import PedestriansSpec, ScenarioSpec, layout_spec, pedestrians_spec
 from crowdbench.sim.pedestrians import PedestrianPolicy
@@ -47,6 +48,11 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
     if top.time_limit - 1.0 > (MAX_STEPS - 1) * top.dt:
         right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
         raise file.at("dt").wrong(repr(top.dt), right)
+    if top.seed and top.crowdnav_cases:
+        raise InputError(
+            f"{source}: seed is {top.seed}, which changes no test case below crowdnav_cases = {top.crowdnav_cases}, "
+            "because these are drawn with CrowdNav's seeds: set crowdnav_cases = 0 too"
+        )
     layout = parsed(layout_spec(top.layout.generator), table.get("layout", {}), file.at("layout")).complete()
     policies = _policies(top.pedestrians.policy, load_policy, file.at("pedestrians", "policy"))
     kind = pedestrians_spec({policy: each.made.parameters for policy, each in policies.items()})
