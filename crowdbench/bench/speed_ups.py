@@ -47,14 +47,14 @@ def variants(**options: Any) -> dict[str, Planner]:
 
 
 def compare(
-    planners: Mapping[str, Planner], cases: Cases, progress: Callable[[int], None] | None = None
+    planners: Mapping[str, Planner], cases: Cases, progress: Callable[[float], None] | None = None
 ) -> VariantComparison:
     """Compare variants: on the decisions of the episodes that the first one drives, and on the outcomes of their own.
 
     Args:
         planners: The variants by name, the reference first.
         cases: The cases of `circle_crossing_5` that each variant drives.
-        progress: Called with the number of episodes that ended in a step, of any variant.
+        progress: Called as by `rollout`, for the episodes of all variants.
     """
     timed = _AllDecide(list(planners.values()))
     # The timed one drives last: everything is compiled then.
@@ -127,5 +127,5 @@ def _planner(**options: Any) -> ValuePlanner:
     return cast(ValuePlanner, load_planner(PLANNER, options)[1])
 
 
-def _outcomes(planner: Planner, cases: Cases, progress: Callable[[int], None] | None) -> Int[np.ndarray, "world"]:
+def _outcomes(planner: Planner, cases: Cases, progress: Callable[[float], None] | None) -> Int[np.ndarray, "world"]:
     return rollout(Driver(planner, PLANNER), load_scenario("circle_crossing_5"), cases, progress=progress).outcome

@@ -34,7 +34,8 @@ def _bench_lookahead() -> None:
     announce_compilation()
     cases = Cases.parse("val:50")
     planners = speed_ups.variants()
-    with progress(len(planners) * len(cases), "episodes") as tell:
+    episodes = len(planners) * len(cases)
+    with progress(episodes, f"of {episodes} episodes") as tell:
         measured = speed_ups.compare(planners, cases, tell)
     print_table(variants_table(f"Variants of SARL-SGAN-KCE's lookahead, cases {cases}", measured))
     print("\nTimes are of decisions on the same observations, by turns.")
@@ -48,7 +49,7 @@ def _bench_all() -> None:
     from crowdbench.cli.tables import bench_table
 
     measured: list[Measurement] = []
-    with progress(len(SUITE), "measurements") as tell:
+    with progress(len(SUITE), f"of {len(SUITE)} measurements") as tell:
         for measure in SUITE:
             measured += measure()
             tell(1)

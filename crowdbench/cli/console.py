@@ -10,57 +10,81 @@ from collections.abc import Callable, Iterator
 PLAIN_INTERVAL = 5.0
 """Seconds between two lines of progress, where there is no terminal."""
 
-EARLY = 0.02
-"""Share of the work after which the time left is shown."""
+KNOWN_AFTER = 2.0
+"""Seconds after the first piece of work, from which on the time left is estimated."""
 
 
 @contextlib.contextmanager
-def progress(total: int, what: str, percent: bool = False) -> Iterator[Callable[[int], None]]:
+def progress(total: float, what: str) -> Iterator[Callable[[float], None]]:
     """Show the progress of some work: a bar on a terminal, lines of text elsewhere.
 
-    The time left is estimated as if each piece of work took as long as those before.
-
     Args:
-        total: The pieces of work: 100 where `percent` is set.
-        what: What they are called, such as `cases`.
-        percent: Whether to show `11 %` instead of `11 of 100`.
+        total: The pieces of work.
+        what: What is shown after the share that is done, such as `of 500 cases`.
 
     Yields:
-        A function to be called with the number of pieces that were finished since its last call.
+        A function to be called with the number of pieces, or parts of them, that were done since its last call.
     """
+    work = _Work(total, what)
     if sys.stderr.isatty():
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        times = TimeElapsedColumn(), TimeRemainingColumn()
-        count = TextColumn("{task.percentage:.0f} %") if percent else MofNCompleteColumn()
-        columns = (TextColumn("{task.description}"), BarColumn(), count, *times)
+        columns = BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task(what, total=total)
-            yield lambda done: bar.advance(task, done)
+            task = bar.add_task(str(work), total=total)
+
+            def show(done: float) -> None:
+                work.add(done)
+                bar.update(task, completed=work.done, description=str(work))
+
+            yield show
         return
     start = last = time.monotonic()
-    done_so_far = 0
 
-    def tell(done: int) -> None:
-        nonlocal done_so_far, last
-        done_so_far += done
-        if time.monotonic() - last >= PLAIN_INTERVAL:
+    def tell(done: float) -> None:
+        nonlocal last
+        work.add(done)
+        # The end is told after other lines only, because what comes then, such as intervals, may take its time too.
+        if time.monotonic() - last >= PLAIN_INTERVAL or (work.percent == 100 and last > start):
             last = time.monotonic()
-            left = (last - start) * (total - done_so_far) / max(done_so_far, 1)
-            # Not after the first one, because all of a batch start together and end at almost the same time.
-            told = done_so_far > EARLY * total
-            count_so_far = f"{done_so_far} %" if percent else f"{done_so_far} of {total}"
-            say(f"{count_so_far} {what}" + (f", about {_duration(left)} left" if told else ""))
+            say(str(work))
 
     yield tell
+
+
+class _Work:
+    """How much of some work is done, and how long the rest takes.
+
+    The time left is estimated as if each piece of work took as long as those after the first report: what comes before
+    is compilation and the loading of files.
+    """
+
+    def __init__(self, total: float, what: str) -> None:
+        self.total = total
+        self.what = what
+        self.done = 0.0
+        self.before = 0.0
+        self.start: float | None = None
+
+    def add(self, done: float) -> None:
+        """Count work that was done since the last call."""
+        self.done += done
+        if self.start is None:
+            self.before, self.start = self.done, time.monotonic()
+
+    @property
+    def percent(self) -> int:
+        """Rounded down, so that 100 is all of it; the parts of a piece sum to it only up to rounding."""
+        return int(100 * self.done / self.total + 1e-6) if self.total else 100
+
+    def __str__(self) -> str:
+        elapsed = 0.0 if self.start is None else time.monotonic() - self.start
+        text = f"{self.percent} % {self.what}"
+        if self.percent == 100 or elapsed < KNOWN_AFTER or self.done == self.before:
+            return text
+        left = elapsed * (self.total - self.done) / (self.done - self.before)
+        return f"{text}, about {_duration(left)} left"
 
 
 def _duration(seconds: float) -> str:

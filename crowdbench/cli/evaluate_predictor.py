@@ -89,7 +89,7 @@ def _on_scenario(scenario: str, cases: str, overrides: list[str], ahead: int) ->
     found, wanted = catalog.load_scenario(scenario, settings), Cases.parse(cases)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
-        with progress(len(wanted), "cases") as tell:
+        with progress(len(wanted), f"of {len(wanted)} cases") as tell:
             return {found.name: prediction_errors.on_scenario(name, predictor, found, wanted, ahead, tell)}
 
     about = {"scenario": found.name, "overrides": settings, "digest": found.digest, "cases": str(wanted)}
@@ -104,7 +104,8 @@ def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
     recordings = tracks.read_folder(data)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
-        with progress(len(tracks.scenes(recordings)), "scenes") as tell:
+        scenes = len(tracks.scenes(recordings))
+        with progress(scenes, f"of {scenes} scenes") as tell:
             return on_tracks(name, predictor, recordings, ahead, tell)
 
     return {"data": str(data), "dt": tracks.DT, "ahead": ahead}, measure

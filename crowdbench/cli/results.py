@@ -102,7 +102,8 @@ def _replay(directory: Path, metrics: list[str], pedestrians: list[str], as_json
     measured = catalog.load_metrics(metrics)
     files = RunFiles.read(directory)
     scenario = catalog.load_recorded_scenario(files.result["scenario"], str(directory / RESULT), pedestrians)
-    with progress(len(files.commands.case), "cases") as tell:
+    cases = len(files.commands.case)
+    with progress(cases, f"of {cases} cases") as tell:
         found = replay(files, scenario, measured, tell)
     print(json.dumps(found.to_json(), indent=2) if as_json else found)
     if found.differences:

@@ -83,7 +83,7 @@ def run(
     directory = out or Path("runs") / runs.directory_name(
         name, loaded.name, selected, options | changes | replanning(replan_every)
     )
-    with progress(len(selected), "cases") as tell:
+    with progress(len(selected), f"of {len(selected)} cases") as tell:
         finished = runs.run(
             Driver(made, name, decision_limit),
             loaded,

@@ -70,9 +70,10 @@ def _made(runs: Iterable[PlannedRun], out: Path) -> Iterator[Path]:
     announce_compilation()
     try:
         lacking = missing(runs, out)
-        with progress(sum(len(run.cases) for run in lacking), "cases") as tell:
-            for number, run in enumerate(lacking, 1):
-                say(f"run {number} of {len(lacking)}: {run.title}")
+        for number, run in enumerate(lacking, 1):
+            say(f"run {number} of {len(lacking)}: {run.title}")
+            # The time left is that of this run: a case of another planner may take a hundred times as long.
+            with progress(len(run.cases), f"of {len(run.cases)} cases of run {number}") as tell:
                 run.make(out, tell)
         yield out
     except KeyboardInterrupt:

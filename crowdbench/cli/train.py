@@ -99,17 +99,18 @@ def _run(running: TrainingRun) -> None:
 
     network = running.request.network
     try:
-        with progress(100, "trained", percent=True) as advance:
-            shown = 0
+        with progress(1.0, "trained") as advance:
+            shown = 0.0
 
             def tell(point: Any, done: float) -> None:
                 nonlocal shown
                 say(str(point))
-                advance(int(100 * done) - shown)
-                shown = int(100 * done)
+                advance(done - shown)
+                shown = done
 
             running.train(tell)
-        with progress(running.request.card_cases, "cases for the card") as advance:
+        cases = running.request.card_cases
+        with progress(cases, f"of {cases} cases for the card") as advance:
             weights = running.finish(advance)
     except KeyboardInterrupt:
         resumable = running.directory.exists()

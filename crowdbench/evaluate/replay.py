@@ -139,7 +139,7 @@ class Replay:
 
 
 def replay(
-    files: RunFiles, scenario: Scenario, metrics: Mapping[str, Metric], progress: Callable[[int], None] | None = None
+    files: RunFiles, scenario: Scenario, metrics: Mapping[str, Metric], progress: Callable[[float], None] | None = None
 ) -> Replay:
     """Simulate the cases of a run again and compare.
 
@@ -147,7 +147,7 @@ def replay(
         files: What the run has left.
         scenario: The scenario that its `result.json` describes, made again.
         metrics: Metrics by name; those are measured that the run has.
-        progress: Called with the number of episodes that ended in a step.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
         What was compared, and what differs.
@@ -190,7 +190,7 @@ class _Recorded(Planner):
         return self._command[obs.row, obs.step]
 
 
-def _traces(files: RunFiles, scenario: Scenario, progress: Callable[[int], None] | None) -> Iterator[Trace]:
+def _traces(files: RunFiles, scenario: Scenario, progress: Callable[[float], None] | None) -> Iterator[Trace]:
     """The replay of every case of the run that has commands, in order."""
     case, first = np.unique(files.commands.case, return_index=True)
     inside = (case >= files.cases.start) & (case < files.cases.stop)

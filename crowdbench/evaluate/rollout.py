@@ -7,10 +7,11 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
+from crowdbench.geometry import norm
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.episode import StepCheck
@@ -41,7 +42,7 @@ def rollout(
     *,
     replan_every: int = 1,
     keep_logs: bool = False,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Trace:
     """Drive a planner through cases, each to its outcome. Worlds that have ended leave the batch.
 
@@ -52,7 +53,7 @@ def rollout(
         replan_every: The planner gets an observation every `replan_every` steps. Above 1, its `plan_ahead` returns
             the commands of so many steps, which are executed in open loop.
         keep_logs: Whether the trace keeps what the planner logs.
-        progress: Called with the number of episodes that ended in a step.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
         The trace of all episodes.
@@ -66,6 +67,7 @@ def rollout(
     world = scenario.worlds(cases)
     driver.reset(world.case)
     states = _States(world)
+    shares = None if progress is None else _Shares(len(world), progress)
     undisturbed = _without_vehicle(scenario, world) if scenario.rules.visible else None
     rows = np.arange(len(world))
     for t in range(scenario.rules.max_steps):
@@ -79,10 +81,10 @@ def rollout(
         after, check = step(world, commands[:, ahead], crowd)
         states.add(rows, t, commands[:, ahead], after, check)
         running = check.outcome == Outcome.RUNNING
+        if shares is not None:
+            shares.add(rows, after, running)
         if not running.all():
             after, rows, commands = after.take(running), rows[running], commands[running]
-            if progress is not None:
-                progress(int((~running).sum()))
         if not len(rows):
             break
         world = after
@@ -98,6 +100,25 @@ def _without_vehicle(scenario: Scenario, world: World) -> Float[np.ndarray, "wor
         world = advance(world, np.pad(crowd, ((0, 0), (1, 0), (0, 0))))
         positions.append(world.position[:, 1:])
     return np.stack(positions, axis=1)
+
+
+class _Shares:
+    """Tells how much of the episodes is done, which grows with time even while none has ended.
+
+    A running episode is expected to end when the vehicle has gone straight to its goal, or at the time limit.
+    """
+
+    def __init__(self, worlds: int, progress: Callable[[float], None]) -> None:
+        self.progress = progress
+        self.share = np.zeros(worlds)
+
+    def add(self, rows: Int[np.ndarray, "running"], after: World, running: Bool[np.ndarray, "running"]) -> None:
+        """Tell what a step added; the arguments are as in `_States.add`, and which episodes go on."""
+        seconds_left = norm(after.goal[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
+        expected = np.minimum(after.step + seconds_left / after.rules.dt, after.rules.max_steps)
+        share = np.where(running, np.maximum(after.step / expected, self.share[rows]), 1.0)
+        self.progress(float((share - self.share[rows]).sum()))
+        self.share[rows] = share
 
 
 class _States:

@@ -62,7 +62,7 @@ def run(
     record: str = "failures",
     batch: int = BATCH,
     overwrite: bool = False,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Finished:
     """Drive a planner through cases, measure, and write `result.json`, `episodes.csv` and what is recorded.
 
@@ -84,7 +84,7 @@ def run(
         record: What is recorded, one of `settings.RECORD`.
         batch: Cases that run in lock-step, fewer where their traces would take too much memory.
         overwrite: Whether an earlier run in `out` is replaced.
-        progress: Called with the number of episodes that ended in a step.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
         The result, which is that of the finished batches where the run was interrupted.

@@ -123,12 +123,12 @@ class PlannedRun:
         kept = read_run(directory)
         return kept.manifest is not None and kept.result["cases"] == str(self.cases)
 
-    def make(self, out: Path, progress: Callable[[int], None]) -> None:
+    def make(self, out: Path, progress: Callable[[float], None]) -> None:
         """Make the run. After an interrupt the finished batches are kept, but the run is made again next time.
 
         Args:
             out: The folder in which it gets its directory.
-            progress: Called with the number of episodes that have ended since its last call.
+            progress: Called as by `crowdbench.evaluate.run.run`.
 
         Raises:
             InputError: As `crowdbench.evaluate.run.run` does.

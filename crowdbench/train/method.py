@@ -144,12 +144,12 @@ class Request(abc.ABC):
         """
 
     @abc.abstractmethod
-    def card(self, training: Any, progress: Callable[[int], None]) -> dict[str, Any]:
+    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """The method's part of the card of trained weights, as JSON: `training`, `figures` and `data`.
 
         Args:
             training: What `training` made, at its end.
-            progress: Called with the number of the `card_cases` that have ended since its last call.
+            progress: Called with what was added to the `card_cases`, in parts of a case.
 
         Returns:
             `training` says what was trained, `figures` what it was measured to do, `data` what it learned from.

@@ -71,7 +71,7 @@ class SocialGANRequest(Request):
             training, validation = samples.of_recordings(Path(self.data), self.held_out, self.dt)
         return Training(Setup(training, validation, self.pooling, self.seed, self.epochs, self.minutes, device))
 
-    def card(self, training: Any, progress: Callable[[int], None]) -> dict[str, Any]:
+    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Request`. The figures are the errors on the validation windows."""
         from crowdbench.train.social_gan import MODES
 

@@ -120,13 +120,13 @@ class TrainingRun:
                     directories.remove(self.directory)
                 raise
 
-    def finish(self, progress: Callable[[int], None]) -> Path:
+    def finish(self, progress: Callable[[float], None]) -> Path:
         """Measure the best network and write weights, card and curves; the checkpoint is removed.
 
         Wherever it is killed, the checkpoint is there and can be resumed, and weights only beside their card.
 
         Args:
-            progress: Called with the number of the `request.card_cases` that have ended since its last call.
+            progress: Called with what was added to the `request.card_cases`, in parts of a case.
 
         Returns:
             The path of the weights.

@@ -23,13 +23,13 @@ MEASURED = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
 """The metrics on the card."""
 
 
-def figures(network: ValueNetwork, scenario: Scenario, progress: Callable[[int], None]) -> dict[str, Any]:
+def figures(network: ValueNetwork, scenario: Scenario, progress: Callable[[float], None]) -> dict[str, Any]:
     """Run a network with constant-velocity lookahead.
 
     Args:
         network: The trained network.
         scenario: The scenario that it was trained in.
-        progress: Called with the number of cases that have ended since its last call.
+        progress: Called as by `rollout`.
 
     Returns:
         For every split of `CASES` the cases and the mean of every metric with its 95 % interval, as JSON.

@@ -53,7 +53,7 @@ class ValueRequest(Request):
         scenario = load_scenario(self.scenario, self.overrides)
         return Training(Setup(self.network, scenario, predictor, self.seed, self.episodes, self.minutes, device))
 
-    def card(self, training: Any, progress: Callable[[int], None]) -> dict[str, Any]:
+    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Request`. The figures are those of the best network in the scenario that it was trained in."""
         from crowdbench.train.value_figures import figures
 

@@ -1,0 +1,119 @@
+import io
+import sys
+
+import numpy as np
+import pytest
+from helpers import Still
+
+from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.cli import console
+from crowdbench.cli.console import progress
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.scenario.cases import Cases
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that stands still: a test moves it on by `clock.now += seconds`."""
+
+    class Clock:
+        now = 100.0
+
+        def monotonic(self):
+            return self.now
+
+    clock = Clock()
+    monkeypatch.setattr(console, "time", clock)
+    return clock
+
+
+def work(clock, tell, seconds, amount, times=1):
+    for _ in range(times):
+        clock.now += seconds
+        tell(amount)
+
+
+def test_the_time_left_does_not_count_what_comes_before_the_first_report(clock, capsys):
+    with progress(100, "of 100 cases") as tell:
+        work(clock, tell, 60.0, 1)
+        work(clock, tell, 1.0, 2.5, times=10)
+    assert capsys.readouterr().err.splitlines() == [
+        "1 % of 100 cases",
+        "13 % of 100 cases, about 35 s left",
+        "26 % of 100 cases, about 30 s left",
+    ]
+
+
+def test_no_time_left_is_estimated_from_a_moment_or_without_progress(clock, capsys):
+    with progress(100, "of 100 cases") as tell:
+        work(clock, tell, 4.9, 1)
+        work(clock, tell, 0.1, 1)
+    with progress(1.0, "trained") as tell:
+        work(clock, tell, 5.0, 0.0, times=3)
+    assert capsys.readouterr().err.splitlines() == ["2 % of 100 cases", *3 * ["0 % trained"]]
+
+
+def test_all_that_is_done_has_no_time_left(clock, capsys):
+    with progress(3, "of 3 cases") as tell:
+        work(clock, tell, 0.4, 0.1, times=30)
+    *_, before, last = capsys.readouterr().err.splitlines()
+    assert before.endswith("about 2 s left")
+    assert last == "100 % of 3 cases"
+
+
+def test_work_that_is_done_at_once_shows_nothing(clock, capsys):
+    with progress(3, "of 3 cases") as tell:
+        work(clock, tell, 1.0, 1, times=3)
+    assert capsys.readouterr().err == ""
+
+
+def test_minutes_are_told_where_seconds_are_many(clock, capsys):
+    with progress(100, "of 100 cases") as tell:
+        work(clock, tell, 10.0, 1, times=2)
+    assert capsys.readouterr().err.splitlines()[-1] == "2 % of 100 cases, about 16 min left"
+
+
+def test_a_terminal_shows_the_same_estimate(clock, monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress(100, "of 100 cases") as tell:
+        work(clock, tell, 60.0, 1)
+        work(clock, tell, 1.0, 3, times=3)
+    assert "10 % of 100 cases, about 30 s left" in terminal.getvalue()
+
+
+def test_work_of_no_pieces_is_done(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(0, "of 0 cases"):
+        pass
+
+
+def driven(planner):
+    """The trace of 30 episodes, and what was told of them."""
+    told = []
+    trace = rollout(
+        Driver(planner, "any"), load_scenario("circle_crossing_5"), Cases.parse("val:30"), progress=told.append
+    )
+    return trace, np.array(told)
+
+
+@pytest.mark.parametrize("planner", [load_planner("orca")[1], Still()])
+def test_parts_of_episodes_are_told_at_each_step_and_sum_to_the_episodes(planner):
+    trace, told = driven(planner)
+    assert len(told) == trace.steps.max()
+    assert told.min() >= 0.0
+    assert told.sum() == pytest.approx(30)
+
+
+def test_parts_of_episodes_are_in_proportion_to_the_steps_that_are_simulated():
+    trace, told = driven(load_planner("orca_margin")[1])
+    steps = np.array([(trace.steps > step).sum() for step in range(len(told))]).cumsum()
+    ratio = told.cumsum() / 30 / (steps / steps[-1])
+    assert 0.7 < ratio[3:].min() < ratio[3:].max() < 1.6
