@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 from collections.abc import Iterator
+from typing import NoReturn
 
 LONGEST = 500
 """Characters of somebody else's message that are shown."""
@@ -20,7 +22,7 @@ class Interrupted(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def plugin_errors(beginning: str, where: str = "") -> Iterator[None]:
-    """Turn whatever a plug-in raises, even SystemExit, into an InputError.
+    """Turn whatever a plug-in raises, even SystemExit, into an InputError. A process that it forks ends here.
 
     Args:
         beginning: How the sentence begins, such as `metric mine raised`. The exception's type and message follow.
@@ -30,14 +32,48 @@ def plugin_errors(beginning: str, where: str = "") -> Iterator[None]:
         InputError: The plug-in raised something. An InputError of its own stays as it is.
         KeyboardInterrupt: Somebody interrupted it.
     """
+    # Not `with one_process(...)`: the policies of pedestrians are asked in here in every step.
+    process = os.getpid()
     try:
         yield
-    except InputError:
-        raise
     except BaseException as error:
-        if is_interrupt(error):
+        if os.getpid() != process:
+            _end_fork("a plug-in", error)
+        if isinstance(error, InputError) or is_interrupt(error):
             raise
         raise InputError(f"{beginning} {described(error, where)}") from error
+    if os.getpid() != process:
+        _end_fork("a plug-in", None)
+
+
+@contextlib.contextmanager
+def one_process(who: str) -> Iterator[None]:
+    """End a process that is forked in here and comes out of here: it would write, and remove, the same files.
+
+    Args:
+        who: What forks, for the message.
+    """
+    process = os.getpid()
+    try:
+        yield
+    except BaseException as error:
+        if os.getpid() == process:
+            raise
+        _end_fork(who, error)
+    if os.getpid() != process:
+        _end_fork(who, None)
+
+
+def _end_fork(who: str, error: BaseException | None) -> NoReturn:
+    """End a forked process, quietly where it asks for that by SystemExit."""
+    if isinstance(error, SystemExit) and isinstance(error.code, int | None):
+        os._exit(error.code or 0)
+    message = (
+        f"crowdbench: a process that {who} has forked went on with the run, and was ended: end it by os._exit(0)\n"
+    )
+    with contextlib.suppress(OSError):  # the stream may be closed
+        os.write(2, message.encode(errors="backslashreplace"))
+    os._exit(1)
 
 
 def is_interrupt(error: BaseException) -> bool:

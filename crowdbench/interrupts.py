@@ -61,31 +61,6 @@ class Interrupts:
             raise Interrupted
 
 
-@contextlib.contextmanager
-def one_process(who: str) -> Iterator[None]:
-    """End a process that is forked in here and comes out of here: it would write, and remove, the same files.
-
-    Args:
-        who: What forks, for the message.
-    """
-    process, error = os.getpid(), None
-    try:
-        yield
-    except BaseException as raised:
-        if os.getpid() == process:
-            raise
-        error = raised
-    if os.getpid() == process:
-        return
-    if isinstance(error, SystemExit) and isinstance(error.code, int | None):
-        os._exit(error.code or 0)
-    message = (
-        f"crowdbench: a process that {who} has forked went on with the run, and was ended: end it by os._exit(0)\n"
-    )
-    os.write(2, message.encode(errors="backslashreplace"))
-    os._exit(1)
-
-
 def _raise(number: int, frame: FrameType | None) -> None:
     raise Interrupted
 

@@ -298,15 +298,15 @@ def test_forked_workers_end_by_signals_and_quietly():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize("context", ["one_process('planner p')", "plugin_errors('p raised')"])
 @pytest.mark.parametrize(
-    ("ends", "status", "told"),
-    [("pass", 1, "a process that planner p has forked"), ("raise ValueError", 1, "has forked"), ("exit(3)", 3, "")],
+    ("ends", "status", "told"), [("pass", 1, "has forked"), ("raise ValueError", 1, "has forked"), ("exit(3)", 3, "")]
 )
-def test_a_forked_process_does_not_go_on_with_the_run(ends, status, told):
+def test_a_forked_process_does_not_go_on_with_the_run(context, ends, status, told):
     code = (
         "import os\n"
-        "from crowdbench.interrupts import one_process\n"
-        "with one_process('planner p'):\n"
+        "from crowdbench.errors import one_process, plugin_errors\n"
+        f"with {context}:\n"
         "    child = os.fork()\n"
         f"    if child == 0: {ends}\n"
         "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"

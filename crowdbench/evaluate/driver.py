@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.errors import InputError, described, is_interrupt, plugin_errors
+from crowdbench.errors import InputError, described, is_interrupt, one_process, plugin_errors
 from crowdbench.evaluate.contract import Asked, Fault, examine
-from crowdbench.interrupts import one_process
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.settings import DECISION_LIMIT
 from crowdbench.types import Observation
