@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import os
 import shutil
 import signal
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -377,3 +379,10 @@ def test_the_command_says_what_differs_by_its_exit_status_too(forged, capsys):
 def test_a_replay_does_not_need_the_planner(tmp_path):
     go(tmp_path / "run", Still(), cases="2", about={"options": {}, "planner_file": "gone"})
     assert again(tmp_path / "run").differences == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse the name")
+def test_the_name_of_a_directory_need_not_be_utf_8(tmp_path):
+    directory = tmp_path / os.fsdecode(b"\xff")
+    go(directory, cases="2", record="commands")
+    assert not again(directory).differences

@@ -189,6 +189,10 @@ def test_a_result_of_other_types_is_none(a, change):
         read_run(a)
 
 
+REST = '"code": "a", "versions": {}, "interrupted": false}'
+"""The end of a manifest without its files."""
+
+
 @pytest.mark.parametrize(
     ("manifest", "expected"),
     [
@@ -196,9 +200,10 @@ def test_a_result_of_other_types_is_none(a, change):
         ("{", "is not valid JSON"),
         ("[]", "is not a manifest"),
         ('{"format": 2}', "has the format 2, but this version reads format 1"),
-        ('{"format": 1, "files": {"episodes.csv": 1}, "code": "a", "versions": {}}', "must hold files, code, versions"),
-        ('{"format": 1, "files": {"../b": "ab"}, "code": "a", "versions": {}}', "lists '../b'"),
-        ('{"format": 1, "files": {}, "code": "a", "versions": {}}', "result.json is not a file of this run"),
+        ('{"format": 1, "files": {"episodes.csv": 1}, ' + REST, "must hold files, code, versions"),
+        ('{"format": 1, "files": {}, "code": "a", "versions": {}}', "must hold files, code, versions, interrupted"),
+        ('{"format": 1, "files": {"../b": "ab"}, ' + REST, "lists '../b'"),
+        ('{"format": 1, "files": {}, ' + REST, "result.json is not a file of this run"),
     ],
 )
 def test_a_manifest_that_is_none_gets_one_sentence(a, manifest, expected):
@@ -222,9 +227,15 @@ def test_a_run_without_a_manifest_and_one_by_other_code_are_told(a, runs, capsys
     assert capsys.readouterr().err == ""
 
 
+def test_a_run_that_was_interrupted_is_told(a, runs):
+    manifest = json.loads((a / "manifest.json").read_text()) | {"interrupted": True}
+    (a / "manifest.json").write_text(json.dumps(manifest))
+    assert compare(runs / "b", a).doubts == [f"{a} was interrupted: only the cases that it finished are compared"]
+
+
 def test_large_files_are_sealed_too(tmp_path):
     (tmp_path / "large").write_bytes(b"0123456789" * 100_000)
-    seal(tmp_path, {"versions": {}})
+    seal(tmp_path, {"versions": {}, "interrupted": False})
     manifest = checked(tmp_path, ())
     assert list(manifest.files) == ["large"]
     assert manifest.code == code()

@@ -60,7 +60,8 @@ def writing(path: Path) -> Iterator[Callable[[Trace], None]]:
     Args:
         path: The file, which is complete when the `with` statement ends.
     """
-    with pq.ParquetWriter(path, _SCHEMA, compression="zstd") as writer:
+    # Opened here, because Arrow takes only paths that are UTF-8.
+    with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as writer:
         yield lambda trace: writer.write_table(_table(trace))
 
 
@@ -79,8 +80,8 @@ def read(path: Path) -> Commands:
             "crowdbench kept commands"
         )
     try:
-        with pq.ParquetFile(path) as file:
-            table = file.read()
+        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
+            table = parquet.read()
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(f"{path} is cut short, damaged or no Parquet file at all: {described(error)}") from None
     if not table.schema.equals(_SCHEMA):

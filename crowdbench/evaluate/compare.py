@@ -91,6 +91,11 @@ def compare(a: Path, b: Path) -> Comparison:
 
 def _doubts(manifests: tuple[Manifest | None, Manifest | None], a: Path, b: Path) -> list[str]:
     doubts = [uncheckable(path) for path, manifest in zip((a, b), manifests, strict=True) if manifest is None]
+    doubts += [
+        f"{path} was interrupted: only the cases that it finished are compared"
+        for path, manifest in zip((a, b), manifests, strict=True)
+        if manifest is not None and manifest.interrupted
+    ]
     one, two = manifests
     if one and two and one.code != two.code:
         doubts.append(f"{a} and {b} were made by different code of crowdbench, which may be what makes them differ")

@@ -54,11 +54,13 @@ class Manifest:
         files: The sha256 of each file of the run, by its name.
         code: The digest of the code of crowdbench that made the run.
         versions: Python's version and those of packages, by name.
+        interrupted: Whether the run ended before the last of its cases.
     """
 
     files: Mapping[str, str]
     code: str
     versions: Mapping[str, str]
+    interrupted: bool
 
 
 def checked(directory: Path, needed: Iterable[str]) -> Manifest | None:
@@ -133,8 +135,9 @@ def _read(path: Path) -> Manifest:
         raise InputError(f"{path} is not a manifest of crowdbench: it must be a table")
     if table.get("format") != FORMAT:
         raise InputError(f"{path} has the format {table.get('format')!r}, but this version reads format {FORMAT}")
-    names = ("files", "code", "versions")
-    if not all(map(_is_texts, (table.get("files"), table.get("versions"), {"code": table.get("code")}))):
+    names = ("files", "code", "versions", "interrupted")
+    texts = table.get("files"), table.get("versions"), {"code": table.get("code")}
+    if not all(map(_is_texts, texts)) or not isinstance(table.get("interrupted"), bool):
         raise InputError(f"{path} is not a manifest of crowdbench: it must hold {', '.join(names)}, each of its type")
     if elsewhere := [name for name in table["files"] if Path(name).name != name]:
         raise InputError(f"{path} lists {elsewhere[0]!r}, but the files of a run lie beside its manifest")
