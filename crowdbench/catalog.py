@@ -139,14 +139,33 @@ def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
     """
     metrics = dict(METRICS)
     for spec in specs:
-        file, function = plugins.file_and_function(spec)
-        if file is None:
+        if plugins.file_and_function(spec)[0] is None:
             raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")
-        name = function or file.stem
+        name, metric = load_metric(spec)
         if name in metrics or name in RESERVED:
             raise InputError(f"{spec}: a column {name} exists already: give the metric another name")
-        metrics[name] = plugins.function_of(file, function or "metric")
+        metrics[name] = metric
     return metrics
+
+
+def load_metric(spec: str) -> tuple[str, Metric]:
+    """Find a metric.
+
+    Args:
+        spec: The name of a built-in metric, `file.py`, whose function is `metric`, or `file.py:function`.
+
+    Returns:
+        The metric's name, and the metric.
+
+    Raises:
+        InputError: There is no such function.
+    """
+    file, function = plugins.file_and_function(spec)
+    if file is not None:
+        return function or file.stem, plugins.function_of(file, function or "metric")
+    if spec in METRICS:
+        return spec, METRICS[spec]
+    raise InputError(f"no metric is called {spec!r}; there are {', '.join(METRICS)}, or give a file: ./mine.py")
 
 
 def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestrians: str | None = None) -> Scenario:

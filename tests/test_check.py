@@ -1,4 +1,4 @@
-"""Each point of the contract is examined by itself: there is a planner that breaks it and nothing else."""
+"""Each point of a planner's contract is examined by itself: there is a planner that breaks it and nothing else."""
 
 import time
 
@@ -8,7 +8,7 @@ import pytest
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli.tables import check_table
 from crowdbench.errors import InputError
-from crowdbench.evaluate.check import Point, check
+from crowdbench.evaluate.check import Point, check_planner
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 
@@ -26,8 +26,8 @@ POINTS = [
 
 
 def examined(make, cases="val:12", limit=60.0):
-    points = check(make, "mine", load_scenario("circle_crossing_5"), Cases.parse(cases), limit)
-    assert [point.name for point in points] == POINTS
+    points = check_planner(make, "mine", load_scenario("circle_crossing_5"), Cases.parse(cases), limit)
+    assert [point.name for point in points][: len(POINTS)] == POINTS
     return {point.name: point for point in points}
 
 
@@ -58,8 +58,12 @@ class Breaks(Straight):
         return self.answer(obs, command) if obs.step[0] == 3 else command
 
 
+KEYS = load_scenario("circle_crossing_5").draw("val", np.arange(12)).noise_key.tolist()
+"""By these a planner here knows its cases."""
+
+
 def with_case_2(command, obs, value):
-    command[obs.row == 2] = value
+    command[obs.noise_key == KEYS[2]] = value
     return command
 
 
@@ -89,8 +93,8 @@ def dice_for_case_2(obs, command):
 OFFENCES = {
     "an exception": (lambda obs, command: 1 / 0, "exceptions", "raised ZeroDivisionError: division by zero"),
     "a way out": (lambda obs, command: exit(), "exceptions", "raised SystemExit"),
-    "late": (late, "decision time", "took longer than the limit of 0.2 s (case 0, step 3)"),
-    "late and deaf": (late_and_deaf, "decision time", "took longer than the limit of 0.2 s (case 0, step 3)"),
+    "late": (late, "decision time", "took longer than the limit of 0.2 s (step 3, one of 11 cases)"),
+    "late and deaf": (late_and_deaf, "decision time", "took longer than the limit of 0.2 s (step 3, one of 11 cases)"),
     "a list": (lambda obs, command: command.tolist(), "dtype", "returned a list instead of a float array"),
     "integers": (lambda obs, command: np.zeros((len(obs), 2), int), "dtype", "returned a int64 array"),
     "a third number": (
@@ -110,7 +114,11 @@ OFFENCES = {
         "asked for 12.7279 m/s, but the vehicle's maximum is 1 m/s (case 2, step 3)",
     ),
     "meddling": (meddle, "observation", "changes obs.pedestrians.velocity (case 0, step 3)"),
-    "dice": (dice_for_case_2, "deterministic", "of commands differ when it sees the same episodes again"),
+    "dice": (
+        dice_for_case_2,
+        "deterministic",
+        "1e-06 when it sees the same episodes again",
+    ),
 }
 
 
@@ -131,9 +139,66 @@ class Herd(Straight):
 
 
 def test_a_planner_that_lets_the_batch_decide_breaks_that_point_alone():
-    points = examined(Herd)
+    points = examined(Herd, "val:4")
     assert set(broken(points)) == {"batch"}
     assert not_examined(points) == set()
+
+
+class Triples(Straight):
+    """Drives slower in batches of three."""
+
+    def reset(self, rows):
+        self.pace = 0.5 if len(rows) == 3 else 1.0
+
+    def plan(self, obs):
+        return super().plan(obs) * self.pace
+
+
+class Ordered(Straight):
+    """Drives slower where the last case comes first."""
+
+    def plan(self, obs):
+        first, last = (KEYS.index(key) for key in obs.noise_key[[0, -1]])
+        return super().plan(obs) * (0.5 if first > last else 1.0)
+
+
+@pytest.mark.parametrize(("make", "when"), [(Triples, "in batches of 3"), (Ordered, "in reverse order")])
+def test_commands_are_compared_in_batches_of_several_sizes_and_orders(make, when):
+    points = examined(make, "val:5")
+    assert set(broken(points)) == {"batch"}
+    assert f"commands differ by more than 1e-06 {when}" in points["batch"].seen
+
+
+class Ahead(Straight):
+    """Decides several steps at once, as a function of the commands and the observation says."""
+
+    def __init__(self, answer=lambda commands, obs: commands):
+        self.answer = answer
+
+    def plan_ahead(self, obs, steps):
+        return self.answer(np.repeat(self.plan(obs)[:, None], steps, axis=1), obs)
+
+
+AHEAD = {
+    "an exception": (lambda commands, obs: 1 / 0, "raised ZeroDivisionError: division by zero"),
+    "a list": (lambda commands, obs: commands.tolist(), "returned a list instead of a float array"),
+    "one step": (lambda commands, obs: commands[:, 0], "returned shape [4, 2] instead of [4, 8, 2]"),
+    "not a number": (lambda commands, obs: commands * np.nan, "must be finite (case 0, step 0)"),
+    "too fast": (lambda commands, obs: commands * 2, "asked for 1.8 m/s, but the vehicle's maximum is 1 m/s"),
+}
+
+
+@pytest.mark.parametrize("name", AHEAD)
+def test_an_offence_in_plan_ahead_breaks_that_point_alone(name):
+    answer, expected = AHEAD[name]
+    points = examined(lambda: Ahead(answer), "val:4")
+    assert set(broken(points)) == {"plan_ahead"}
+    assert expected in points["plan_ahead"].seen
+
+
+def test_plan_ahead_is_a_point_of_planners_that_have_it():
+    assert examined(Ahead, "val:2")["plan_ahead"].kept
+    assert "plan_ahead" not in examined(Straight, "val:2")
 
 
 def test_every_point_has_a_planner_that_breaks_it_alone():
@@ -166,7 +231,7 @@ def test_several_offences_are_all_found():
         meddle(obs, None)
         return np.full((len(obs), 2), 9)
 
-    assert set(broken(examined(lambda: Always(answer)))) == {"dtype", "speed", "observation"}
+    assert set(broken(examined(lambda: Always(answer), "val:2"))) == {"dtype", "speed", "observation"}
 
 
 def test_a_planner_that_breaks_at_its_reset_is_told_so():
@@ -180,7 +245,7 @@ def test_a_planner_that_breaks_at_its_reset_is_told_so():
 
 
 class Remembers(Straight):
-    """Has a memory, keyed by case as it should be."""
+    """Has a memory, keyed by row as it should be."""
 
     def __init__(self):
         self.calls = {}
@@ -189,9 +254,9 @@ class Remembers(Straight):
         self.calls = dict.fromkeys(rows.tolist(), 0)
 
     def plan(self, obs):
-        for case in obs.row.tolist():
-            self.calls[case] += 1
-        slower = np.array([0.99 ** self.calls[case] for case in obs.row.tolist()])
+        for row in obs.row.tolist():
+            self.calls[row] += 1
+        slower = np.array([0.99 ** self.calls[row] for row in obs.row.tolist()])
         return super().plan(obs) * slower[:, None]
 
 
@@ -202,9 +267,9 @@ class SinglePrecision(Straight):
 
 def test_good_planners_keep_every_point():
     for make in (lambda: load_planner("orca")[1], lambda: load_planner("social_force")[1], Straight, Remembers):
-        points = examined(make)
+        points = examined(make, "val:4")
         assert all(point.kept for point in points.values())
-    assert examined(SinglePrecision)["dtype"].seen.startswith("float32")
+    assert examined(SinglePrecision, "val:2")["dtype"].seen.startswith("float32")
 
 
 def test_commands_that_differ_each_time_break_both_repetitions():
@@ -212,7 +277,7 @@ def test_commands_that_differ_each_time_break_both_repetitions():
         def plan(self, obs):
             return super().plan(obs) * np.random.default_rng().uniform(0.9, 1.0, (len(obs), 1))
 
-    assert set(broken(examined(Dice))) == {"deterministic", "batch"}
+    assert set(broken(examined(Dice, "val:4"))) == {"deterministic", "batch"}
 
 
 def test_memory_that_reset_does_not_clear_is_found():
@@ -225,7 +290,7 @@ def test_memory_that_reset_does_not_clear_is_found():
             self.calls += 1
             return super().plan(obs) / (1.0 + 0.01 * self.calls)
 
-    assert set(broken(examined(Remembers))) == {"deterministic"}
+    assert set(broken(examined(Remembers, "val:4"))) == {"deterministic"}
 
 
 class Lonely(Straight):
@@ -269,7 +334,7 @@ def test_a_broken_pedestrian_policy_is_not_blamed_on_the_planner(tmp_path):
     )
     place = load_scenario("circle_crossing_5", pedestrians=str(tmp_path / "mine.py"))
     with pytest.raises(InputError, match="pedestrian policy mine returned None"):
-        check(Straight, "mine", place, Cases.parse("val:2"), 60.0)
+        check_planner(Straight, "mine", place, Cases.parse("val:2"), 60.0)
 
 
 def test_the_table_tells_what_is_kept_what_is_broken_and_what_was_not_examined():

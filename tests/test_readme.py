@@ -7,7 +7,7 @@ import pytest
 
 from crowdbench.catalog import load_planner, load_policy, load_scenario
 from crowdbench.cli import app
-from crowdbench.evaluate.check import check
+from crowdbench.evaluate.check import check_planner, check_policy
 from crowdbench.scenario.cases import Cases
 
 ROOT = Path(__file__).parent.parent
@@ -20,7 +20,7 @@ def blocks(file):
 def test_the_planner_of_the_readme_keeps_the_contract(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(blocks("README.md")[0])
-    points = check(
+    points = check_planner(
         lambda: load_planner(str(path))[1], "mine", load_scenario("circle_crossing_5"), Cases.parse("val:5"), 60.0
     )
     assert len(points) > 5
@@ -44,11 +44,14 @@ def test_the_environments_of_the_readme_start():
     assert isinstance(names["vehicle"], gymnasium.Env)
 
 
-def test_the_policy_of_contributing_loads(tmp_path):
+def test_the_policy_of_contributing_keeps_the_contract(tmp_path):
     path = tmp_path / "stroll.py"
     path.write_text(blocks("CONTRIBUTING.md")[0])
     name, policy, _ = load_policy(str(path))
     assert (name, policy.parameters) == ("stroll", {"pace": 0.5})
+    place = load_scenario("circle_crossing_5", {"time_limit": 3.0}, str(path))
+    points = check_policy(lambda: load_policy(str(path))[1], "stroll", place, Cases.parse("val:3"), 60.0)
+    assert all(point.kept for point in points)
 
 
 COMMANDS = [

@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Int, Shaped
 
 from crowdbench import files
-from crowdbench.errors import InputError, described, plugin_errors
+from crowdbench.errors import InputError, described
+from crowdbench.evaluate.measured import LARGEST, measure
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.summary import Estimate, summarize
 from crowdbench.numbers import is_integer, is_number
@@ -25,9 +26,6 @@ from crowdbench.types import Outcome, Trace
 RESULT = "result.json"
 EPISODES = "episodes.csv"
 RECORDING = "run.rrd"
-
-LARGEST = 1e150
-"""Values of metrics are not beyond this, so that neither their sum nor a square overflows."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class Episodes:
             trace.case,
             trace.outcome,
             trace.steps,
-            {name: _measure(name, metric, trace) for name, metric in metrics.items()},
+            {name: measure(name, metric, trace) for name, metric in metrics.items()},
         )
 
     @classmethod
@@ -199,32 +197,6 @@ def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int 
         }
         for name, estimate in summary.items()
     }
-
-
-def _measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
-    with plugin_errors(f"metric {name} raised"):
-        values = metric(trace)
-        if isinstance(values, np.ndarray):
-            values = np.asarray(values)  # a subclass may answer otherwise than its numbers
-    if not isinstance(values, np.ndarray) or values.shape != (len(trace),) or values.dtype.kind not in "bfiu":
-        found = (
-            f"shape {list(values.shape)} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
-        )
-        raise InputError(
-            f"metric {name} returned {found}, but must return one number or boolean per episode, [{len(trace)}]"
-        )
-    if values.dtype == bool:
-        return np.array(values)
-    with np.errstate(over="ignore"):  # where float64 holds less than the metric's type
-        values = np.array(values, np.float64)
-    large = np.abs(values) > LARGEST
-    if large.any():
-        row = int(large.argmax())
-        raise InputError(
-            f"metric {name} is {values[row]:g} in case {trace.case[row]}, but must not be beyond {LARGEST:g}: "
-            "what is undefined is NaN"
-        )
-    return values
 
 
 def _texts(values: Shaped[np.ndarray, "case"]) -> list[str]:

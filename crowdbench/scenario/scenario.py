@@ -138,11 +138,10 @@ class Scenario:
         routes, obstacles = [], []
         for w, (case, key) in enumerate(zip(cases.tolist(), keys, strict=True)):
             crowd = rng.generator(key, "crowd")
-            n = int(crowd.integers(self.number[0], self.number[1] + 1))
+            radii, speeds = self.people(crowd)
+            n = len(radii) - 1
             present[w, : n + 1] = True
-            radius[w, 0], speed[w, 0] = self.vehicle_radius, self.vehicle_speed
-            radius[w, 1 : n + 1] = self.radius.draw(crowd, n)
-            speed[w, 1 : n + 1] = self.preferred_speed.draw(crowd, n)
+            radius[w, : n + 1], speed[w, : n + 1] = radii, speeds
             policy[w, :n] = crowd.choice(len(self.shares), n, p=list(self.shares.values()))
             for name, table in self.parameters.items():
                 for parameter, quantity in table.items():
@@ -176,6 +175,19 @@ class Scenario:
             memory={name: {} for name in self.parameters},
             rules=self.rules,
         )
+
+    def people(self, crowd: np.random.Generator) -> tuple[Float[np.ndarray, "agent"], Float[np.ndarray, "agent"]]:
+        """Draw the agents of a case.
+
+        Args:
+            crowd: The random stream of the case's crowd, at its start.
+
+        Returns:
+            Radius in metres and preferred speed in m/s of each agent, the vehicle first.
+        """
+        n = int(crowd.integers(self.number[0], self.number[1] + 1))
+        radius = np.append(self.vehicle_radius, self.radius.draw(crowd, n))
+        return radius, np.append(self.vehicle_speed, self.preferred_speed.draw(crowd, n))
 
     def _place(
         self,

@@ -22,7 +22,8 @@ ORCA_MARGIN = 0.01
 class PedestrianPolicy(abc.ABC):
     """Moves pedestrians. A subclass lists its parameters in `parameters` and implements `velocities`.
 
-    A policy has no state and changes nothing: what it returns depends only on the world. It takes noise from
+    A policy has no state and changes nothing: what it returns depends only on the world, or else a case would depend on
+    the cases that run beside it (`crowdbench check` finds that). It takes noise from
     `crowdbench.rng.normal(world.key, purpose, world.step, ...)`. In the world that it is given, a vehicle that
     pedestrians cannot see is not `present`.
     """

@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.compiled import njit
-from crowdbench.errors import InputError, plugin_errors
+from crowdbench.errors import plugin_errors
 from crowdbench.geometry import heading_of, turn
+from crowdbench.sim.checked import finite, shaped
 from crowdbench.sim.episode import StepCheck, check_step
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import World
@@ -49,21 +50,8 @@ def _without_vehicle(world: World) -> World:
 
 def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarray, "world pedestrian 2"]:
     with plugin_errors(f"pedestrian policy {name} raised"):
-        velocity = policy.velocities(world, world.parameters[name])
-    expected = (len(world), world.position.shape[1] - 1, 2)
-    if not isinstance(velocity, np.ndarray) or velocity.shape != expected or velocity.dtype != np.float64:
-        found = f"{velocity.dtype} of shape {velocity.shape}" if isinstance(velocity, np.ndarray) else repr(velocity)
-        raise InputError(f"pedestrian policy {name} returned {found}, but must return float64 of shape {expected}")
-    # A sum is finite only if all its terms are, and takes half the time of a test of each.
-    if not math.isfinite(velocity.sum()) and len(
-        wrong := np.argwhere(~np.isfinite(velocity).all(axis=2) & world.present[:, 1:])
-    ):
-        row, pedestrian = wrong[0]
-        raise InputError(
-            f"pedestrian policy {name} returned {velocity[row, pedestrian].tolist()} for pedestrian {pedestrian} "
-            f"of case {world.case[row]}, but a velocity must be finite"
-        )
-    return velocity
+        answer = policy.velocities(world, world.parameters[name])
+    return finite(shaped(answer, name, world), name, world)
 
 
 def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,40 +14,26 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.errors import InputError
+from crowdbench.evaluate.check.again import BATCHES, NETWORKS, ROUNDING, Tolerance, same_point
+from crowdbench.evaluate.check.point import Findings, Point, changed
 from crowdbench.evaluate.contract import Asked, Fault, examine
 from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.geometry import norm
-from crowdbench.planners.base import Planner
+from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.types import Observation
 
-ROUNDING = 1e-6
-"""Commands that differ by no more than this, in m/s, are the same up to rounding."""
+MISSING = "not examined: the planner returned no array of velocities"
 
-TIES = 0.01
-"""Share of commands that may depend on the batch, whose size changes how a network's values are rounded."""
+AHEAD = 8
+"""Steps that `plan_ahead` is asked for."""
 
-NO_COMMAND = "not examined: the planner returned no array of velocities"
-
-
-@dataclass(frozen=True)
-class Point:
-    """One point of the contract.
-
-    Attributes:
-        name: What it is called.
-        kept: Whether the planner keeps it; None where that could not be examined.
-        seen: What was seen, in a few words.
-    """
-
-    name: str
-    kept: bool | None
-    seen: str
+COMMANDS = "commands"
 
 
-def check(
+def check_planner(
     make: Callable[[], Planner], name: str, scenario: Scenario, cases: Cases, decision_limit: float
 ) -> list[Point]:
     """Drive planners through cases and examine each point of the contract by itself.
@@ -75,15 +61,16 @@ def check(
             raise
         raised = str(error)
     again = _Replay(name, decision_limit, witness)
-    everybody = np.arange(len(cases))
-    alone = [everybody[row : row + 1] for row in everybody]
+    batches = {when: (make, split(len(cases))) for when, split in BATCHES.items()}
+    # The same planner, so that what it remembers beyond its `reset` is found too.
+    same = {"when it sees the same episodes again": (lambda: witness.planner, [np.arange(len(cases))])}
     return [
         Point("exceptions", not raised, raised or f"none in {len(witness.calls)} calls"),
         _decision_time(witness, late, decision_limit),
         *_answers(witness),
-        # The same planner, so that what it remembers beyond its `reset` is found too.
-        again.point("deterministic", "when it sees the same episodes again", lambda: witness.planner, [everybody], 0.0),
-        again.point("batch", "when a case runs alone", make, alone, TIES),
+        again.point("deterministic", same, Tolerance(ROUNDING, 0.0)),
+        again.point("batch", batches, NETWORKS),
+        *(_plan_ahead(make(), name, scenario, cases, decision_limit) if witness.calls else ()),
     ]
 
 
@@ -103,8 +90,8 @@ class _Witness(Planner):
         raised: Whether the planner raised an exception.
         calls: Its answers.
         dtypes: The types that they had.
-        examined: At how many commands each point could be examined.
-        faults: The first fault found at each point, with case and step.
+        findings: What was found at each point, with case and step.
+        one_step: Whether it has said that it decides one step at a time.
 
     Args:
         planner: The planner.
@@ -118,8 +105,8 @@ class _Witness(Planner):
         self.raised = False
         self.calls: list[_Call] = []
         self.dtypes: set[str] = set()
-        self.examined: Counter[str] = Counter()
-        self.faults: dict[str, str] = {}
+        self.findings = Findings(COMMANDS, MISSING)
+        self.one_step = False
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         with self._noticing():
@@ -136,8 +123,16 @@ class _Witness(Planner):
         self.calls.append(_Call(shown, examined.commands, seconds))
         for point, fault in examined.points.items():
             self._note(point, fault, shown)
-        self._note("observation", _changed(shown, obs), shown)
+        found = changed("obs", shown, obs)
+        self._note("observation", found and Fault(f"changes {found[0]}", found[1]), shown)
         return _legal(examined.commands, shown.vehicle.preferred_speed)
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Any:
+        try:
+            return self.planner.plan_ahead(obs, steps)
+        except OneStepOnly:
+            self.one_step = True
+            raise
 
     @contextlib.contextmanager
     def _noticing(self) -> Iterator[None]:
@@ -148,15 +143,14 @@ class _Witness(Planner):
             raise
 
     def _note(self, point: str, fault: Fault | None, shown: Observation) -> None:
-        self.examined[point] += len(shown)
-        if fault is not None:
-            self.faults.setdefault(point, fault.at(Asked.of(shown, self.cases)))
+        sentence = None if fault is None else fault.at(Asked.of(shown, self.cases))
+        self.findings.note(point, len(shown), sentence)
 
 
 def _decision_time(witness: _Witness, late: str, limit: float) -> Point:
     commands = sum(len(call.obs) for call in witness.calls)
     if late or not commands:
-        return Point("decision time", False if late else None, late or NO_COMMAND)
+        return Point("decision time", False if late else None, late or MISSING)
     seconds = [call.seconds for call in witness.calls]
     seen = (
         f"{1e3 * sum(seconds) / commands:.3g} ms per command, at most {max(seconds):.3g} s per call (limit {limit:g} s)"
@@ -173,12 +167,21 @@ def _answers(witness: _Witness) -> Iterator[Point]:
         ("speed", "never above the vehicle's maximum speed"),
         ("observation", "left unchanged"),
     ):
-        if point in witness.faults:
-            yield Point(point, False, witness.faults[point])
-        elif witness.examined[point]:
-            yield Point(point, True, f"{kept} ({witness.examined[point]} commands)")
-        else:
-            yield Point(point, None, NO_COMMAND)
+        yield witness.findings.point(point, kept)
+
+
+def _plan_ahead(
+    planner: Planner, name: str, scenario: Scenario, cases: Cases, decision_limit: float
+) -> Iterator[Point]:
+    """The point of a planner that decides several steps at once; none for others. Arguments as in `check_planner`."""
+    witness = _Witness(planner, cases.indices)
+    kept, seen = True, f"{AHEAD} steps at once: dtype, shape, finite and speed as above"
+    try:
+        rollout(Driver(witness, name, decision_limit), scenario, cases, replan_every=AHEAD)
+    except InputError as error:
+        kept, seen = False, str(error)
+    if not witness.one_step:
+        yield Point("plan_ahead", kept, seen)
 
 
 class _Replay:
@@ -192,32 +195,29 @@ class _Replay:
     def point(
         self,
         name: str,
-        when: str,
-        make: Callable[[], Planner],
-        groups: Sequence[Int[np.ndarray, "row"]],
-        most: float,
+        again: Mapping[str, tuple[Callable[[], Planner], list[Int[np.ndarray, "_"]]]],
+        tolerance: Tolerance,
     ) -> Point:
         """Whether planners give the same commands.
 
         Args:
             name: Name of the point.
-            when: When they might not, as said to people.
-            make: The planner for each group.
-            groups: The rows, in ascending order, that each planner is shown.
-            most: Share of the commands that may differ.
+            again: By when they might not, what makes a planner for each batch, and the rows of each batch.
+            tolerance: What may differ.
         """
         if not self.shown:
-            return Point(name, None, NO_COMMAND)
+            return Point(name, None, MISSING)
+        asks = {when: functools.partial(self._driven, *batches) for when, batches in again.items()}
+        return same_point(name, COMMANDS, [command for _, command in self.shown], asks, tolerance)
+
+    def _driven(
+        self, make: Callable[[], Planner], batches: list[Int[np.ndarray, "_"]]
+    ) -> list[Float[np.ndarray, "_ 2"]]:
+        """What planners answer where each drives one of the batches."""
         again = [np.full_like(command, np.nan) for _, command in self.shown]
-        try:
-            for rows in groups:
-                self._drive(make(), rows, again)
-        except InputError as error:
-            return Point(name, False, f"{when}: {error}")
-        before = np.concatenate([command for _, command in self.shown])
-        same = np.isclose(np.concatenate(again), before, rtol=0.0, atol=ROUNDING, equal_nan=True).all(axis=1)
-        share = float(1.0 - same.mean())
-        return Point(name, share <= most, f"{share:.2%} of commands differ {when} (at most {most:.0%} may)")
+        for rows in batches:
+            self._drive(make(), rows, again)
+        return again
 
     def _drive(self, planner: Planner, group: Int[np.ndarray, "row"], again: list[np.ndarray]) -> None:
         """Write into `again` what a planner answers in the given rows, which it sees as a batch of their own.
@@ -228,15 +228,17 @@ class _Replay:
         witness = _Witness(planner, cases)
         driver = Driver(witness, self.name, self.decision_limit)
         driver.reset(cases)
+        row_of = np.full(len(self.first.cases), -1)
+        row_of[group] = np.arange(len(group))
         for (obs, _), commands in zip(self.shown, again, strict=True):
-            running = np.flatnonzero(np.isin(obs.row, group))
+            own = row_of[obs.row]
+            running = np.argsort(own)[(own < 0).sum() :]
             if len(running):
-                shown = obs.take(running)
-                driver.decide(dataclasses.replace(shown, row=np.searchsorted(group, shown.row)))
+                driver.decide(dataclasses.replace(obs.take(running), row=own[running]))
                 if (answer := witness.calls[-1].command) is not None:
                     commands[running] = answer
-        for point, fault in witness.faults.items():
-            if point not in self.first.faults:
+        for point, fault in witness.findings.faults.items():
+            if point not in self.first.findings.faults:
                 raise InputError(f"planner {self.name} {fault}")
 
 
@@ -250,21 +252,3 @@ def _legal(
     speed = norm(finite)
     fast = speed > max_speed
     return finite * np.where(fast, max_speed / np.where(fast, speed, 1.0), 1.0)[:, None]
-
-
-def _changed(before: Observation, after: Observation) -> Fault | None:
-    """Which array of an observation is another after the planner has seen it."""
-    for (path, array), (_, now) in zip(_arrays("obs", before), _arrays("obs", after), strict=True):
-        same = (array == now) | ((array != array) & (now != now))
-        if not same.all():
-            return Fault(f"changes {path}", int(np.argwhere(~same)[0, 0]))
-    return None
-
-
-def _arrays(path: str, part: Any) -> Iterator[tuple[str, np.ndarray]]:
-    for field in dataclasses.fields(part):
-        value, name = getattr(part, field.name), f"{path}.{field.name}"
-        if isinstance(value, np.ndarray):
-            yield name, value
-        elif dataclasses.is_dataclass(value):
-            yield from _arrays(name, value)

@@ -1,0 +1,182 @@
+"""Checks what a layout keeps of its contract, on the crowds of a scenario."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench import rng
+from crowdbench.errors import InputError, plugin_errors
+from crowdbench.evaluate.check.again import EXACT, same_point
+from crowdbench.evaluate.check.point import Findings, Point
+from crowdbench.geometry import norm
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.layouts import Layout, Placement
+from crowdbench.scenario.scenario import Scenario
+
+MISSING = "not examined: the layout returned no placement"
+
+
+@dataclass(frozen=True)
+class _Crowd:
+    """The agents of a case, to be placed.
+
+    Attributes:
+        key: Start of the random streams of the case.
+        radius: Radii in metres.
+        speed: Preferred speeds in m/s.
+        before: The state of the random generators that all code shares, before the first try.
+    """
+
+    key: np.uint64
+    radius: Float[np.ndarray, "agent"]
+    speed: Float[np.ndarray, "agent"]
+    before: _GlobalState
+
+
+def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) -> list[Point]:
+    """Let a layout place the crowds of some cases and examine each point of its contract by itself.
+
+    Args:
+        layout: A layout, with its options if any: a function `(rng, radius, preferred_speed) -> Placement`.
+        name: What the layout is called in errors.
+        scenario: The scenario whose crowds are placed.
+        cases: The cases.
+    """
+    findings = Findings("cases", MISSING)
+    placed = []
+    keys = rng.case_keys(scenario.seed, cases.split, cases.indices)
+    for case, key in zip(cases.indices.tolist(), keys, strict=True):
+        crowd = _Crowd(key, *scenario.people(rng.generator(key, "crowd")), _GlobalState.now())
+        placement = _examined(layout, f"layout {name} in case {case}", crowd, findings)
+        if placement is not None:
+            placed.append((crowd, placement))
+    return [
+        findings.point("exceptions", "none"),
+        findings.point("shape", "a Placement with a start and a goal [agent, 2]"),
+        findings.point("finite", "all starts and goals"),
+        findings.point("overlap", "none at the start"),
+        findings.point("goal", "no start is its own goal"),
+        findings.point("random numbers", "only from its stream"),
+        _deterministic(layout, name, placed),
+    ]
+
+
+def _examined(layout: Layout, name: str, crowd: _Crowd, findings: Findings) -> Placement | None:
+    """What a layout places; None where that is no placement with finite numbers."""
+    placement = findings.examine(
+        1,
+        {
+            "exceptions": lambda _: _asked(layout, name, crowd),
+            "shape": lambda answer: _shaped(answer, name, len(crowd.radius)),
+            "finite": lambda shaped: _finite(shaped, name),
+        },
+    )
+    drawn = _GlobalState.now().difference(crowd.before)
+    findings.note("random numbers", 1, f"{name} draws from {drawn} instead of its stream" if drawn else None)
+    if placement is not None:
+        findings.note("overlap", 1, _overlap(placement.start, crowd.radius, name))
+        findings.note("goal", 1, _at_goal(placement, crowd.radius, name))
+    return placement
+
+
+def _asked(layout: Layout, name: str, crowd: _Crowd) -> object:
+    with plugin_errors(f"{name} raised"):
+        return layout(rng.generator(crowd.key, "places"), crowd.radius.copy(), crowd.speed.copy())
+
+
+def _shaped(answer: object, name: str, agents: int) -> Placement:
+    """Raises InputError where an answer is no placement of so many agents."""
+    if not isinstance(answer, Placement):
+        raise InputError(f"{name} returned a {type(answer).__name__} instead of a Placement")
+    wanted = {"start": (agents, 2), "goal": (agents, 2), "route": (agents, None, 2), "obstacles": (None, None, 2)}
+    for part, shape in wanted.items():
+        array = getattr(answer, part)
+        if array is None and part in ("route", "obstacles"):
+            continue
+        if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
+            raise InputError(f"{name} returned a Placement with {part} that is not an array of floats")
+        wishes = zip(shape, array.shape, strict=False)
+        if array.ndim != len(shape) or not all(wish in (None, length) for wish, length in wishes):
+            words = ", ".join("any number" if wish is None else str(wish) for wish in shape)
+            raise InputError(f"{name} returned a {part} of shape {list(array.shape)} instead of [{words}]")
+    return answer
+
+
+def _finite(placement: Placement, name: str) -> Placement:
+    """Raises InputError where a start or a goal is not finite."""
+    for part, points in (("start", placement.start), ("goal", placement.goal)):
+        wrong = ~np.isfinite(points).all(axis=1)
+        if wrong.any():
+            agent = int(wrong.argmax())
+            raise InputError(f"{name} gives agent {agent} the {part} {points[agent].tolist()}, which is not finite")
+    return placement
+
+
+def _overlap(start: Float[np.ndarray, "agent 2"], radius: Float[np.ndarray, "agent"], name: str) -> str | None:
+    """Which two agents overlap at the start."""
+    gap = norm(start[:, None] - start) - (radius[:, None] + radius)
+    np.fill_diagonal(gap, np.inf)
+    one, other = sorted(int(agent) for agent in np.unravel_index(gap.argmin(), gap.shape))
+    if gap[one, other] >= 0.0:
+        return None
+    return f"{name} lets agents {one} and {other} overlap by {-gap[one, other]:.3g} m at the start"
+
+
+def _at_goal(placement: Placement, radius: Float[np.ndarray, "agent"], name: str) -> str | None:
+    """Which agent starts at its goal."""
+    distance = norm(placement.goal - placement.start)
+    if distance[0] < radius[0]:
+        return f"{name} lets the vehicle start {distance[0]:.3g} m from its goal, where it has arrived"
+    if (distance == 0.0).any():
+        return f"{name} lets agent {int((distance == 0.0).argmax())} start at its goal"
+    return None
+
+
+def _deterministic(layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]) -> Point:
+    if not placed:
+        return Point("deterministic", None, MISSING)
+
+    def again(crowd: _Crowd) -> np.ndarray:
+        # Whoever draws from the shared generators is told so at another point.
+        crowd.before.restore()
+        return _numbers(_finite(_shaped(_asked(layout, f"layout {name}", crowd), name, len(crowd.radius)), name))
+
+    def backwards() -> list[np.ndarray]:
+        return [again(crowd) for crowd, _ in reversed(placed)][::-1]
+
+    first = [_numbers(placement) for _, placement in placed]
+    when = "when it is given the same again, from the last to the first"
+    return same_point("deterministic", "placements", first, {when: backwards}, EXACT)
+
+
+def _numbers(placement: Placement) -> Float[np.ndarray, "1 n"]:
+    """All numbers of a placement in a row."""
+    parts = (placement.start, placement.goal, placement.route, placement.obstacles)
+    return np.concatenate([part.ravel() for part in parts if part is not None])[None]
+
+
+@dataclass(frozen=True)
+class _GlobalState:
+    """The state of the two random generators that all code shares."""
+
+    python: Any
+    numpy: Any
+
+    @classmethod
+    def now(cls) -> _GlobalState:
+        return cls(random.getstate(), np.random.get_state(legacy=True))  # noqa: NPY002 (to find who uses it)
+
+    def restore(self) -> None:
+        random.setstate(self.python)
+        np.random.set_state(self.numpy)  # noqa: NPY002
+
+    def difference(self, before: _GlobalState) -> str:
+        """The names of the generators whose state has changed."""
+        same_numpy = all(np.array_equal(*pair) for pair in zip(self.numpy, before.numpy, strict=True))
+        names = {"Python's shared generator": self.python != before.python, "NumPy's shared generator": not same_numpy}
+        return " and ".join(name for name, changed in names.items() if changed)
