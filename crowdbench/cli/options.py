@@ -53,8 +53,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JS
 def use_threads(threads: int | None) -> None:
     """Set the number of threads of the simulator and of the networks.
 
-    Call it before numba and torch are imported: they read the number when they are imported. They share one pool of
-    threads, so that setting it later in one of them would change it in the other.
+    Call it before numba and torch are imported: they read the number when they are imported.
 
     Args:
         threads: The number, or None for one per core.
