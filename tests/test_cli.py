@@ -207,7 +207,8 @@ def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
 def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
     (tmp_path / "slow.py").write_text(SLOW_PLANNER)
     process = subprocess.Popen(
-        [sys.executable, "-m", "crowdbench", "run", "--planner", "./slow.py", "--cases", "10:20", "--out", "kept"]
+        [sys.executable, "-m", "crowdbench", "run", "--planner", "./slow.py"]
+        + ["--cases", "20", "--batch", "10", "--record", "none", "--out", "kept"]
     )
     wait_for(tmp_path / "reached")
     process.kill()

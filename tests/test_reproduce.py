@@ -14,11 +14,12 @@ STOPS = """
 from pathlib import Path
 import numpy as np
 from crowdbench import Planner
+from crowdbench.errors import Interrupted
 
 class Stops(Planner):
     def plan(self, obs):
         if Path("stop").exists():
-            raise KeyboardInterrupt
+            raise Interrupted
         return np.zeros((len(obs), 2))
 
 def planner():

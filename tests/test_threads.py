@@ -76,7 +76,7 @@ def test_every_network_of_a_decision_runs_in_one_of_torchs_threads(threads):
     found = []
     for network in (planner.value.value, planner.predictor.generator.decoder):
         network.register_forward_hook(lambda *_: found.append(torch.get_num_threads()))
-    obs = observe(load_scenario("circle_crossing_5").draw("val", np.arange(2)), record=lambda name, values: None)
+    obs = observe(load_scenario("circle_crossing_5").draw("val", np.arange(2)), logs={})
     planner.plan(obs)
     assert set(found) == {1}
     assert torch.get_num_threads() == 2
