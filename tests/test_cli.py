@@ -207,16 +207,16 @@ def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
 def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
     (tmp_path / "slow.py").write_text(SLOW_PLANNER)
     process = subprocess.Popen(
-        [sys.executable, "-m", "crowdbench", "run", "--planner", "./slow.py"]
-        + ["--cases", "20", "--batch", "10", "--record", "none", "--out", "kept"]
+        [sys.executable, "-m", "crowdbench", "run", "--planner", "./slow.py", "--cases", "20", "--batch", "10"]
     )
     wait_for(tmp_path / "reached")
     process.kill()
     process.wait()
-    assert not (tmp_path / "kept").exists()
-    assert len(list(tmp_path.glob(".kept.partial-*"))) == 1
-    assert crowdbench("run", "--planner", "orca", "--cases", "2", "--out", "kept").returncode == 0
-    assert list(tmp_path.glob(".kept.partial-*")) == []
+    (partial,) = (tmp_path / "runs").glob(".*.partial-*")
+    name = partial.name[1:].partition(".partial-")[0]
+    assert not (tmp_path / "runs" / name).exists()
+    assert crowdbench("run", "--planner", "orca", "--cases", "2", "--out", f"runs/{name}").returncode == 0
+    assert list((tmp_path / "runs").glob(".*.partial-*")) == []
 
 
 def test_the_command_line_starts_without_what_it_does_not_need():
