@@ -25,7 +25,7 @@ POINTS = [
 ]
 
 
-def examined(make, cases="val:12", limit=60.0):
+def examined(make, cases="val:6", limit=60.0):
     points = check_planner(make, "mine", load_scenario("circle_crossing_5"), Cases.parse(cases), limit)
     assert [point.name for point in points][: len(POINTS)] == POINTS
     return {point.name: point for point in points}
@@ -93,14 +93,14 @@ def dice_for_case_2(obs, command):
 OFFENCES = {
     "an exception": (lambda obs, command: 1 / 0, "exceptions", "raised ZeroDivisionError: division by zero"),
     "a way out": (lambda obs, command: exit(), "exceptions", "raised SystemExit"),
-    "late": (late, "decision time", "took longer than the limit of 0.2 s (step 3, one of 11 cases)"),
-    "late and deaf": (late_and_deaf, "decision time", "took longer than the limit of 0.2 s (step 3, one of 11 cases)"),
+    "late": (late, "decision time", "took longer than the limit of 0.2 s (step 3, one of 6 cases)"),
+    "late and deaf": (late_and_deaf, "decision time", "took longer than the limit of 0.2 s (step 3, one of 6 cases)"),
     "a list": (lambda obs, command: command.tolist(), "dtype", "returned a list instead of a float array"),
     "integers": (lambda obs, command: np.zeros((len(obs), 2), int), "dtype", "returned a int64 array"),
     "a third number": (
         lambda obs, command: np.pad(command, ((0, 0), (0, 1))),
         "shape",
-        "returned shape [11, 3] instead of [11, 2]",
+        "returned shape [6, 3] instead of [6, 2]",
     ),
     "not a number": (
         lambda obs, command: with_case_2(command, obs, np.nan),
@@ -125,7 +125,9 @@ OFFENCES = {
 @pytest.mark.parametrize("name", OFFENCES)
 def test_an_offence_against_one_point_breaks_that_point_alone(name):
     answer, point, expected = OFFENCES[name]
-    points = examined(lambda: Breaks(answer), limit=0.2 if point == "decision time" else 60.0)
+    # Of so many commands one may differ in other batches, as a tie in rounding would.
+    cases = "val:12" if answer is dice_for_case_2 else "val:6"
+    points = examined(lambda: Breaks(answer), cases, limit=0.2 if point == "decision time" else 60.0)
     assert set(broken(points)) == {point}
     assert expected in points[point].seen
     assert not_examined(points) == set()

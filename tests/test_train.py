@@ -52,7 +52,7 @@ def stopped_after(points):
     return tell
 
 
-@pytest.mark.parametrize("network", ["cadrl", "lstm_rl", "sarl"])
+@pytest.mark.parametrize("network", ["lstm_rl", "sarl"])
 def test_a_resumed_training_ends_in_the_same_weights(network, tmp_path):
     request = dataclasses.replace(REQUEST, network=network)
     whole = TrainingRun.new(request, tmp_path / "whole", "cpu")
