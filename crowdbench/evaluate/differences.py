@@ -81,7 +81,16 @@ def rows(file: str, cases: Cases, found: Int[np.ndarray, "row"]) -> list[Differe
 
 
 def surplus(file: str, cases: Cases, found: Int[np.ndarray, "row"]) -> list[Difference]:
-    """Whether a file has nothing but one row of some of the cases, as in `rows`."""
+    """Whether a file has nothing but one row of some of the cases.
+
+    Args:
+        file: The file.
+        cases: The cases of the run.
+        found: The case of each row.
+
+    Returns:
+        The difference, if there is one.
+    """
     each = Counter(found.tolist())
     known = Counter(case for case in each if cases.start <= case < cases.stop)
     beyond = [f"{cases.split}:{case}" for case in (each - known).elements()]

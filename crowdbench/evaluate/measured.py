@@ -31,7 +31,16 @@ def measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case
 
 
 def answer(name: str, metric: Metric, trace: Trace) -> object:
-    """What a metric returns; the arguments are those of `measure`. Raises InputError where it raises."""
+    """What a metric returns, whatever it is.
+
+    Args:
+        name: What the metric is called in errors.
+        metric: The metric.
+        trace: What it measures.
+
+    Raises:
+        InputError: The metric raises.
+    """
     with plugin_errors(f"metric {name} raised"):
         values = metric(trace)
         # A subclass may answer otherwise than its numbers.

@@ -113,7 +113,13 @@ class _Shares:
         self.share = np.zeros(worlds)
 
     def add(self, rows: Int[np.ndarray, "running"], after: World, running: Bool[np.ndarray, "running"]) -> None:
-        """Tell what a step added; the arguments are as in `_States.add`, and which episodes go on."""
+        """Tell what a step added.
+
+        Args:
+            rows: The worlds that were running in it.
+            after: The worlds after it.
+            running: Whether each of them is still running.
+        """
         seconds_left = norm(after.goal[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
         expected = np.minimum(after.step + seconds_left / after.rules.dt, after.rules.max_steps)
         share = np.where(running, np.maximum(after.step / expected, self.share[rows]), 1.0)

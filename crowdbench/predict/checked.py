@@ -29,7 +29,13 @@ def checked(answer: object, name: str, obs: Observation, steps: int) -> Predicti
 
 
 def shaped(answer: object, name: str, obs: Observation, steps: int) -> Prediction:
-    """Check type and shape of what a predictor returned: the arguments are those of `checked`.
+    """Check type and shape of what a predictor returned.
+
+    Args:
+        answer: What `predict` returned.
+        name: What the predictor is called in errors.
+        obs: What it was given.
+        steps: For how many steps it was asked.
 
     Returns:
         The prediction as plain arrays.
