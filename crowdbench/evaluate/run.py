@@ -101,24 +101,18 @@ def run(
             _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep,
             _command_writer(record, directory) as keep_commands,
         ):
-            parts: list[Episodes] = []
-            recorded = 0
 
             def drive(part: Cases) -> Trace:
                 with interrupts.let_through():
                     logs = record in WITH_EPISODES
                     return rollout(driver, scenario, part, replan_every=replan_every, keep_logs=logs, progress=progress)
 
-            try:
-                for trace in _traces(drive, driver, cases, fitting(batch, scenario)):
-                    parts.append(Episodes.of(trace, metrics))
-                    recorded += keep(trace, parts[-1], int(trace.case[0]) - cases.start)
-                    keep_commands(trace)
-                    del trace  # two traces at a time would take twice the memory
-            except KeyboardInterrupt:
-                if not parts:
-                    raise
-        episodes = Episodes.joined(parts)
+            def keep_all(trace: Trace, measured: Episodes) -> int:
+                keep_commands(trace)
+                return keep(trace, measured, int(trace.case[0]) - cases.start)
+
+            traces = _traces(drive, driver, cases, fitting(batch, scenario))
+            episodes, recorded = _measured(traces, metrics, keep_all)
         driven = Cases(cases.split, cases.start, cases.start + len(episodes))
         result = _result(driver, scenario, driven, episodes, {"replan_every": replan_every, **about}, recorded, start)
         episodes.write(directory / EPISODES)
@@ -127,6 +121,35 @@ def run(
         request |= {"decision_limit": driver.decision_limit, **(asked or {})}
         seal(directory, _manifest(about, request, interrupted=len(driven) < len(cases)))
     return Finished(result, interrupted=len(driven) < len(cases))
+
+
+def _measured(
+    traces: Iterator[Trace], metrics: Mapping[str, Metric], keep: Callable[[Trace, Episodes], int]
+) -> tuple[Episodes, int]:
+    """Measure and record traces, to the last one or to an interrupt.
+
+    Args:
+        traces: The traces.
+        metrics: What is measured, by name.
+        keep: Records a trace with its measured episodes, and returns the number of those in the recording.
+
+    Returns:
+        The measured episodes, and how many of them are recorded.
+
+    Raises:
+        KeyboardInterrupt: Interrupted before the first trace was finished.
+    """
+    parts: list[Episodes] = []
+    recorded = 0
+    try:
+        for trace in traces:
+            parts.append(Episodes.of(trace, metrics))
+            recorded += keep(trace, parts[-1])
+            del trace  # two traces at a time would take twice the memory
+    except KeyboardInterrupt:
+        if not parts:
+            raise
+    return Episodes.joined(parts), recorded
 
 
 def _traces(drive: Callable[[Cases], Trace], driver: Driver, cases: Cases, batch: int) -> Iterator[Trace]:
