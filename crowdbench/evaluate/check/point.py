@@ -45,7 +45,13 @@ class Findings:
         self.examined: Counter[str] = Counter()
 
     def note(self, point: str, number: int, fault: str | None) -> None:
-        """Note that a number of answers were examined at a point, and the fault if there is one."""
+        """Note that answers were examined at a point.
+
+        Args:
+            point: The name of the point.
+            number: The number of answers.
+            fault: What is wrong with one of them, as a sentence; None if nothing is.
+        """
         self.examined[point] += number
         if fault is not None:
             self.faults.setdefault(point, fault)
