@@ -15,6 +15,8 @@ from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, P
 from crowdbench.predict import ConstantVelocity
 from crowdbench.types import Outcome
 
+DT = 0.25
+
 LIMITS = [Limits(), Limits(max_acceleration=2.0), Limits(max_turn=0.5), Limits(max_velocity_change=0.3)]
 
 
@@ -59,7 +61,7 @@ def test_the_filter_allows_what_brute_force_allows(limits):
     seen = moving(velocity)
     rng = np.random.default_rng(5)
     commands = np.concatenate([rng.uniform(-1.0, 1.0, (40, 50, 2)), speeds_and_headings(np.ones(40))], axis=1)
-    allowed = limits.allow(seen, commands)
+    allowed = limits.allow(seen.velocity, commands, DT)
     expected = [[slow_allows(limits, v, c, seen.dt) for c in each] for v, each in zip(velocity, commands, strict=True)]
     assert np.array_equal(allowed, expected)
     assert not allowed.all()
@@ -68,7 +70,7 @@ def test_the_filter_allows_what_brute_force_allows(limits):
 def test_the_published_filter_bounds_turns_of_120_degrees_and_a_change_of_speed_of_1_6():
     def allowed(velocity, degrees, speed):
         turned = speed * np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
-        return bool(Limits().allow(moving([velocity]), turned[None, None])[0, 0])
+        return bool(Limits().allow(moving([velocity]).velocity, turned[None, None], DT)[0, 0])
 
     assert allowed([1.0, 0.0], 119.9, 1.0)
     assert allowed([1.0, 0.0], -119.9, 1.0)
@@ -83,20 +85,20 @@ def test_from_and_to_standstill_only_the_speed_is_bounded(limits):
     fast, slow = 0.25 * min(limits.max_acceleration, 1.0), 0.29
     still = moving(np.zeros((1, 2)))
     around = fast * np.stack([np.cos(np.arange(7)), np.sin(np.arange(7))], axis=-1)
-    assert limits.allow(still, around[None]).all()
-    assert limits.allow(moving([[-slow, 0.0]]), np.zeros((1, 1, 2))).all()
+    assert limits.allow(still.velocity, around[None], DT).all()
+    assert limits.allow(np.array([[-slow, 0.0]]), np.zeros((1, 1, 2)), DT).all()
 
 
 @pytest.mark.parametrize("limits", LIMITS)
 def test_braking_is_allowed_and_as_hard_as_can_be(limits):
     velocity = some_velocities()
     seen = moving(velocity)
-    braked = limits.brake(seen)
-    assert limits.allow(seen, braked[:, None]).all()
+    braked = limits.brake(seen.velocity, DT)
+    assert limits.allow(seen.velocity, braked[:, None], DT).all()
     speed, before = np.linalg.norm(braked, axis=1), np.linalg.norm(velocity, axis=1)
     np.testing.assert_allclose(speed[:, None] * velocity, before[:, None] * braked, atol=1e-12)
     harder = braked * (1.0 - 1e-3 / np.maximum(speed, 1e-3))[:, None]
-    assert not limits.allow(seen, harder[:, None])[speed > 1e-3].any()
+    assert not limits.allow(seen.velocity, harder[:, None], DT)[speed > 1e-3].any()
 
 
 # The shaped reward.
@@ -196,7 +198,7 @@ def test_what_is_commanded_is_within_the_limits_for_any_velocity(limits, explore
         obs = at(obs, some_velocities(12, seed) * obs.vehicle.preferred_speed[:, None])
         made = ValuePlanner(Forks(2), Nearer(), limits=limits, explore=explore)
         command = made.plan(obs)
-        assert limits.allow(scene(obs, made.predictor.predict(obs, 1)), command[:, None]).all()
+        assert limits.allow(obs.vehicle.velocity, command[:, None], obs.dt).all()
 
 
 def test_a_vehicle_that_can_follow_no_command_brakes_as_hard_as_it_can():

@@ -8,8 +8,9 @@ from crowdbench import InputError, load_network, load_scenario
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.predict import ConstantVelocity
+from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.train import checkpoint, value, value_figures
+from crowdbench.train import value, value_figures
 from crowdbench.train.directories import CHECKPOINT
 from crowdbench.train.exploration import EpsilonGreedy
 from crowdbench.train.training_run import TrainingRun
@@ -22,10 +23,11 @@ from crowdbench.weights.store import digest, read_card
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    sizes = {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "VALIDATION_CASES": 5, "IMITATION_EPOCHS": 2}
+    sizes = {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "IMITATION_EPOCHS": 2}
     for name, size in sizes.items():
         monkeypatch.setattr(value, name, size)
-    cases = {split: dataclasses.replace(cases, stop=6) for split, cases in value_figures.CASES.items()}
+    monkeypatch.setattr(value, "VALIDATION_CASES", Cases("val", 0, 5))
+    cases = {split: dataclasses.replace(cases, stop=cases.start + 6) for split, cases in value_figures.CASES.items()}
     monkeypatch.setattr(value_figures, "CASES", cases)
 
 
@@ -69,37 +71,6 @@ def test_a_resumed_training_ends_in_the_same_weights(network, tmp_path):
     assert points == [dataclasses.replace(point, seconds=0.0) for point in whole.training.curve]
 
 
-FORMER_NAMES = {"next_joint": "later", "bootstrap": "factor", "episode_return": "value"}
-
-
-def test_a_checkpoint_of_an_earlier_version_is_continued(tmp_path):
-    whole = TrainingRun.new(REQUEST, tmp_path / "whole", "cpu")
-    whole.train(ignore)
-    killed = TrainingRun.new(REQUEST, tmp_path / "killed", "cpu")
-    with pytest.raises(Killed):
-        killed.train(stopped_after(3))
-    path = tmp_path / "killed" / CHECKPOINT
-    state = checkpoint.read(path)
-    tensors = dict(state.tensors)
-    for name, former in FORMER_NAMES.items():
-        tensors[f"replay.{former}"] = tensors.pop(f"replay.{name}")
-    about = {
-        "network": "cadrl",
-        "scenario": "circle_crossing_mixed",
-        "overrides": {"pedestrians.number": [1, 3]},
-        "predictor": "oracle",
-        "seed": 7,
-        "episodes": 40,
-        "minutes": None,
-    }
-    checkpoint.save(dataclasses.replace(state, tensors=tensors, curve=killed.training.curve), path, about)
-    resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
-    assert resumed.request == REQUEST
-    resumed.train(ignore)
-    assert digest(resumed.training.best) == digest(whole.training.best)
-    assert digest(resumed.training.network) == digest(whole.training.network)
-
-
 def test_another_seed_is_another_network(tmp_path):
     digests = []
     for seed in (0, 1):
@@ -133,7 +104,7 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
         "training.rrd",
     }
     text = (tmp_path / "run" / "weights.md").read_text()
-    assert f"| checkpoint | chosen at episode {running.training.chosen.episodes} of 40 |" in text
+    assert f"| checkpoint | chosen at episode {running.training.chosen.episodes} of 40, on val:0:5 of circle_" in text
     assert "| test test:0:6 |" in text
     with pytest.raises(InputError, match="is finished: its weights are"):
         TrainingRun.resumed(tmp_path / "run", "cpu")

@@ -24,7 +24,8 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
         episodes: Number of episodes of the training. Its validations are not counted.
     """
     scenario = load_scenario("circle_crossing_mixed")
-    training = method.Training(method.Setup("sarl", scenario, Oracle(), 0, episodes, minutes=None, device="cpu"))
+    setup = method.Setup("sarl", scenario, Oracle(), None, [scenario], 0, episodes, minutes=None, device="cpu")
+    training = method.Training(setup)
     rounds = episodes / method.ROUND
     imitation = seconds(training.imitate)
     driven = []

@@ -12,7 +12,7 @@ from crowdbench.types import Observation
 
 
 class EpsilonGreedy(Planner):
-    """Takes one of another planner's commands at random with probability epsilon, and else the best one.
+    """Takes a command within another planner's limits at random with probability epsilon, and else the best one.
 
     The random choice depends only on seed, case and step.
 
@@ -30,10 +30,14 @@ class EpsilonGreedy(Planner):
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
-        commands = self.planner.actions(obs.vehicle.preferred_speed)
+        velocity = obs.vehicle.velocity
+        commands = self.planner.commands(velocity, obs.vehicle.preferred_speed, obs.dt)
+        limits = self.planner.limits
+        allowed = np.ones(commands.shape[:2], bool) if limits is None else limits.allow(velocity, commands, obs.dt)
         # Uniform numbers by the normal distribution function: the streams of a case have only normal numbers.
         explore, which = ndtr(obs.noise(self.purpose, (2,))).T
-        chosen = commands[np.arange(len(obs)), (which * commands.shape[1]).astype(int)]
+        drawn = (which * allowed.sum(axis=1)).astype(int)
+        chosen = commands[np.arange(len(obs)), (allowed.cumsum(axis=1) > drawn[:, None]).argmax(axis=1)]
         greedy = explore >= self.epsilon
         if greedy.any():
             chosen[greedy] = self.planner.plan(obs.take(greedy))

@@ -14,8 +14,9 @@ take minutes:
 from __future__ import annotations
 
 import copy
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,14 +25,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import discounted_return, navigation_time_or_limit, success_rate
+from crowdbench.evaluate.metrics import Metric, discounted_return, navigation_time_or_limit, success_rate
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.predict import ConstantVelocity, Predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.train.checkpoint import State, optimizer_state, part_of, renamed, restore_optimizer, tensors_of
+from crowdbench.train.checkpoint import State, optimizer_state, part_of, restore_optimizer, tensors_of
 from crowdbench.train.exploration import EpsilonGreedy
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
 from crowdbench.types import Trace
@@ -73,26 +75,17 @@ EXPLORATION = (0.15, 0.02, 0.4)
 AVERAGING = 0.01
 """Weight of the network in its moving average, at every update."""
 
-VALIDATIONS = 12
+VALIDATIONS = 8
 """Number of validations while the network learns from its own episodes; one more follows the imitation."""
 
-VALIDATION_CASES = 200
-
-SECONDS_PER_POINT = 1.0
-"""Seconds of navigation time that count as much as one percentage point of success when a network is chosen."""
+VALIDATION_CASES = Cases("val", 0, 200)
+"""The cases of a validation, in each of its scenarios."""
 
 CASES_PER_SEED = 1_000_000
 """Number of training cases that belong to each seed."""
 
-PARTS = ("network", "average", "best")
+PARTS = ("network", "average")
 """The networks of a training."""
-
-FORMER_NAMES = {
-    "replay.later": "replay.next_joint",
-    "replay.factor": "replay.bootstrap",
-    "replay.value": "replay.episode_return",
-}
-"""Tensors that had another name in older checkpoints."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +96,8 @@ class Setup:
         network: The name of the network, one of `NETWORKS`.
         scenario: The scenario of all episodes.
         predictor: The predictor in the lookahead of training episodes.
+        limits: The limits to the commands, in training episodes and in validation; None for none.
+        validation: The scenarios in which the network is validated.
         seed: The seed of weights, batches, exploration and training cases.
         episodes: How many episodes to train for, where `minutes` is None.
         minutes: How long to train, in minutes, or None.
@@ -112,6 +107,8 @@ class Setup:
     network: str
     scenario: Scenario
     predictor: Predictor
+    limits: Limits | None
+    validation: Sequence[Scenario]
     seed: int
     episodes: int
     minutes: float | None
@@ -120,7 +117,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Validated:
-    """One validation: a point of the training curve.
+    """One validation: a point of the training curve. Its means are over the cases of all validation scenarios.
 
     Attributes:
         episodes: The episodes driven so far.
@@ -140,11 +137,6 @@ class Validated:
     navigation_time_or_limit: float
     discounted_return: float
 
-    @property
-    def score(self) -> float:
-        """What a network is chosen by: its success rate, less a penalty for time."""
-        return self.success - 0.01 / SECONDS_PER_POINT * self.navigation_time_or_limit
-
     def __str__(self) -> str:
         return (
             f"{self.episodes:6d} episodes, {self.seconds:4.0f} s: on validation cases {100 * self.success:.1f} % "
@@ -161,12 +153,12 @@ class Training:
             torch.manual_seed(setup.seed)
             self.network = NETWORKS[setup.network]().to(setup.device)
         self.average = copy.deepcopy(self.network)
-        self.best: ValueNetwork = copy.deepcopy(self.network)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
         self.replay = ReplayBuffer(CAPACITY)
         self.rounds = 0
         self.seconds = 0.0
         self.curve: list[Validated] = []
+        self.validated: list[ValueNetwork] = []
 
     @property
     def progress(self) -> float:
@@ -222,7 +214,7 @@ class Training:
 
     def _drive(self) -> Trace:
         """A round of training episodes with epsilon-greedy exploration."""
-        planner = ValuePlanner(self.setup.predictor, self.network)
+        planner = ValuePlanner(self.setup.predictor, self.network, limits=self.setup.limits)
         driver = Driver(EpsilonGreedy(planner, self.exploration, self.setup.seed), self.setup.network)
         return rollout(driver, self.setup.scenario, self._cases(DEMONSTRATIONS + self.rounds * ROUND, ROUND))
 
@@ -256,31 +248,43 @@ class Training:
         return torch.from_numpy(array).to(self.setup.device)
 
     def _validate(self, loss: float) -> None:
-        """Add a point to the curve, and keep the network if it is the best one so far."""
+        """Add a point to the curve, and keep its network."""
         # Always with constant velocity, which a vehicle can know; the predictor in training may be the oracle.
-        driver = Driver(ValuePlanner(ConstantVelocity(), self.average), self.setup.network)
-        trace = rollout(driver, self.setup.scenario, Cases("val", 0, VALIDATION_CASES))
-        point = Validated(
-            episodes=self.rounds * ROUND,
-            seconds=self.seconds,
-            exploration=self.exploration,
-            loss=loss,
-            success=float(success_rate(trace).mean()),
-            navigation_time_or_limit=float(navigation_time_or_limit(trace).mean()),
-            discounted_return=float(discounted_return(trace).mean()),
+        planner = ValuePlanner(ConstantVelocity(), self.average, limits=self.setup.limits)
+        driver = Driver(planner, self.setup.network)
+        traces = [rollout(driver, scenario, VALIDATION_CASES) for scenario in self.setup.validation]
+
+        def mean(metric: Metric) -> float:
+            return float(np.mean([metric(trace) for trace in traces]))
+
+        self.curve.append(
+            Validated(
+                episodes=self.rounds * ROUND,
+                seconds=self.seconds,
+                exploration=self.exploration,
+                loss=loss,
+                success=mean(success_rate),
+                navigation_time_or_limit=mean(navigation_time_or_limit),
+                discounted_return=mean(discounted_return),
+            )
         )
-        self.curve.append(point)
-        if self.chosen is point:
-            self.best.load_state_dict(self.average.state_dict())
+        self.validated.append(copy.deepcopy(self.average))
 
     @property
     def chosen(self) -> Validated:
-        """The point of the curve with the best score; the latest one, if several have it."""
-        return max(reversed(self.curve), key=lambda point: point.score)
+        """The point of the curve whose network is `best`."""
+        return chosen(self.curve, len(VALIDATION_CASES) * len(self.setup.validation))
+
+    @property
+    def best(self) -> ValueNetwork:
+        """See `crowdbench.train.method.Training`. Before the first validation, the network as it is."""
+        return self.validated[self.curve.index(self.chosen)] if self.curve else self.average
 
     def state(self) -> State:
         """The state of the training, for a checkpoint."""
         tensors = {key: value for part in PARTS for key, value in tensors_of(part, getattr(self, part)).items()}
+        for number, network in enumerate(self.validated):
+            tensors |= tensors_of(f"validated.{number}", network)
         tensors |= optimizer_state("optimizer", self.optimizer)
         if self.replay.transitions is not None:
             kept = self.replay.transitions.take(slice(0, len(self.replay)))
@@ -289,12 +293,38 @@ class Training:
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        tensors = renamed(state.tensors, FORMER_NAMES)
+        tensors = state.tensors
+        self.validated.clear()
         for part in PARTS:
             getattr(self, part).load_state_dict(part_of(part, tensors))
+        for number in range(len(state.curve)):
+            network = copy.deepcopy(self.network)
+            network.load_state_dict(part_of(f"validated.{number}", tensors))
+            self.validated.append(network)
         restore_optimizer(self.optimizer, part_of("optimizer", tensors))
         if replay := part_of("replay", tensors):
             self.replay.add(Transitions(**{name: tensor.numpy() for name, tensor in replay.items()}))
         self.replay.added = state.facts["added"]
         self.rounds, self.seconds = state.facts["rounds"], state.facts["seconds"]
         self.curve = [Validated(**point) for point in state.curve]
+
+
+def chosen(curve: Sequence[Validated], cases: int) -> Validated:
+    """The point of a training curve whose network is kept: by success first, within noise, and by time second.
+
+    Args:
+        curve: The points.
+        cases: The number of cases of each point.
+
+    Returns:
+        The quickest of the points whose success is at most one standard error below the largest (the rule of Breiman
+        et al., *Classification and Regression Trees*, 1984); the latest one, if several are as quick. One success and
+        one failure are added for the standard error, which would otherwise be 0 where all cases succeed.
+    """
+    most = max(point.success for point in curve)
+    share = (most * cases + 1) / (cases + 2)
+    error = math.sqrt(share * (1 - share) / cases)
+    return min(
+        (point for point in reversed(curve) if point.success >= most - error),
+        key=lambda point: point.navigation_time_or_limit,
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -12,6 +13,9 @@ from crowdbench.weights import card as cards
 EPISODES = 4000
 """The episodes of a training where their number is not given."""
 
+UNLIMITED = {"max_acceleration": math.inf, "max_turn": math.pi, "max_velocity_change": math.inf}
+"""The limits of `Limits` that exclude nothing."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ValueRequest(Request):
@@ -20,21 +24,40 @@ class ValueRequest(Request):
     Attributes:
         predictor: The predictor in the lookahead: a name, or the path of its file.
         episodes: The episodes that the network drives, demonstrations not counted.
+        max_acceleration: As in `Limits`; None for no limit, and so are the next two.
+        max_turn: As in `Limits`.
+        max_velocity_change: As in `Limits`.
+        validation: The scenarios that choose the checkpoint, by name or path, with commas between them; None for the
+            one that is trained in.
     """
 
     predictor: str = option("oracle", "The predictor in the lookahead: a name or ./mine.py")
     episodes: int = option(EPISODES, "Train for this many episodes", least=1)
+    max_acceleration: float | None = option(None, "Train with commands whose speed changes by so much [m/s^2] at most")
+    max_turn: float | None = option(None, "Train with commands whose heading changes by so much [rad] at most")
+    max_velocity_change: float | None = option(
+        None, "Train with commands that change the velocity by so much [m/s] at most"
+    )
+    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
 
     length: ClassVar[str] = "episodes"
 
     @classmethod
     def check(cls, options: Mapping[str, Any]) -> None:
-        """See `Request`. Any options go together."""
+        """See `Request`. The limits are checked when the training is made; any other options go together."""
 
     @property
     def arguments(self) -> Sequence[str]:
         """See `Request`."""
-        return [*self.scenario_arguments, "--predictor", self.predictor]
+        words = [*self.scenario_arguments, "--predictor", self.predictor]
+        words += [f"--{name.replace('_', '-')} {limit:g}" for name, limit in self.limits.items()]
+        return words if self.validation is None else [*words, "--validation", self.validation]
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """The limits to the commands, by their names in `Limits`."""
+        asked = {name: getattr(self, name) for name in UNLIMITED}
+        return {name: limit for name, limit in asked.items() if limit is not None}
 
     @property
     def use(self) -> str:
@@ -46,15 +69,28 @@ class ValueRequest(Request):
         """See `Request`. Raises InputError where there is no such scenario or predictor."""
         # Imported here, because torch and the simulator take seconds and the options are shown without them.
         from crowdbench.catalog import load_scenario
+        from crowdbench.planners.lookahead.kce import Limits
         from crowdbench.predict.load import load_predictor
         from crowdbench.train.value import Setup, Training
 
         _, predictor = load_predictor(self.predictor)
         scenario = load_scenario(self.scenario, self.overrides)
-        return Training(Setup(self.network, scenario, predictor, self.seed, self.episodes, self.minutes, device))
+        setup = Setup(
+            network=self.network,
+            scenario=scenario,
+            predictor=predictor,
+            limits=Limits(**{**UNLIMITED, **self.limits}) if self.limits else None,
+            validation=[scenario] if self.validation is None else list(map(load_scenario, self.validation.split(","))),
+            seed=self.seed,
+            episodes=self.episodes,
+            minutes=self.minutes,
+            device=device,
+        )
+        return Training(setup)
 
     def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Request`. The figures are those of the best network in the scenario that it was trained in."""
+        from crowdbench.train.value import VALIDATION_CASES
         from crowdbench.train.value_figures import figures
 
         scenario = training.setup.scenario
@@ -62,12 +98,17 @@ class ValueRequest(Request):
             "training": {
                 "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
                 "predictor": self.predictor,
+                "limits": self.limits,
+                "validation": {
+                    "scenarios": [each.name for each in training.setup.validation],
+                    "cases": str(VALIDATION_CASES),
+                },
                 "seed": self.seed,
                 "episodes": training.curve[-1].episodes,
                 "kept_after_episodes": training.chosen.episodes,
                 "minutes": round(training.seconds / 60, 1),
             },
-            "figures": figures(training.best, scenario, progress),
+            "figures": figures(training.best, scenario, training.setup.limits, progress),
             "data": "simulated episodes only",
         }
 
@@ -92,15 +133,17 @@ class ValueRequest(Request):
         return {
             "scenario": f"{cards.crowd(trained['scenario'])} (digest {trained['scenario']['digest']})",
             "predictor in the lookahead": trained["predictor"],
-            "checkpoint": f"chosen at episode {trained['kept_after_episodes']} of {trained['episodes']}",
+            **_limits_row(trained),
+            "checkpoint": f"chosen at episode {trained['kept_after_episodes']} of {trained['episodes']}"
+            + _chosen_on(trained),
         }
 
     @staticmethod
     def card_figures(card: Mapping[str, Any]) -> Sequence[str]:
         """See `Request`."""
         lines = [
-            "Measured once, after training, in the same scenario, with the constant-velocity predictor in the "
-            "lookahead (95 % intervals):",
+            "Measured once, after training, in the same scenario and within the same limits, with the "
+            "constant-velocity predictor in the lookahead (95 % intervals):",
             "",
             "| cases | success | collisions | time-outs | navigation time |",
             "|---|---|---|---|---|",
@@ -111,3 +154,17 @@ class ValueRequest(Request):
             time = cards.seconds(measured["navigation_time"])
             lines.append(f"| {split} {figures['cases']} | {' | '.join(rates)} | {time} |")
         return lines
+
+
+def _limits_row(trained: Mapping[str, Any]) -> dict[str, str]:
+    """The row of a card that names the limits, where there are any."""
+    limits = trained.get("limits", {})
+    return {"limits": ", ".join(f"{name} {limit:g}" for name, limit in limits.items())} if limits else {}
+
+
+def _chosen_on(trained: Mapping[str, Any]) -> str:
+    """Where a checkpoint was chosen, which cards of older trainings do not say."""
+    if "validation" not in trained:
+        return ""
+    validation = trained["validation"]
+    return f", on {validation['cases']} of {' and of '.join(validation['scenarios'])}"

@@ -49,35 +49,45 @@ class Limits:
             _check(name, limit, is_number(limit) and limit > 0.0, "a number above 0")
         _check("max_turn", self.max_turn, self.max_turn <= math.pi, "pi at most")
 
-    def allow(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> Bool[np.ndarray, "world action"]:
-        """Which commands the vehicle can follow, from its velocity before the step.
+    def allow(
+        self, velocity: Float[np.ndarray, "world 2"], commands: Float[np.ndarray, "world action 2"], dt: float
+    ) -> Bool[np.ndarray, "world action"]:
+        """Which commands the vehicle can follow.
 
         Args:
-            scene: The vehicles before the step.
+            velocity: The vehicle's velocity before the step, in m/s.
             commands: Velocities in m/s.
+            dt: Duration of the step in seconds.
 
         Returns:
             True for each command within all limits.
         """
-        velocity = scene.velocity[:, None]
+        velocity = velocity[:, None]
         before, after = norm(velocity), norm(commands)
         # The cosine of the turn times both speeds: it bounds nothing where one of them is 0.
         along = (velocity * commands).sum(axis=-1)
         return (
-            (np.abs(after - before) <= self.max_acceleration * scene.dt + ROUNDING)
+            (np.abs(after - before) <= self.max_acceleration * dt + ROUNDING)
             & (along >= before * after * math.cos(self.max_turn) - ROUNDING)
             & (norm(commands - velocity) <= self.max_velocity_change + ROUNDING)
         )
 
-    def brake(self, scene: Scene) -> Float[np.ndarray, "world 2"]:
-        """The velocity in m/s after braking as hard as the limits allow: zero if that is possible.
+    def brake(self, velocity: Float[np.ndarray, "world 2"], dt: float) -> Float[np.ndarray, "world 2"]:
+        """The velocity after braking as hard as the limits allow: zero if that is possible.
 
         It keeps its heading, and so it is always within the limits.
+
+        Args:
+            velocity: The vehicle's velocity before the step, in m/s.
+            dt: Duration of the step in seconds.
+
+        Returns:
+            The velocity in m/s.
         """
-        speed = norm(scene.velocity)
-        slower = np.maximum(speed - min(self.max_acceleration * scene.dt, self.max_velocity_change), 0.0)
+        speed = norm(velocity)
+        slower = np.maximum(speed - min(self.max_acceleration * dt, self.max_velocity_change), 0.0)
         share = np.divide(slower, speed, out=np.zeros_like(speed), where=speed > 0.0)
-        return share[:, None] * scene.velocity
+        return share[:, None] * velocity
 
 
 @dataclass(frozen=True)

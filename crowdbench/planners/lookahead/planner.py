@@ -106,14 +106,29 @@ class ValuePlanner(Planner):
 
     def decide(self, scene: Scene) -> Float[np.ndarray, "world 2"]:
         """The command for each world, in m/s."""
-        commands = self.actions(scene.preferred_speed)
-        if self.limits is not None:
-            commands = np.concatenate([commands, self.limits.brake(scene)[:, None]], axis=1)
-        command, value = self._best_of(scene, commands)
+        command, value = self._best_of(scene, self.commands(scene.velocity, scene.preferred_speed, scene.dt))
         if self.explore is not None:
             finer, finer_value = self._best_of(scene, self.explore(scene, command))
             command = np.where((finer_value > value)[:, None], finer, command)
         return command
+
+    def commands(
+        self, velocity: Float[np.ndarray, "world 2"], preferred_speed: Float[np.ndarray, "world"], dt: float
+    ) -> Float[np.ndarray, "world action 2"]:
+        """The commands to choose from. Not all of them are within the limits; with limits, the last one is.
+
+        Args:
+            velocity: The vehicle's velocity before the step, in m/s.
+            preferred_speed: Its preferred speed in m/s.
+            dt: Duration of the step in seconds.
+
+        Returns:
+            The commands in m/s.
+        """
+        commands = self.actions(preferred_speed)
+        if self.limits is None:
+            return commands
+        return np.concatenate([commands, self.limits.brake(velocity, dt)[:, None]], axis=1)
 
     def _best_of(
         self, scene: Scene, commands: Float[np.ndarray, "world action 2"]
@@ -154,7 +169,9 @@ class ValuePlanner(Planner):
 
         in_chunks(fill, len(flat), _chunk(arranged))
         values = values.reshape(worlds, actions)
-        return values if self.limits is None else np.where(self.limits.allow(scene, commands), values, -np.inf)
+        if self.limits is None:
+            return values
+        return np.where(self.limits.allow(scene.velocity, commands, scene.dt), values, -np.inf)
 
     def _chunk_values(
         self, scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]
