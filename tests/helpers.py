@@ -6,6 +6,7 @@ import numpy as np
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
@@ -78,11 +79,12 @@ def trace(position, outcome=Outcome.SUCCESS, *, gap=None, goal=None, undisturbed
     )
 
 
-def drive(planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0, replan_every=1, **overrides):
+def drive(planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0, replan_every=1, look_first=1, **overrides):
     """A trace of a planner, by name or as an object; overrides use `__` for dots."""
     name, made = load_planner(planner) if isinstance(planner, str) else (type(planner).__name__, planner)
     place = load_scenario(scenario, {key.replace("__", "."): value for key, value in overrides.items()})
-    return rollout(Driver(made, name, decision_limit), place, Cases.parse(cases), replan_every=replan_every)
+    replanning = Replanning(replan_every, look_first)
+    return rollout(Driver(made, name, decision_limit), place, Cases.parse(cases), replanning=replanning)
 
 
 def same(one, two):

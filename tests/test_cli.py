@@ -144,12 +144,12 @@ def test_a_run_that_replans_seldom_says_so_everywhere(tmp_path):
     (tmp_path / "mine.py").write_text(AHEAD_PLANNER)
     arguments = ["run", "--planner", "./mine.py", "--cases", "3", "--record", "none"]
     often, seldom = crowdbench(*arguments), crowdbench(*arguments, "--replan-every", "8")
-    assert seldom.stdout.splitlines()[0] == "mine (replan_every=8) on circle_crossing_5, cases test:0:3"
+    assert seldom.stdout.splitlines()[0] == "mine (replan_every=8, look_first=8) on circle_crossing_5, cases test:0:3"
     assert often.stdout.splitlines()[0] == "mine on circle_crossing_5, cases test:0:3"
-    runs = [f"runs/mine-circle_crossing_5-3{more}" for more in ("", "-replan_every=8")]
-    assert [json.loads((tmp_path / run / "result.json").read_text())["replan_every"] for run in runs] == [1, 8]
+    runs = [f"runs/mine-circle_crossing_5-3{more}" for more in ("", "-replan_every=8-look_first=8")]
+    assert [json.loads((tmp_path / run / "result.json").read_text()).get("look_first") for run in runs] == [None, 8]
     title = crowdbench("compare", *runs).stdout.splitlines()[0]
-    assert title == "mine and mine (replan_every=8): 3 shared cases, 0 solved by both"
+    assert title == "mine and mine (replan_every=8, look_first=8): 3 shared cases, 0 solved by both"
 
 
 def test_a_planner_of_single_steps_does_not_run_ahead(tmp_path):

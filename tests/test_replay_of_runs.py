@@ -20,6 +20,7 @@ from crowdbench.evaluate import rollout as rollouts
 from crowdbench.evaluate import seal
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.replay import RunFiles, replay
 from crowdbench.evaluate.results import Episodes, to_json
 from crowdbench.evaluate.run import run
@@ -101,7 +102,7 @@ def policy():
 @pytest.mark.parametrize(
     "settings",
     [
-        {"planner": Straight(), "replan_every": 8},
+        {"planner": Straight(), "replanning": Replanning(8)},
         {"overrides": {"collision": "crowdnav"}, "batch": 3, "record": "commands"},
         {"overrides": MIXED, "batch": 5, "record": "all", "cases": "val:8:16"},
         {"scenario": "circle_crossing_5_social_force", "cases": "497:503"},

@@ -134,7 +134,7 @@ def shipped():
 def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
     assert [table.spec.title[:8] for table in shipped[:4]] == [f"Table {n}:" for n in (1, 2, 3, 4)]
     assert {str(table.cases) for table in shipped} == {"test:0:500"}
-    assert [table.rows[0].runs[0].replan_every for table in shipped[:4]] == [1, 1, 8, 1]
+    assert [table.rows[0].runs[0].replanning.every for table in shipped[:4]] == [1, 1, 8, 1]
     assert [len(table.rows) for table in shipped] == [6, 4, 5, 5, 3, 3, 3]
     assert [bool(table.spec.variant) for table in shipped] == [True] + [False] * 6
     reported = [{row.label: row.reported for row in table.rows if row.reported} for table in shipped]

@@ -19,6 +19,7 @@ from crowdbench.evaluate.compare import compare, mcnemar
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.results import Episodes, planner_label, read_result
 from crowdbench.evaluate.run import directory_name, run
 from crowdbench.planners.base import Planner
@@ -419,8 +420,8 @@ def test_a_pooled_metric_is_compared_pooled(tmp_path):
 
 def test_labels_show_options_as_they_are_written_in_toml():
     options = {"modes": 5, "limits": {"max_velocity_change": 1.0}, "explore": False}
-    label = planner_label("sarl", options, replan_every=8)
-    assert label == "sarl (modes=5, limits={max_velocity_change=1.0}, explore=false, replan_every=8)"
+    label = planner_label("sarl", options, Replanning(8, 1))
+    assert label == "sarl (modes=5, limits={max_velocity_change=1.0}, explore=false, replan_every=8, look_first=1)"
     assert planner_label("orca", {}) == "orca"
 
 

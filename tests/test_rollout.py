@@ -7,6 +7,7 @@ from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.envs.observations import flatten
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
@@ -202,16 +203,43 @@ def test_a_case_planned_ahead_does_not_depend_on_its_batch():
 
 def test_a_planner_that_plans_ahead_logs_only_when_it_is_asked():
     place, cases = load_scenario("circle_crossing_5"), Cases.parse("20")
-    trace = rollout(Driver(Ahead(), "ahead"), place, cases, replan_every=8, keep_logs=True)
+    trace = rollout(Driver(Ahead(), "ahead"), place, cases, replanning=Replanning(8, 1), keep_logs=True)
     t = np.arange(trace.gap.shape[1])
     asked = (t < trace.steps[:, None]) & (t % 8 == 0)
     expected = np.where(asked, trace.case[:, None] * 1000.0 + t, np.nan)
     assert np.array_equal(trace.logs["clock"], expected, equal_nan=True)
 
 
-def test_a_planner_looks_again_after_one_step_or_more():
+class Looking(Ahead):
+    """Waits at single steps, and keeps how many positions of a pedestrian it has seen at each of its decisions."""
+
+    def plan(self, obs):
+        self.asked.append((int(obs.step[0]), 1, int(obs.pedestrians.observed[0, 0])))
+        return np.zeros((len(obs), 2))
+
+    def plan_ahead(self, obs, steps):
+        self.asked.append((int(obs.step[0]), steps, int(obs.pedestrians.observed[0, 0])))
+        return np.zeros((len(obs), steps, 2))
+
+
+@pytest.mark.parametrize("look_first", [1, 3, 8, 20])
+def test_a_planner_decides_at_single_steps_until_it_has_seen_as_many_positions_as_it_is_told(look_first):
+    planner = Looking()
+    trace = drive(planner, "1", replan_every=4, look_first=look_first)
+    single = [(t, 1, min(t + 1, 8)) for t in range(look_first - 1)]
+    several = [(t, 4, min(t + 1, 8)) for t in range(look_first - 1, trace.steps[0], 4)]
+    assert planner.asked == single + several
+
+
+def test_where_a_planner_observes_every_step_it_does_not_matter_how_long_it_looks_first():
+    assert same(drive("orca", "5", look_first=8), drive("orca", "5"))
+
+
+def test_a_planner_looks_again_after_one_step_or_more_and_sees_one_position_or_more():
     with pytest.raises(InputError, match="replan_every is 0"):
         drive("orca", "1", replan_every=0)
+    with pytest.raises(InputError, match="look_first is 0"):
+        drive("orca", "1", look_first=0)
 
 
 def test_mixed_crowds_move_each_by_its_own_policy():

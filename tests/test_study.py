@@ -56,6 +56,7 @@ def test_whatever_changes_a_number_makes_another_run(monkeypatch):
     assert digests(text.replace("0.99", "0.98").replace("Learned", "Trained")) == before
     assert not digests(f"{text}options = {{ margin = 0.3 }}\n") & before
     assert not digests(text.replace("cases", "replan_every = 2\ncases")) & before
+    assert digests(text.replace("cases", "look_first = 2\ncases")) == before
     # Of the 5 runs so many stay: with other test cases, the one on validation cases.
     assert len(digests(text.replace('"10"', '"11"')) & before) == 1
     Path("weights.json").write_text('{"one": 0.2, "two": 0.3}')

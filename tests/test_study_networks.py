@@ -74,8 +74,8 @@ def test_a_label_replan_every_options_and_privilege_are_shown():
     Path("mine.py").write_text(MINE.replace("return made", "made.privileged = True; return made"))
     every = NETWORKS.replace("cases", "replan_every = 8\ncases", 1)
     (row,) = read(every).tables[0].rows
-    assert (row.label, row.validation.replan_every) == ("mine", 8)
-    assert row.validation.directory.startswith("mine-circle_crossing_5-val-12-weights=one-replan_every=8-")
+    assert (row.label, row.validation.replanning.every) == ("mine", 8)
+    assert row.validation.directory.startswith("mine-circle_crossing_5-val-12-weights=one-replan_every=8-look_first=8-")
     (row,) = read(every + "options = { margin = 0.3 }").tables[0].rows
     assert row.label == "mine (margin=0.3)"
     study(NETWORKS.replace("planner =", 'label = "trained | alone"\nplanner ='), "--out", "there")

@@ -84,7 +84,7 @@ def test_reported_stands_beside_measured(tmp_path):
     one, two = table([1] * 18 + [0] * 2), table([1] * 19 + [0], time=np.linspace(9.0, 11.0, 20))
     found = fill(read(TABLE), tmp_path, mine=[one, two], other=[one, two], orca=[two])
     text = found.markdown()
-    assert text.startswith("## Beside\n\nOn circle_crossing_5, replan_every=2, cases test:0:20.\n")
+    assert text.startswith("## Beside\n\nOn circle_crossing_5, replan_every=2, look_first=8, cases test:0:20.\n")
     header, mine, other, orca = cells(text)
     assert header == [
         "planner", "networks", "success, reported", "success", "time, reported", "time",

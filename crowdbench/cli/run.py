@@ -27,6 +27,7 @@ from crowdbench.cli.options import (
     use_threads,
 )
 from crowdbench.errors import InputError
+from crowdbench.evaluate.replanning import LOOK_FIRST, Replanning
 from crowdbench.settings import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
 if TYPE_CHECKING:
@@ -48,6 +49,14 @@ def run(
     replan_every: Annotated[
         int, typer.Option(min=1, help="Commands per observation; above 1 the planner drives open loop.")
     ] = 1,
+    look_first: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            help="With --replan-every, decide at every step until so many positions of the pedestrians are seen; "
+            "1 starts with several commands at once.",
+        ),
+    ] = LOOK_FIRST,
     metric: MetricOption = None,
     out: Annotated[
         Path | None,
@@ -66,7 +75,7 @@ def run(
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.evaluate import run as runs
     from crowdbench.evaluate.driver import Driver
-    from crowdbench.evaluate.results import planner_label, replanning
+    from crowdbench.evaluate.results import planner_label
     from crowdbench.scenario.cases import Cases
 
     if record not in RECORD:
@@ -80,8 +89,9 @@ def run(
     loaded = catalog.load_scenario(scenario, settings, pedestrians)
     changes = settings | ({"pedestrians": pedestrians} if pedestrians else {})
     metrics = catalog.load_metrics(metric or [])
+    replanning = Replanning(replan_every, look_first)
     directory = out or Path("runs") / runs.directory_name(
-        name, loaded.name, selected, options | changes | replanning(replan_every)
+        name, loaded.name, selected, options | changes | replanning.settings
     )
     with progress(len(selected), f"of {len(selected)} cases") as tell:
         finished = runs.run(
@@ -92,7 +102,7 @@ def run(
             metrics=metrics,
             about={"options": options, "planner_files": files, "overrides": changes},
             asked={"planner": planner, "scenario": scenario, "pedestrians": pedestrians},
-            replan_every=replan_every,
+            replanning=replanning,
             record=record,
             batch=batch,
             overwrite=overwrite,
@@ -102,7 +112,7 @@ def run(
         print(json.dumps(finished.result, indent=2))
     else:
         changed = "".join(f", {key}={value}" for key, value in changes.items())
-        what = f"{planner_label(name, options, replan_every)} on {loaded.name}{changed}"
+        what = f"{planner_label(name, options, replanning)} on {loaded.name}{changed}"
         _print_result(what, finished.result, metrics, directory)
     if finished.interrupted:
         kept = finished.result["cases"]

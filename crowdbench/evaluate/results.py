@@ -18,6 +18,7 @@ from crowdbench import files
 from crowdbench.errors import InputError, described
 from crowdbench.evaluate.measured import LARGEST, measure
 from crowdbench.evaluate.metrics import Metric
+from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.summary import Estimate, summarize
 from crowdbench.numbers import is_integer, is_number
 from crowdbench.scenario.cases import Cases
@@ -160,15 +161,15 @@ def _is_moderate(value: Any) -> bool:
     return is_number(value) and abs(value) <= LARGEST
 
 
-def planner_label(planner: str, options: Mapping[str, Any], replan_every: int = 1) -> str:
+def planner_label(planner: str, options: Mapping[str, Any], replanning: Replanning = EVERY_STEP) -> str:
     """A planner's name with its settings in brackets, as shown to people.
 
     Args:
         planner: The planner's name.
         options: Its options.
-        replan_every: Steps between two of its observations.
+        replanning: When it observes.
     """
-    given = settings_label({**options, **replanning(replan_every)})
+    given = settings_label({**options, **replanning.settings})
     return f"{planner} ({given})" if given else planner
 
 
@@ -181,11 +182,6 @@ def _written(value: Any) -> str:
     if isinstance(value, Mapping):
         return f"{{{settings_label(value)}}}"
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def replanning(replan_every: int) -> dict[str, int]:
-    """The setting as names and titles show it: nothing where the planner observes every step."""
-    return {} if replan_every == 1 else {"replan_every": replan_every}
 
 
 def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int | None]]:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.geometry import norm
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -40,7 +41,7 @@ def rollout(
     scenario: Scenario,
     cases: Cases,
     *,
-    replan_every: int = 1,
+    replanning: Replanning = EVERY_STEP,
     keep_logs: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Trace:
@@ -50,8 +51,8 @@ def rollout(
         driver: Asks the planner for commands.
         scenario: The scenario of the cases.
         cases: The cases.
-        replan_every: The planner gets an observation every `replan_every` steps. Above 1, its `plan_ahead` returns
-            the commands of so many steps, which are executed in open loop.
+        replanning: When the planner gets an observation. Where it gives several commands at once, its `plan_ahead` is
+            called, and the commands are executed in open loop.
         keep_logs: Whether the trace keeps what the planner logs.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
@@ -59,11 +60,9 @@ def rollout(
         The trace of all episodes.
 
     Raises:
-        InputError: Planner or scenario break their contract, or `replan_every` is below 1.
+        InputError: Planner or scenario break their contract.
         LogsTooLarge: With `keep_logs`, where the planner's logs would take more than `LOG_MEMORY`.
     """
-    if replan_every < 1:
-        raise InputError(f"replan_every is {replan_every}, but a planner observes again after 1 step or more")
     world = scenario.worlds(cases)
     driver.reset(world.case)
     states = _States(world)
@@ -72,11 +71,12 @@ def rollout(
     rows = np.arange(len(world))
     for t in range(scenario.rules.max_steps):
         crowd = crowd_velocities(world, scenario.policies)
-        ahead = t % replan_every
+        ahead = replanning.executed(t)
         if ahead == 0:
             future = taken_velocities(world, crowd) if driver.privileged else None
             obs = observe(world, rows, future, {} if keep_logs else None)
-            commands = driver.decide(obs)[:, None] if replan_every == 1 else driver.decide_ahead(obs, replan_every)
+            steps = replanning.asked(t)
+            commands = driver.decide(obs)[:, None] if steps == 1 else driver.decide_ahead(obs, steps)
             states.log(rows, t, obs.logs or {})
         after, check = step(world, commands[:, ahead], crowd)
         states.add(rows, t, commands[:, ahead], after, check)

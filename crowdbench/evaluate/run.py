@@ -20,6 +20,7 @@ from llvmlite.binding import get_host_cpu_name
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
+from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, to_json
 from crowdbench.evaluate.rollout import LogsTooLarge, rollout
 from crowdbench.evaluate.seal import code, seal
@@ -58,7 +59,7 @@ def run(
     metrics: Mapping[str, Metric],
     about: Mapping[str, Any],
     asked: Mapping[str, Any] | None = None,
-    replan_every: int = 1,
+    replanning: Replanning = EVERY_STEP,
     record: str = "failures",
     batch: int = BATCH,
     overwrite: bool = False,
@@ -80,7 +81,7 @@ def run(
         metrics: What is measured, by name.
         about: More that `result.json` says of the run.
         asked: More that `manifest.json` says of what was asked for, such as the scenario's file.
-        replan_every: Steps between two observations of the planner, as in `rollout`.
+        replanning: When the planner observes, as in `rollout`.
         record: What is recorded, one of `settings.RECORD`.
         batch: Cases that run in lock-step, fewer where their traces would take too much memory.
         overwrite: Whether an earlier run in `out` is replaced.
@@ -95,7 +96,7 @@ def run(
     """
     start = time.perf_counter()
     code()  # before somebody changes it
-    label = planner_label(driver.name, about.get("options", {}), replan_every)
+    label = planner_label(driver.name, about.get("options", {}), replanning)
     with Interrupts() as interrupts, new_directory(out, overwrite) as directory:
         with (
             _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep,
@@ -105,7 +106,7 @@ def run(
             def drive(part: Cases) -> Trace:
                 with interrupts.let_through():
                     logs = record in WITH_EPISODES
-                    return rollout(driver, scenario, part, replan_every=replan_every, keep_logs=logs, progress=progress)
+                    return rollout(driver, scenario, part, replanning=replanning, keep_logs=logs, progress=progress)
 
             def keep_all(trace: Trace, measured: Episodes) -> int:
                 keep_commands(trace)
@@ -114,10 +115,11 @@ def run(
             traces = _traces(drive, driver, cases, fitting(batch, scenario))
             episodes, recorded = _measured(traces, metrics, keep_all)
         driven = Cases(cases.split, cases.start, cases.start + len(episodes))
-        result = _result(driver, scenario, driven, episodes, {"replan_every": replan_every, **about}, recorded, start)
+        settings = {"replan_every": replanning.every, **replanning.settings}
+        result = _result(driver, scenario, driven, episodes, settings | dict(about), recorded, start)
         episodes.write(directory / EPISODES)
         (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-        request = {"cases": str(cases), "metrics": list(metrics), "replan_every": replan_every, "record": record}
+        request = {"cases": str(cases), "metrics": list(metrics), **settings, "record": record}
         request |= {"decision_limit": driver.decision_limit, **(asked or {})}
         seal(directory, _manifest(about, request, interrupted=len(driven) < len(cases)))
     return Finished(result, interrupted=len(driven) < len(cases))

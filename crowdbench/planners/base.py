@@ -32,8 +32,9 @@ class Planner(abc.ABC):
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """The velocity commands for the next steps.
 
-        Called instead of `plan` in runs with `replan_every` above 1, at every `steps`-th step. The vehicle executes
-        the commands without another observation in between.
+        Called instead of `plan` in runs with `replan_every` above 1, at every `steps`-th step after the planner has
+        looked first (`crowdbench.evaluate.replanning`). The vehicle executes the commands without another observation
+        in between.
 
         Args:
             obs: What the planner sees before the first of the steps.

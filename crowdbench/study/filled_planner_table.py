@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from crowdbench.evaluate.results import replanning
+from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.summary import Estimate
 from crowdbench.study.claims import NOTES as CLAIM_NOTES
 from crowdbench.study.claims import Assessment, claims_grid
@@ -77,7 +77,7 @@ class FilledPlannerTable(FilledTable):
 
     title: str
     scenario: str
-    replan_every: int
+    replanning: Replanning
     cases: str
     validation: str
     variant: str
@@ -87,7 +87,7 @@ class FilledPlannerTable(FilledTable):
     def markdown(self) -> str:
         """See `FilledTable`."""
         columns = list(zip(*self._columns(), strict=True))
-        every = "".join(f", {key}={value}" for key, value in replanning(self.replan_every).items())
+        every = "".join(f", {key}={value}" for key, value in self.replanning.settings.items())
         parts = [f"## {self.title}", f"On {self.scenario}{every}, cases {self.cases}.", grid(columns[0], columns[1:])]
         if self.validation:
             each = [row.each_network() for row in self.rows if row.weights]

@@ -15,7 +15,8 @@ from crowdbench.evaluate import run as runs
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.kept import read_run
 from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import EPISODES, RESULT, Episodes, planner_label, replanning
+from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
+from crowdbench.evaluate.results import EPISODES, RESULT, Episodes, planner_label
 from crowdbench.evaluate.seal import MANIFEST, code
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -29,7 +30,7 @@ class PlannedRun:
         driver: The planner.
         scenario: The scenario, overrides included.
         cases: The cases to run.
-        replan_every: The steps between two observations of the planner.
+        replanning: When the planner observes.
         about: What the result says of options, overrides and the planner's files.
         asked: How the study calls the planner and the scenario.
     """
@@ -37,7 +38,7 @@ class PlannedRun:
     driver: Driver
     scenario: Scenario
     cases: Cases
-    replan_every: int
+    replanning: Replanning
     about: Mapping[str, Any]
     asked: Mapping[str, Any]
 
@@ -50,7 +51,7 @@ class PlannedRun:
         cases: Cases,
         *,
         overrides: Mapping[str, Any] | None = None,
-        replan_every: int = 1,
+        replanning: Replanning = EVERY_STEP,
     ) -> PlannedRun:
         """Load the planner and the scenario of a run.
 
@@ -60,7 +61,7 @@ class PlannedRun:
             scenario: As `--scenario` takes it.
             cases: The cases to run.
             overrides: Other values for keys of the scenario, by dotted key.
-            replan_every: The steps between two observations of the planner.
+            replanning: When the planner observes.
 
         Raises:
             InputError: The planner or the scenario does not exist, or does not take these options or overrides.
@@ -69,7 +70,7 @@ class PlannedRun:
         files = catalog.planner_files(planner, options)
         about = {"options": options, "planner_files": files, "overrides": overrides or {}}
         asked = {"planner": planner, "scenario": scenario}
-        return cls(Driver(made, name), catalog.load_scenario(scenario, overrides), cases, replan_every, about, asked)
+        return cls(Driver(made, name), catalog.load_scenario(scenario, overrides), cases, replanning, about, asked)
 
     @property
     def planner(self) -> str:
@@ -85,7 +86,7 @@ class PlannedRun:
     def title(self) -> str:
         """What it is, for people."""
         changes = "".join(f", {key}={value}" for key, value in self.about["overrides"].items())
-        planner = planner_label(self.planner, self.about["options"], self.replan_every)
+        planner = planner_label(self.planner, self.about["options"], self.replanning)
         return f"{planner} on {self.scenario.name}{changes}, cases {self.cases}"
 
     @property
@@ -102,13 +103,13 @@ class PlannedRun:
                 "options": self.about["options"],
                 "scenario": self.scenario.digest,
                 "cases": str(self.cases),
-                "replan_every": self.replan_every,
+                "replanning": self.replanning.settings,
                 "crowdbench": code(),
                 "versions": {name: importlib.metadata.version(name) for name in ("numba", "numpy", "torch")},
             },
             sort_keys=True,
         )
-        changes = {**self.about["options"], **self.about["overrides"], **replanning(self.replan_every)}
+        changes = {**self.about["options"], **self.about["overrides"], **self.replanning.settings}
         name = runs.directory_name(self.planner, self.scenario.name, self.cases, changes)
         return f"{name[:180]}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
@@ -142,7 +143,7 @@ class PlannedRun:
             metrics=METRICS,
             about=self.about,
             asked=self.asked,
-            replan_every=self.replan_every,
+            replanning=self.replanning,
             record="none",
             overwrite=True,
             progress=progress,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.results import Episodes, planner_label
 from crowdbench.evaluate.summary import Estimate, wilson
 from crowdbench.scenario.cases import Cases
@@ -137,7 +138,7 @@ class PlannerTable(PlannedTable):
         return FilledPlannerTable(
             title=self.spec.title,
             scenario=run.scenario.name,
-            replan_every=run.replan_every,
+            replanning=run.replanning,
             cases=str(self.cases),
             validation=str(self.spec.validation) if self.rows[0].validation else "",
             variant=variant.title + of_first if variant else "",
@@ -166,8 +167,9 @@ def _runs(
 ) -> list[PlannedRun]:
     """A run with each of the weights, or one where there are none to choose from."""
     each = [{**row.options, "weights": name} for name in weights] or [row.options]
+    replanning = Replanning(spec.replan_every, spec.look_first)
     return [
-        PlannedRun.of(row.planner, options, spec.scenario, cases, overrides=overrides, replan_every=spec.replan_every)
+        PlannedRun.of(row.planner, options, spec.scenario, cases, overrides=overrides, replanning=replanning)
         for options in each
     ]
 

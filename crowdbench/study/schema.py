@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf
 
+from crowdbench.evaluate.replanning import LOOK_FIRST
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.measures import PLANNER_MEASURES
 from crowdbench.toml_file import Name, Names, Text, TomlTable, Values, choice, integer, number, table
@@ -81,6 +82,7 @@ class PlannersSpec(TomlTable):
     title: Name
     scenario: Name
     replan_every: int = integer(1, least=1, most=1000)
+    look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     cases: CasesText = Cases.parse("test:500")
     quick: CasesText = Cases.parse("test:40")
     validation: CasesText | None = None

@@ -18,6 +18,7 @@ from crowdbench.evaluate.check.again import BATCHES, NETWORKS, ROUNDING, Toleran
 from crowdbench.evaluate.check.point import Findings, Point, changed
 from crowdbench.evaluate.contract import Asked, Fault, examine
 from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
+from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.geometry import norm
 from crowdbench.planners.base import OneStepOnly, Planner
@@ -177,7 +178,7 @@ def _plan_ahead(
     witness = _Witness(planner, cases.indices)
     kept, seen = True, f"{AHEAD} steps at once: dtype, shape, finite and speed as above"
     try:
-        rollout(Driver(witness, name, decision_limit), scenario, cases, replan_every=AHEAD)
+        rollout(Driver(witness, name, decision_limit), scenario, cases, replanning=Replanning(AHEAD, look_first=1))
     except InputError as error:
         kept, seen = False, str(error)
     if not witness.one_step:
