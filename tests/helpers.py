@@ -79,7 +79,9 @@ def trace(position, outcome=Outcome.SUCCESS, *, gap=None, goal=None, undisturbed
     )
 
 
-def drive(planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0, replan_every=1, look_first=1, **overrides):
+def drive(
+    planner, cases="20", scenario="circle_crossing_5", decision_limit=60.0, replan_every=1, look_first=1, **overrides
+):
     """A trace of a planner, by name or as an object; overrides use `__` for dots."""
     name, made = load_planner(planner) if isinstance(planner, str) else (type(planner).__name__, planner)
     place = load_scenario(scenario, {key.replace("__", "."): value for key, value in overrides.items()})

@@ -7,7 +7,7 @@ import pytest
 from studies import episodes, fill, read, refused, study
 
 from crowdbench.evaluate.summary import bootstrap, wilson
-from crowdbench.study.bootstrap import two_level
+from crowdbench.study.intervals import mean_over_networks
 from crowdbench.study.measures import LEAST_SHARED
 
 pytestmark = pytest.mark.usefixtures("study_folder")
@@ -164,7 +164,7 @@ def test_the_interval_of_success_has_a_case_won_and_a_case_lost_besides(tmp_path
     mine, other = rng.random((2, 30)) < 0.9, rng.random((2, 30)) < 0.7
     claim = assessed(tmp_path, [table(row) for row in mine], [table(row) for row in other])
     gain = mine.astype(float) - other
-    expected = two_level(np.concatenate([gain, [[1.0, -1.0]] * 2], axis=1))
+    expected = mean_over_networks(np.concatenate([gain, [[1.0, -1.0]] * 2], axis=1))
     assert (claim.figure.low, claim.figure.high) == (expected.low, expected.high)
     assert claim.figure.mean == pytest.approx(gain.mean())
     assert (claim.weights, claim.cases) == (["one", "two"], 30)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.summary import Estimate
-from crowdbench.study.bootstrap import two_level, two_level_reduction
+from crowdbench.study.intervals import mean_over_networks, reduction_over_networks
 from crowdbench.study.measures import LEAST_SHARED, PLANNER_MEASURES, SUCCESS, Measure
 from crowdbench.study.schema import ClaimSpec
 from crowdbench.study.tables import grid
@@ -28,8 +28,8 @@ ROUNDING = 1e-9
 NOTES = (
     "A claim says that a figure is larger than a margin, and all margins were fixed before the runs. Figures are "
     "positive where the first planner is the better one. A claim holds where the 95 % interval of its figure lies "
-    "above the margin, is refuted where the interval lies below it, and is undecided otherwise. Figures are paired by "
-    "case, over the networks that both rows have, and their intervals come from the bootstrap over networks and cases. "
+    "above the margin, is refuted where the interval lies below it, and is undecided otherwise. A single network says "
+    "nothing of others: there is no verdict. Figures are paired by case, over the networks that both rows have. "
     "Differences in success are over all cases, and one discordant case (a case that only one of the two planners "
     "solves) is added to each side before the interval is taken, as in the paired interval of Bonett and Price (2012, "
     "doi:10.3102/1076998611411915). All other figures are over the cases that both planners solve; with fewer than "
@@ -43,6 +43,7 @@ class Verdict(enum.StrEnum):
     HOLDS = "holds"
     REFUTED = "refuted"
     UNDECIDED = "undecided"
+    ONE_NETWORK = "one network"
 
 
 @dataclass(frozen=True)
@@ -126,14 +127,24 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
         both = (SUCCESS.of(ours) * SUCCESS.of(theirs)).astype(bool)
         x, y = (np.where(both, each, np.nan) for each in values)
         cases = int((~np.isnan(x + y)).any(axis=0).sum())
-        figure = two_level_reduction(x, y) if claim.kind == "reduction" else two_level(measure.sign * (x - y))
+        if claim.kind == "reduction":
+            figure = reduction_over_networks(x, y)
+        else:
+            figure = mean_over_networks(measure.sign * (x - y))
     return Assessment(
         **dict(claim),
         weights=weights,
         cases=cases,
         figure=figure,
-        verdict=verdict(figure, claim.bound) if cases >= LEAST_SHARED else Verdict.UNDECIDED,
+        verdict=_verdict(figure, claim.bound, weights, cases),
     )
+
+
+def _verdict(figure: Estimate, bound: float, weights: Sequence[str], cases: int) -> Verdict:
+    """The verdict on a figure that is over networks with these `weights` and so many `cases`."""
+    if len(weights) == 1 and weights[0]:
+        return Verdict.ONE_NETWORK
+    return verdict(figure, bound) if cases >= LEAST_SHARED else Verdict.UNDECIDED
 
 
 def verdict(figure: Estimate, bound: float) -> Verdict:
@@ -169,9 +180,9 @@ def _gain_in_success(ours: Float[np.ndarray, "network case"], theirs: Float[np.n
     One discordant case is added to each side, one that only `ours` solves and one that only `theirs` solve, as in
     Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data",
     Journal of Educational and Behavioral Statistics 37(4) (2012), 479-488, doi:10.3102/1076998611411915. Theirs is an
-    adjusted Wald interval of one pair of samples; here the cases so completed are resampled with the networks.
+    adjusted Wald interval of one pair of samples; here the cases so completed are those of every network.
     """
     gain = ours - theirs
     won, lost = np.ones((len(gain), 1)), -np.ones((len(gain), 1))
-    guarded = two_level(np.hstack([gain, won, lost]))
+    guarded = mean_over_networks(np.hstack([gain, won, lost]))
     return dataclasses.replace(guarded, mean=float(gain.mean()), n=gain.size, max=float(gain.max()))

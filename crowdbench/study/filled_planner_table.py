@@ -12,11 +12,10 @@ from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, TIME
 from crowdbench.study.tables import PRIVILEGED, FilledTable, grid, marked
 
 NOTES = (
-    "Figures are means over the networks of a row, which all drive the same cases. Their 95 % intervals come from a "
-    "bootstrap that resamples networks and cases (Owen 2007, doi:10.1214/07-AOAS122). Success of a single network has "
-    "Wilson's score interval instead, and so has success of several networks where each of them solves every case, or "
-    "no case. All figures but success are over the cases that are solved. Two networks tell little about how much "
-    "networks differ."
+    "Figures are means over the networks of a row, which all drive the same cases. Their 95 % intervals are for other "
+    "networks and other cases: Student's t over the networks and over the cases, joined as in Banerjee (1960). Success "
+    "of a single network has Wilson's score interval instead, and so has success of several networks where each of "
+    "them solves every case, or no case. All figures but success are over the cases that are solved."
 )
 ALONE = "The networks of a row differ only in the seed of their training."
 

@@ -46,9 +46,11 @@ class Measure:
         return "" if value is None else f"{self.scale * value:.6g} {self.unit}"
 
     def estimate(self, estimate: Estimate) -> str:
-        """`99.7 % (99.3 to 99.9)`: the mean and its 95 % interval."""
+        """`99.7 % (99.3 to 99.9)`: the mean and its 95 % interval, if it has one."""
         if not math.isfinite(estimate.mean):
             return "-"
+        if not math.isfinite(estimate.high - estimate.low):
+            return self.number(estimate.mean)
         return f"{self.number(estimate.mean)} ({self._digits(estimate.low)} to {self._digits(estimate.high)})"
 
     def _digits(self, value: float) -> str:

@@ -15,9 +15,9 @@ from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.results import Episodes, planner_label
 from crowdbench.evaluate.summary import Estimate, wilson
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.bootstrap import two_level
 from crowdbench.study.claims import assess, check_claim
 from crowdbench.study.filled_planner_table import FilledPlannerRow, FilledPlannerTable, FirstNetwork
+from crowdbench.study.intervals import mean_over_networks
 from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, TIME, Measure
 from crowdbench.study.planned import PlannedRun
 from crowdbench.study.schema import PlannersSpec, RowSpec
@@ -178,8 +178,10 @@ def _estimate(measure: Measure, runs: Sequence[Episodes]) -> Estimate:
     """A measure over several networks; all but success is over the cases that are solved."""
     solved = SUCCESS.of(runs).astype(bool)
     if measure is not SUCCESS:
-        return two_level(np.where(solved, measure.of(runs), np.nan))
-    # Where all values are the same, a bootstrap's interval would have no width. The networks drive the same cases, and
-    # count as one then: the interval is rather too wide than too narrow.
-    same = solved.all() or not solved.any()
-    return wilson(solved[0]) if same or len(solved) == 1 else two_level(SUCCESS.of(runs))
+        return mean_over_networks(np.where(solved, measure.of(runs), np.nan))
+    # Where all values are the same, the interval would have no width. The networks drive the same cases, and count as
+    # one then: the interval is rather too wide than too narrow.
+    if solved.all() or not solved.any() or len(solved) == 1:
+        return wilson(solved[0])
+    found = mean_over_networks(SUCCESS.of(runs))
+    return dataclasses.replace(found, low=max(found.low, 0.0), high=min(found.high, 1.0))
