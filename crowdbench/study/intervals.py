@@ -10,8 +10,8 @@ quantile of Student's t:
 
 With normal effects such an interval covers the true mean in 95 % or more, for any number of networks above 1 and any
 ratio of the parts: Banerjee, "Approximate confidence interval for linear functions of means of k populations when the
-population variances are not equal", Sankhya 22(3/4) (1960), 357-358. A bootstrap that resamples networks and cases does not:
-with two networks its one-sided error is 14 % in place of 2.5 %.
+population variances are not equal", Sankhya 22(3/4) (1960), 357-358. A bootstrap that resamples networks and cases does
+not: with two networks its one-sided error is up to 14 % in place of 2.5 %.
 """
 
 from __future__ import annotations

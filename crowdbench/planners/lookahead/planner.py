@@ -160,18 +160,19 @@ class ValuePlanner(Planner):
             Their values: minus infinity where the vehicle cannot follow the command.
         """
         arranged = self.aggregate.arrange(scene)
-        worlds, actions = commands.shape[:2]
-        flat, world = commands.reshape(-1, 2), np.repeat(np.arange(worlds), actions)
-        values = np.empty(worlds * actions)
+        allowed = np.ones(commands.shape[:2], bool)
+        if self.limits is not None:
+            allowed = self.limits.allow(scene.velocity, commands, scene.dt)
+        flat, world = commands[allowed], np.nonzero(allowed)[0]
+        found = np.empty(len(flat))
 
         def fill(rows: slice) -> None:
-            values[rows] = self._chunk_values(arranged, flat[rows], world[rows])
+            found[rows] = self._chunk_values(arranged, flat[rows], world[rows])
 
         in_chunks(fill, len(flat), _chunk(arranged))
-        values = values.reshape(worlds, actions)
-        if self.limits is None:
-            return values
-        return np.where(self.limits.allow(scene.velocity, commands, scene.dt), values, -np.inf)
+        values = np.full(allowed.shape, -np.inf)
+        values[allowed] = found
+        return values
 
     def _chunk_values(
         self, scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]
