@@ -9,6 +9,7 @@ from __future__ import annotations
 import abc
 import itertools
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
@@ -220,3 +221,33 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
     if network not in NETWORKS:
         raise InputError(f"no value network is called {network!r}; there are {', '.join(NETWORKS)}")
     return load_into(NETWORKS[network](), network, weights_file(weights), device)
+
+
+@torch.inference_mode()
+def evaluate(
+    network: ValueNetwork,
+    joint: Float[np.ndarray, "*batch pedestrian 13"],
+    present: Bool[np.ndarray, "*batch pedestrian"],
+) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch pedestrian"]]:
+    """A network's values and attention.
+
+    Args:
+        network: The network.
+        joint: The joint states.
+        present: Which pedestrians are present.
+
+    Returns:
+        What `ValueNetwork.attend` gives, as float64.
+
+    Raises:
+        InputError: A value is not finite.
+    """
+    device = next(network.parameters()).device
+    value, attention = network.attend(torch.from_numpy(joint).to(device), torch.from_numpy(present).to(device))
+    values = value.double().cpu().numpy()
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"the value network {network.name} gave a value of {values[~np.isfinite(values)][0]}, but values must be "
+            "finite: its weights or the predicted positions are too large"
+        )
+    return values, attention.double().cpu().numpy()

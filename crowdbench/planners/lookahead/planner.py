@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
@@ -22,7 +21,7 @@ from crowdbench.predict.checked import checked
 from crowdbench.reward import discount, reward
 from crowdbench.threads import CHUNK, in_chunks
 from crowdbench.types import Observation, Outcome
-from crowdbench.value.networks import ValueNetwork
+from crowdbench.value.networks import ValueNetwork, evaluate
 from crowdbench.weights.store import digest
 
 Actions = Callable[[Float[np.ndarray, "world"]], Float[np.ndarray, "world action 2"]]
@@ -94,13 +93,25 @@ class ValuePlanner(Planner):
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""
         prediction = checked(self.predictor.predict(obs, steps), type(self.predictor).__name__, obs, steps)
+        commands = self.follow(obs, prediction)
+        self._log(obs, prediction, scene_of(obs, prediction, 0, obs.vehicle), commands[:, 0])
+        return commands
+
+    def follow(self, obs: Observation, prediction: Prediction) -> Float[np.ndarray, "world time 2"]:
+        """The commands for the steps of a prediction, each decided where the earlier ones have led.
+
+        Args:
+            obs: The observation before the first step.
+            prediction: What the pedestrians do in the meantime.
+
+        Returns:
+            The commands in m/s.
+        """
+        steps = prediction.position.shape[2]
         commands = np.empty((len(obs), steps, 2))
         vehicle = obs.vehicle
         for step in range(steps):
-            scene = scene_of(obs, prediction, step, vehicle)
-            command = commands[:, step] = self.decide(scene)
-            if step == 0:
-                self._log(obs, prediction, scene, command)
+            command = commands[:, step] = self.decide(scene_of(obs, prediction, step, vehicle))
             vehicle = dataclasses.replace(vehicle, position=vehicle.position + command * obs.dt, velocity=command)
         return commands
 
@@ -183,7 +194,7 @@ class ValuePlanner(Planner):
         if self.shaping is not None:
             now = now + self.shaping(tried.outcome, tried.gap, norm(commands - scene.velocity[world]))
         factor = discount(scene.preferred_speed, scene.dt)[world, None]
-        later = _evaluate(self.value, tried.joint, _present(scene, world, tried.joint.shape))[0]
+        later = evaluate(self.value, tried.joint, _present(scene, world, tried.joint.shape))[0]
         return self.aggregate.combine(now + np.where(tried.outcome == Outcome.RUNNING, factor * later, 0.0))
 
     def _log(
@@ -198,7 +209,7 @@ class ValuePlanner(Planner):
         value, attention = np.empty(present.shape[:2]), np.empty(present.shape)
 
         def fill(rows: slice) -> None:
-            value[rows], attention[rows] = _evaluate(self.value, joint[rows], present[rows])
+            value[rows], attention[rows] = evaluate(self.value, joint[rows], present[rows])
 
         in_chunks(fill, len(obs), _chunk(arranged))
         # A pedestrian's attention: the sum over its copies in one crowd, or the mean over separate futures.
@@ -221,21 +232,3 @@ def _present(
     present = np.zeros(shape[:3], bool)
     present[..., : scene.present.shape[1]] = scene.present[world][:, None]
     return present
-
-
-@torch.inference_mode()
-def _evaluate(
-    network: ValueNetwork,
-    joint: Float[np.ndarray, "*batch pedestrian 13"],
-    present: Bool[np.ndarray, "*batch pedestrian"],
-) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch pedestrian"]]:
-    """A network's values and attention, as float64. Raises InputError where a value is not finite."""
-    device = next(network.parameters()).device
-    value, attention = network.attend(torch.from_numpy(joint).to(device), torch.from_numpy(present).to(device))
-    values = value.double().cpu().numpy()
-    if not np.isfinite(values).all():
-        raise InputError(
-            f"the value network {network.name} gave a value of {values[~np.isfinite(values)][0]}, but values must be "
-            "finite: its weights or the predicted positions are too large"
-        )
-    return values, attention.double().cpu().numpy()

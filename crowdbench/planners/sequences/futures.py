@@ -1,0 +1,122 @@
+"""Sequences of commands under predicted futures: how each would end, and how close it would come to the pedestrians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.compiled import njit
+from crowdbench.geometry import nearest_in_step
+from crowdbench.sim.episode import step_outcome
+from crowdbench.types import Outcome
+
+
+@dataclass(frozen=True)
+class Futures:
+    """The vehicle now, and the pedestrians now and in each predicted future.
+
+    Attributes:
+        position: The vehicle's centre in metres.
+        goal: Where it is going, in metres.
+        radius: Its radius in metres.
+        preferred_speed: Its preferred and largest speed in m/s.
+        crowd: The pedestrians' centres in metres. Time 0 is now, and time t is after t steps.
+        crowd_velocity: Their mean velocity over the futures after the last step, in m/s.
+        crowd_radius: Their radii in metres.
+        present: Which pedestrians there are. The others change nothing.
+        dt: Length of a step in seconds.
+    """
+
+    position: Float[np.ndarray, "world 2"]
+    goal: Float[np.ndarray, "world 2"]
+    radius: Float[np.ndarray, "world"]
+    preferred_speed: Float[np.ndarray, "world"]
+    crowd: Float[np.ndarray, "world mode time pedestrian 2"]
+    crowd_velocity: Float[np.ndarray, "world pedestrian 2"]
+    crowd_radius: Float[np.ndarray, "world pedestrian"]
+    present: Bool[np.ndarray, "world pedestrian"]
+    dt: float
+
+
+@dataclass(frozen=True)
+class SequenceResult:
+    """How sequences would go in each future.
+
+    Attributes:
+        outcome: How it has ended after the last step, an `Outcome`; never a time-out.
+        steps: Number of steps until it ends, or all of them.
+        gap: Smallest distance in metres to a pedestrian's rim during each step, less the margin of the step. Without
+            meaning after the end.
+    """
+
+    outcome: Int[np.ndarray, "world sequence mode"]
+    steps: Int[np.ndarray, "world sequence mode"]
+    gap: Float[np.ndarray, "world sequence mode time"]
+
+
+def try_sequences(
+    futures: Futures, commands: Float[np.ndarray, "world sequence time 2"], margin: Float[np.ndarray, "time"]
+) -> SequenceResult:
+    """Find out how sequences of commands would go, by the simulator's rule for collisions and the goal.
+
+    Args:
+        futures: The vehicle and the pedestrians.
+        commands: Velocities in m/s.
+        margin: By how much gaps are made smaller in each step, in metres.
+
+    Returns:
+        The result of each sequence in each future.
+    """
+    worlds, sequences, steps = commands.shape[:3]
+    shape = worlds, sequences, futures.crowd.shape[1]
+    result = SequenceResult(np.empty(shape, np.int64), np.empty(shape, np.int64), np.empty((*shape, steps)))
+    _try_sequences(
+        futures.position,
+        futures.goal,
+        futures.radius,
+        futures.crowd,
+        futures.crowd_radius,
+        futures.present,
+        futures.dt,
+        commands,
+        margin,
+        result.outcome,
+        result.steps,
+        result.gap,
+    )
+    return result
+
+
+@no_type_check
+@njit(nogil=True)
+def _try_sequences(position, goal, radius, crowd, crowd_radius, present, dt, commands, margin, outcome, steps, gap):
+    pedestrians = crowd.shape[3]
+    start = np.empty((pedestrians + 1, 2))
+    motion = np.empty((pedestrians + 1, 2))
+    radii = np.empty(pedestrians + 1)
+    seen = np.ones(pedestrians + 1, np.bool_)
+    running = Outcome.RUNNING.value
+    for w in range(len(commands)):
+        radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
+        for s in range(commands.shape[1]):
+            for m in range(crowd.shape[1]):
+                start[0] = position[w]
+                ended = running
+                t = 0
+                while t < commands.shape[2] and ended == running:
+                    for k in range(2):
+                        motion[0, k] = commands[w, s, t, k] * dt
+                        for p in range(pedestrians):
+                            start[p + 1, k] = crowd[w, m, t, p, k]
+                            motion[p + 1, k] = crowd[w, m, t + 1, p, k] - crowd[w, m, t, p, k]
+                    nearest, _ = nearest_in_step(0, start, motion, radii, seen)
+                    gap[w, s, m, t] = nearest - margin[t]
+                    for k in range(2):
+                        start[0, k] += motion[0, k]
+                    dx, dy = goal[w, 0] - start[0, 0], goal[w, 1] - start[0, 1]
+                    ended = step_outcome(gap[w, s, m, t], np.inf, dx, dy, radius[w], False)
+                    t += 1
+                outcome[w, s, m], steps[w, s, m] = ended, t

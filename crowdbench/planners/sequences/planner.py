@@ -1,0 +1,219 @@
+"""The planner of command sequences: the cross-entropy method on sequences that are valued under every future."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.errors import InputError
+from crowdbench.geometry import norm
+from crowdbench.numbers import is_integer, is_number
+from crowdbench.planners.base import Planner
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.sequences.futures import Futures, try_sequences
+from crowdbench.predict import Prediction
+from crowdbench.predict.checked import checked
+from crowdbench.reward import discount
+from crowdbench.threads import CHUNK, in_chunks
+from crowdbench.types import Observation, Outcome
+from crowdbench.value.joint_state import joint_states
+from crowdbench.value.networks import evaluate
+
+SMOOTH = 0.5
+"""Share of the variance of a sequence's noise that is the same at all its steps."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CrossEntropy:
+    """The cross-entropy method (Rubinstein 1999), which samples sequences and samples again around the best of them.
+
+    Attributes:
+        samples: Number of sequences that are sampled in a round [1].
+        rounds: Number of rounds [1].
+        elites: Number of sequences, the best of a round, whose mean and standard deviation the next one samples [1].
+        spread: Standard deviation of the samples of the first round around the first guess [m/s].
+
+    Raises:
+        InputError: A number is below 1 or not whole, there are more elites than samples, or the spread is not positive.
+    """
+
+    samples: int = 96
+    rounds: int = 3
+    elites: int = 12
+    spread: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ("samples", "rounds", "elites"):
+            number = getattr(self, name)
+            if not (is_integer(number) and number >= 1):
+                raise InputError(f"{name} is {number!r}, but must be a whole number, 1 or more")
+        if self.elites > self.samples:
+            raise InputError(f"elites is {self.elites}, but must be {self.samples} at most, which is samples")
+        if not (is_number(self.spread) and 0.0 < self.spread < np.inf):
+            raise InputError(f"spread is {self.spread!r}, but must be a number above 0")
+
+
+class SequencePlanner(Planner):
+    """Takes the sequence of commands with the largest discounted reward and value at its end, over all futures.
+
+    The first guess is what the one-step lookahead would do, step by step, in the mean of the futures. Its sequence,
+    each of its commands kept up for the whole sequence, and samples around the first guess are the first candidates.
+
+    Args:
+        lookahead: The one-step lookahead for the first guess, whose predictor, network, commands and reward are used.
+        search: How sequences are sampled.
+        horizon: Number of steps of a sequence, or more where more commands are asked for [1].
+        margin: By how much gaps are made smaller for each step ahead, because the futures spread with time [m].
+
+    Raises:
+        InputError: `horizon` is not a whole number above 0, or `margin` is negative.
+    """
+
+    def __init__(
+        self, lookahead: ValuePlanner, search: CrossEntropy | None = None, horizon: int = 8, margin: float = 0.04
+    ) -> None:
+        if not (is_integer(horizon) and horizon >= 1):
+            raise InputError(f"horizon is {horizon!r}, but must be a whole number, 1 or more")
+        if not (is_number(margin) and 0.0 <= margin < np.inf):
+            raise InputError(f"margin is {margin!r}, but must be a number, 0 or more")
+        self.privileged = lookahead.privileged
+        self.facts = lookahead.facts
+        self.lookahead = lookahead
+        self.search = search or CrossEntropy()
+        self.horizon = horizon
+        self.margin = margin
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        return self.plan_ahead(obs, 1)[:, 0]
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
+        """See `Planner`."""
+        horizon = max(steps, self.horizon)
+        predictor = self.lookahead.predictor
+        prediction = checked(predictor.predict(obs, horizon), type(predictor).__name__, obs, horizon)
+        guess = self.lookahead.follow(obs, _mean(prediction))
+        noise = self._noise(obs, horizon)
+        best = np.empty((len(obs), horizon, 2))
+
+        def fill(part: slice) -> None:
+            best[part] = self._best(_futures(obs, prediction, part), guess[part], noise[part])
+
+        rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1)
+        in_chunks(fill, len(obs), max(1, CHUNK // rows))
+        if obs.logs is not None:
+            obs.log("predicted", prediction.position)
+            way = obs.vehicle.position[:, None] + (best * obs.dt).cumsum(axis=1)
+            obs.log("planned", way[:, :, None])
+        return best[:, :steps]
+
+    def _noise(self, obs: Observation, horizon: int) -> Float[np.ndarray, "world round sample time 2"]:
+        """Noise of standard deviation 1, smooth in time: each sequence has a part that is the same at all its steps."""
+        drawn = obs.noise("sequences", (self.search.rounds, self.search.samples, horizon + 1, 2))
+        return np.sqrt(SMOOTH) * drawn[:, :, :, :1] + np.sqrt(1.0 - SMOOTH) * drawn[:, :, :, 1:]
+
+    def _best(
+        self,
+        futures: Futures,
+        guess: Float[np.ndarray, "world time 2"],
+        noise: Float[np.ndarray, "world round sample time 2"],
+    ) -> Float[np.ndarray, "world time 2"]:
+        """The best sequence of each world, in m/s."""
+        constant = self.lookahead.actions(futures.preferred_speed)[:, :, None].repeat(guess.shape[1], axis=2)
+        # What is tried beside the samples of a round: at first the guesses, and then the best so far.
+        beside = np.concatenate([guess[:, None], constant], axis=1)
+        mean, spread = guess, np.full_like(guess, self.search.spread)
+        for number in range(self.search.rounds):
+            sampled = mean[:, None] + spread[:, None] * noise[:, number]
+            tried = np.concatenate([beside, _within(sampled, futures.preferred_speed)], axis=1)
+            values = self.values(futures, tried)
+            ranked = values.argsort(axis=1, kind="stable")[:, ::-1, None, None]
+            elites = np.take_along_axis(tried, ranked[:, : self.search.elites], axis=1)
+            mean, spread, beside = elites.mean(axis=1), elites.std(axis=1), elites[:, :1]
+        return beside[:, 0]
+
+    def values(
+        self, futures: Futures, commands: Float[np.ndarray, "world sequence time 2"]
+    ) -> Float[np.ndarray, "world sequence"]:
+        """What sequences are worth: the mean over the futures of their discounted rewards and the value at the end.
+
+        The value at the end is the network's, among pedestrians at the mean of their futures.
+
+        Args:
+            futures: The vehicle and the pedestrians.
+            commands: Velocities in m/s.
+
+        Returns:
+            Their values.
+        """
+        horizon = commands.shape[2]
+        time = np.arange(horizon)
+        tried = try_sequences(futures, commands, self.margin * time)
+        outcome = np.where(time == tried.steps[..., None] - 1, tried.outcome[..., None], Outcome.RUNNING)
+        rewards = self.lookahead.reward(outcome, tried.gap, futures.dt)
+        factor = discount(futures.preferred_speed, futures.dt)[:, None, None, None] ** np.arange(horizon + 1)
+        earned = np.where(time < tried.steps[..., None], factor[..., :-1] * rewards, 0.0).sum(axis=-1)
+        running = (tried.outcome == Outcome.RUNNING).mean(axis=-1)
+        return earned.mean(axis=-1) + running * factor[:, :, 0, -1] * self._end_values(futures, commands)
+
+    def _end_values(
+        self, futures: Futures, commands: Float[np.ndarray, "world sequence time 2"]
+    ) -> Float[np.ndarray, "world sequence"]:
+        """The network's values of the states after the last command, among the pedestrians' mean futures."""
+        shape = commands.shape[:2]
+        crowd = futures.crowd[:, :, -1].mean(axis=1)
+
+        def everybody(
+            vehicle: Float[np.ndarray, "world sequence *xy"], pedestrians: Float[np.ndarray, "world pedestrian *xy"]
+        ) -> np.ndarray:
+            others = np.broadcast_to(pedestrians[:, None], (*shape, *pedestrians.shape[1:]))
+            return np.concatenate([vehicle[:, :, None], others], axis=2)
+
+        def vehicle(values: np.ndarray) -> np.ndarray:
+            return np.broadcast_to(values[:, None], (*shape, *values.shape[1:]))
+
+        present = everybody(np.ones(shape, bool), futures.present)
+        joint = joint_states(
+            everybody(vehicle(futures.position) + futures.dt * commands.sum(axis=2), crowd),
+            everybody(commands[:, :, -1], futures.crowd_velocity),
+            everybody(vehicle(futures.radius), futures.crowd_radius),
+            present,
+            vehicle(futures.goal),
+            vehicle(futures.preferred_speed),
+        )
+        shown = np.zeros(joint.shape[:3], bool)
+        shown[:, :, : futures.present.shape[1]] = present[:, :, 1:]
+        return evaluate(self.lookahead.value, joint, shown)[0]
+
+
+def _mean(prediction: Prediction) -> Prediction:
+    """The mean of the futures, as the only one."""
+    return Prediction(prediction.position.mean(axis=1, keepdims=True), prediction.velocity.mean(axis=1, keepdims=True))
+
+
+def _futures(obs: Observation, prediction: Prediction, part: slice) -> Futures:
+    """What sequences are tried in, for some of the worlds."""
+    vehicle, pedestrians = obs.vehicle, obs.pedestrians
+    after = prediction.position[part]
+    now = np.broadcast_to(pedestrians.position[part, None, None], (*after.shape[:2], 1, *after.shape[3:]))
+    return Futures(
+        position=vehicle.position[part],
+        goal=vehicle.goal[part],
+        radius=vehicle.radius[part],
+        preferred_speed=vehicle.preferred_speed[part],
+        crowd=np.concatenate([now, after], axis=2),
+        crowd_velocity=prediction.velocity[part, :, -1].mean(axis=1),
+        crowd_radius=pedestrians.radius[part],
+        present=pedestrians.seen[part],
+        dt=obs.dt,
+    )
+
+
+def _within(
+    commands: Float[np.ndarray, "world sequence time 2"], limit: Float[np.ndarray, "world"]
+) -> Float[np.ndarray, "world sequence time 2"]:
+    """The commands, shortened to a speed limit in m/s."""
+    limit = limit[:, None, None]
+    return commands * (limit / np.maximum(norm(commands), limit))[..., None]
