@@ -7,6 +7,7 @@ from rerun.chunk import RrdReader
 from crowdbench import InputError, load_network, load_scenario
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.actions import speeds_and_headings
+from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.predict import ConstantVelocity
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
@@ -133,6 +134,9 @@ def test_minutes_end_a_training(tmp_path):
     [
         ({"predictor": "crystal_ball"}, "no predictor is called 'crystal_ball'"),
         ({"scenario": "nowhere"}, "no scenario is called 'nowhere'"),
+        ({"validation": "circle_crossing_5,nowhere"}, "no scenario is called 'nowhere'"),
+        ({"max_turn": 4.0}, "max_turn is 4.0, but must be pi at most"),
+        ({"max_velocity_change": 0.0}, "max_velocity_change is 0.0, but must be a number above 0"),
     ],
 )
 def test_what_does_not_exist_is_refused_and_nothing_is_left(change, message, tmp_path):
@@ -187,3 +191,74 @@ def test_what_exploring_skips_is_what_planning_gives():
     legal = speeds_and_headings(obs.vehicle.preferred_speed)
     assert same.sum() >= 15
     assert (np.abs(commands[:, None] - legal).max(axis=2).min(axis=1) < 1e-12).all()
+
+
+def test_random_commands_are_those_within_the_limits_each_as_often_as_the_others():
+    limits = Limits(max_velocity_change=0.5)
+    planner = ValuePlanner(ConstantVelocity(), NETWORKS["cadrl"](), limits=limits)
+    obs = observed(2000)
+    velocity = np.tile([[0.6, 0.0]], (2000, 1))
+    obs = dataclasses.replace(obs, vehicle=dataclasses.replace(obs.vehicle, velocity=velocity))
+    commands = EpsilonGreedy(planner, 1.0, 0).plan(obs)
+    assert limits.allow(velocity, commands[:, None], obs.dt).all()
+    offered = planner.commands(velocity[:1], np.ones(1), obs.dt)
+    allowed = offered[0][limits.allow(velocity[:1], offered, obs.dt)[0]]
+    assert np.array_equal(offered[0, -1], limits.brake(velocity[:1], obs.dt)[0])
+    share = [np.isclose(commands, each, atol=1e-12).all(axis=1).mean() for each in allowed]
+    assert len(allowed) > 10
+    assert sum(share) == pytest.approx(1.0)
+    assert max(share) < 2 / len(allowed)
+    assert min(share) > 0.5 / len(allowed)
+
+
+def validated(success, seconds):
+    """A point of a training curve."""
+    return value.Validated(0, 0.0, 0.0, 0.0, success, seconds, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("curve", "expected"),
+    [
+        ([(0.90, 9.0), (0.99, 12.0), (0.97, 11.0)], 1),
+        ([(0.99, 12.0), (0.985, 11.5), (0.99, 11.8)], 1),
+        # One case of 200 less is noise, three are not.
+        ([(1.0, 12.0), (0.995, 11.5)], 1),
+        ([(1.0, 12.0), (0.985, 9.5)], 0),
+        ([(0.9, 10.0), (0.9, 10.0)], 1),
+        # The second is within noise of the first, but not of the third.
+        ([(0.975, 11.0), (0.965, 10.0), (1.0, 12.0)], 2),
+    ],
+)
+def test_a_checkpoint_is_chosen_by_success_within_noise_and_then_by_time(curve, expected):
+    points = [validated(*point) for point in curve]
+    assert value.chosen(points, 200) is points[expected]
+
+
+def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenarios_that_are_named(tmp_path):
+    request = dataclasses.replace(
+        REQUEST, max_velocity_change=0.6, max_turn=2.0, validation="circle_crossing_5,square_crossing_5", episodes=10
+    )
+    running = TrainingRun.new(request, tmp_path / "run", "cpu")
+    driven = running.training._drive()
+    change = np.linalg.norm(np.diff(driven.velocity[:, :, 0], axis=1), axis=-1)
+    assert np.nanmax(change) <= 0.6 + 1e-9
+    assert np.nanmax(change) > 0.5
+    running.train(ignore)
+    card = read_card(running.finish(ignore))
+    assert card["training"]["limits"] == {"max_turn": 2.0, "max_velocity_change": 0.6}
+    assert card["training"]["validation"] == {
+        "scenarios": ["circle_crossing_5", "square_crossing_5"], "cases": "val:0:5",
+    }  # fmt: skip
+    assert card["command"].endswith(
+        "--max-turn 2 --max-velocity-change 0.6 --validation circle_crossing_5,square_crossing_5 --seed 7 --episodes 10"
+    )
+    text = (tmp_path / "run" / "weights.md").read_text()
+    assert "| limits | max_turn 2, max_velocity_change 0.6 |" in text
+    assert "on val:0:5 of circle_crossing_5 and of square_crossing_5 |" in text
+
+
+def test_no_case_that_chooses_a_checkpoint_is_on_the_card():
+    chosen_by = set(value.VALIDATION_CASES.indices)
+    on_cards = [cases for cases in value_figures.CASES.values() if cases.split == "val"]
+    assert on_cards
+    assert all(chosen_by.isdisjoint(cases.indices) for cases in on_cards)

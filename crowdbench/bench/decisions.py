@@ -1,7 +1,7 @@
 """How long decisions of the learned planners take, and how close they come to what the processor can compute.
 
-SARL's networks have random weights here, which cost as much as trained ones. SARL-SGAN-KCE has the weights that come
-with crowdbench unless its options name others.
+SARL's networks have random weights here, which cost as much as trained ones. SARL-SGAN-KCE and SARL-SGAN-SEQ have the
+weights that come with crowdbench unless their options name others.
 """
 
 from __future__ import annotations
@@ -30,6 +30,9 @@ CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
 here."""
 
 SARL_SGAN_KCE_PEDESTRIANS = 5
+
+SEQUENCE = 8
+"""Commands of a decision of SARL-SGAN-SEQ."""
 
 
 def measure_sarl_batch(worlds: int = 500, rounds: int = 5) -> Iterator[Measurement]:
@@ -97,6 +100,21 @@ def measure_sarl_sgan_kce_single(decisions: int = 100, **options: Any) -> Iterat
     """
     _, planner = load_planner("sarl_sgan_kce", options)
     yield _sarl_sgan_kce("one world", one_by_one(planner, observation(SARL_SGAN_KCE_PEDESTRIANS, decisions)))
+
+
+def measure_sarl_sgan_seq_batch(worlds: int = 500, rounds: int = 3, **options: Any) -> Iterator[Measurement]:
+    """Decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once, per world.
+
+    Args:
+        worlds: Number of worlds.
+        rounds: How many times the decision is measured.
+        options: Options of the planner.
+    """
+    _, planner = load_planner("sarl_sgan_seq", options)
+    decide = functools.partial(planner.plan_ahead, observation(SARL_SGAN_KCE_PEDESTRIANS, worlds), SEQUENCE)
+    [took] = in_turns(rounds, functools.partial(seconds, decide))
+    work = f"SARL-SGAN-SEQ decision of {SEQUENCE} commands, {SARL_SGAN_KCE_PEDESTRIANS} pedestrians, 20 futures"
+    yield Measurement(f"{work}, {worlds} worlds at once, per world", 1e3 * took / worlds, "ms")
 
 
 def sarl_decision(pedestrians: int, worlds: int) -> Callable[[], object]:

@@ -18,6 +18,7 @@ SUITE: tuple[Callable[[], Iterator[Measurement]], ...] = (
     training.measure_training,
     decisions.measure_sarl_sgan_kce_batch,
     decisions.measure_sarl_sgan_kce_single,
+    decisions.measure_sarl_sgan_seq_batch,
     commands.measure_start_up,
     commands.measure_orca_runs,
     commands.measure_sarl_runs,

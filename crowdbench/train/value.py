@@ -318,12 +318,13 @@ def chosen(curve: Sequence[Validated], cases: int) -> Validated:
 
     Returns:
         The quickest of the points whose success is at most one standard error below the largest (the rule of Breiman
-        et al., *Classification and Regression Trees*, 1984); the latest one, if several are as quick. One success and
-        one failure are added for the standard error, which would otherwise be 0 where all cases succeed.
+        et al., *Classification and Regression Trees*, 1984); the latest one, if several are as quick. For the standard
+        error two successes and two failures are added (Agresti and Coull 1998), or else it would be 0 where all
+        cases succeed.
     """
     most = max(point.success for point in curve)
-    share = (most * cases + 1) / (cases + 2)
-    error = math.sqrt(share * (1 - share) / cases)
+    share = (most * cases + 2) / (cases + 4)
+    error = math.sqrt(share * (1 - share) / (cases + 4))
     return min(
         (point for point in reversed(curve) if point.success >= most - error),
         key=lambda point: point.navigation_time_or_limit,

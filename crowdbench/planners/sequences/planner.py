@@ -162,30 +162,34 @@ class SequencePlanner(Planner):
         self, futures: Futures, commands: Float[np.ndarray, "world sequence time 2"]
     ) -> Float[np.ndarray, "world sequence"]:
         """The network's values of the states after the last command, among the pedestrians' mean futures."""
-        shape = commands.shape[:2]
+        worlds, sequences = commands.shape[:2]
+        position = futures.position[:, None] + futures.dt * commands.sum(axis=2)
         crowd = futures.crowd[:, :, -1].mean(axis=1)
-
-        def everybody(
-            vehicle: Float[np.ndarray, "world sequence *xy"], pedestrians: Float[np.ndarray, "world pedestrian *xy"]
-        ) -> np.ndarray:
-            others = np.broadcast_to(pedestrians[:, None], (*shape, *pedestrians.shape[1:]))
-            return np.concatenate([vehicle[:, :, None], others], axis=2)
-
-        def vehicle(values: np.ndarray) -> np.ndarray:
-            return np.broadcast_to(values[:, None], (*shape, *values.shape[1:]))
-
-        present = everybody(np.ones(shape, bool), futures.present)
+        present = np.ones((worlds, sequences, 1 + futures.present.shape[1]), bool)
+        present[:, :, 1:] = futures.present[:, None]
         joint = joint_states(
-            everybody(vehicle(futures.position) + futures.dt * commands.sum(axis=2), crowd),
-            everybody(commands[:, :, -1], futures.crowd_velocity),
-            everybody(vehicle(futures.radius), futures.crowd_radius),
+            _joined(position, crowd),
+            _joined(commands[:, :, -1], futures.crowd_velocity),
+            _joined(_repeated(futures.radius, sequences), futures.crowd_radius),
             present,
-            vehicle(futures.goal),
-            vehicle(futures.preferred_speed),
+            _repeated(futures.goal, sequences),
+            _repeated(futures.preferred_speed, sequences),
         )
         shown = np.zeros(joint.shape[:3], bool)
-        shown[:, :, : futures.present.shape[1]] = present[:, :, 1:]
+        shown[:, :, : futures.present.shape[1]] = futures.present[:, None]
         return evaluate(self.lookahead.value, joint, shown)[0]
+
+
+def _repeated(values: Float[np.ndarray, "world *xy"], sequences: int) -> Float[np.ndarray, "world sequence *xy"]:
+    """What is the same for all sequences of a world."""
+    return np.repeat(values[:, None], sequences, axis=1)
+
+
+def _joined(
+    vehicle: Float[np.ndarray, "world sequence *xy"], crowd: Float[np.ndarray, "world pedestrian *xy"]
+) -> Float[np.ndarray, "world sequence agent *xy"]:
+    """The vehicle of each sequence, and the pedestrians, which are the same for all."""
+    return np.concatenate([vehicle[:, :, None], _repeated(crowd, vehicle.shape[1])], axis=2)
 
 
 def _mean(prediction: Prediction) -> Prediction:
