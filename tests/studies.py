@@ -29,7 +29,6 @@ NETWORKS = """
 title = "Learned planners"
 scenario = "circle_crossing_5"
 cases = "10"
-validation = "val:12"
 measures = ["success_rate", "navigation_time"]
 variant = { title = "CrowdNav's rule", overrides = { collision = "crowdnav" } }
 
@@ -37,6 +36,7 @@ variant = { title = "CrowdNav's rule", overrides = { collision = "crowdnav" } }
 planner = "./mine.py"
 weights = ["one", "two"]
 reported = { success_rate = 0.99, navigation_time = 10.6 }
+second_reading = "12:24"
 """
 
 CROWDS = """

@@ -176,6 +176,7 @@ def test_decisions_under_futures_are_timed(few_futures):
     measured = [
         *decisions.measure_sarl_sgan_kce_batch(worlds=2, rounds=1, **few_futures),
         *decisions.measure_sarl_sgan_kce_single(decisions=2, **few_futures),
+        *decisions.measure_sarl_sgan_seq_batch(worlds=2, rounds=1, **few_futures),
     ]
     assert all(one.value > 0 and one.unit == "ms" for one in measured)
 

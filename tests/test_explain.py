@@ -106,13 +106,13 @@ def test_what_makes_no_policy_has_no_parameters():
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["planners", "sarl_sgan_kce"], ["Li, Shan, Narula", "max_velocity_change  1.16", "m/s^2"]),
+        (["planners", "sarl_sgan_kce"], ["Li, Shan, Narula", "max_acceleration     6.4", "m/s^2"]),
         (["planners", "orca_margin"], ["margin of 0.2 m"]),
         (["predictors", "constant_velocity_sampled"], ["CVM-S", "degrees"]),
         (["pedestrians", "orca"], ["pedestrians.orca.time_horizon", "--set name=value"]),
         (["metrics", "spl"], ["Anderson"]),
         (["scenarios", "circle_crossing_5"], ["circle_radius = 4.0"]),
-        (["weights", "sarl"], ["| seed | 1 |"]),
+        (["weights", "sarl"], ["| network | sarl |"]),
     ],
 )
 def test_one_thing_is_explained(arguments, expected, capsys):

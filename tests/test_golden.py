@@ -25,11 +25,13 @@ CHANGES = {
         {"aggregate": "crowd"},
         {"shortlist": 1},
         {"limits": False},
-        {"limits": {"max_velocity_change": 2.0}},
+        {"limits": {"max_velocity_change": 1.0}},
+        {"weights": "sarl"},
         {"shaping": False},
         {"explore": False},
         {"explore": {"n": 1}},
     ],
+    "sarl_sgan_kce_bounded": [{"limits": {"max_velocity_change": 0.9}}, {"weights": "sarl_kce"}],
 }
 """Options that change a planner in one part."""
 

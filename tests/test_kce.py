@@ -212,9 +212,8 @@ def test_a_vehicle_that_can_follow_no_command_brakes_as_hard_as_it_can():
 # Planners' options.
 
 
-def test_all_of_kce_keeps_its_limit_in_whole_episodes_and_arrives():
-    options = {"predictor": "constant_velocity", "limits": {"max_velocity_change": 0.8}}
-    trace = drive(load_planner("sarl_sgan_kce", options)[1], "val:5")
+def test_all_of_kce_keeps_its_bound_in_whole_episodes_and_arrives():
+    trace = drive(load_planner("sarl_sgan_kce_bounded", {"predictor": "constant_velocity"})[1], "val:5")
     assert METRICS["success_rate"](trace).mean() >= 0.8
     assert METRICS["max_velocity_change"](trace).max() <= 0.8 + 1e-6
 
@@ -237,13 +236,13 @@ def test_each_part_of_kce_can_be_had_by_itself(name):
 
 
 def test_of_the_papers_method_each_part_can_be_changed_or_left_out():
-    own = (Limits(max_velocity_change=1.16), ChangeCost(0.006), Exploration(0.1, 2))
+    own = (Limits(), ChangeCost(0.006), Exploration(0.1, 2))
     assert parts("sarl_sgan_kce") == parts("sarl_sgan_kce", limits={}, shaping={}, explore={}) == own
     assert parts("sarl_sgan_kce", limits=False) == (None, *own[1:])
     assert parts("sarl_sgan_kce", shaping=False) == (own[0], None, own[2])
     assert parts("sarl_sgan_kce", explore=False) == (*own[:2], None)
-    slow = Limits(max_acceleration=2.0, max_velocity_change=1.16)
-    assert parts("sarl_sgan_kce", limits={"max_acceleration": 2.0}) == (slow, *own[1:])
+    slow = Limits(max_acceleration=2.0, max_velocity_change=0.8)
+    assert parts("sarl_sgan_kce_bounded", limits={"max_acceleration": 2.0}) == (slow, *own[1:])
     assert parts("sarl_sgan_kce", shaping={"threshold": 0.05}) == (own[0], PrintedShaping(0.05), own[2])
     assert parts("sarl_sgan_kce", explore={"epsilon": 0.2}) == (*own[:2], Exploration(0.2, 2))
     assert load_planner("sarl_sgan_kce", {"shortlist": False})[1].shortlist is None

@@ -19,8 +19,7 @@ from crowdbench.evaluate.compare import compare, mcnemar
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.replanning import Replanning
-from crowdbench.evaluate.results import Episodes, planner_label, read_result
+from crowdbench.evaluate.results import Episodes, planner_label, read_result, replanning_of
 from crowdbench.evaluate.run import directory_name, run
 from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import ORCAPlanner
@@ -420,8 +419,14 @@ def test_a_pooled_metric_is_compared_pooled(tmp_path):
 
 def test_labels_show_options_as_they_are_written_in_toml():
     options = {"modes": 5, "limits": {"max_velocity_change": 1.0}, "explore": False}
-    label = planner_label("sarl", options, Replanning(8, 1))
+    label = planner_label("sarl", options, {"replan_every": 8, "look_first": 1})
     assert label == "sarl (modes=5, limits={max_velocity_change=1.0}, explore=false, replan_every=8, look_first=1)"
+
+
+def test_a_run_of_an_earlier_version_is_labelled_as_it_was():
+    assert replanning_of({"replan_every": 8}) == {"replan_every": 8}
+    assert replanning_of({"replan_every": 8, "look_first": 3}) == {"replan_every": 8, "look_first": 3}
+    assert replanning_of({"replan_every": 1}) == replanning_of({}) == {}
     assert planner_label("orca", {}) == "orca"
 
 

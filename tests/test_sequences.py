@@ -8,9 +8,8 @@ from lookahead_scenes import Forks, Nearer, Says, crowded, network, scene, slow_
 
 from crowdbench import InputError, load_planner
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.sequences import SequencePlanner
+from crowdbench.planners.sequences import CrossEntropy, SequencePlanner
 from crowdbench.planners.sequences.futures import Futures, try_sequences
-from crowdbench.planners.sequences.planner import CrossEntropy
 from crowdbench.predict import ConstantVelocity
 from crowdbench.types import Outcome
 

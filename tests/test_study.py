@@ -57,7 +57,7 @@ def test_whatever_changes_a_number_makes_another_run(monkeypatch):
     assert not digests(f"{text}options = {{ margin = 0.3 }}\n") & before
     assert not digests(text.replace("cases", "replan_every = 2\ncases")) & before
     assert digests(text.replace("cases", "look_first = 2\ncases")) == before
-    # Of the 5 runs so many stay: with other test cases, the one on validation cases.
+    # Of the 5 runs so many stay: with other cases, the one of the second reading.
     assert len(digests(text.replace('"10"', '"11"')) & before) == 1
     Path("weights.json").write_text('{"one": 0.2, "two": 0.3}')
     assert len(digests(text) & before) == 3
@@ -170,7 +170,7 @@ def test_json_has_the_numbers_of_the_tables(capsys):
     (row,) = networks["rows"]
     success = row["measured"]["success_rate"]
     assert "{mean:.1f} % ({low:.1f} to {high:.1f})".format_map({k: 100 * v for k, v in success.items()}) in printed
-    assert row["success_rates"][0] == row["first_network"]["cases"]["success_rate"]["mean"]
+    assert row["success_rates"][0] == row["second_reading"]["first"]["success_rate"]["mean"]
     assert [crowd["scenario"] for crowd in crowds["crowds"]] == ["circle_crossing_5", "square_crossing_5"]
     gap = crowds["crowds"][1]["planners"][1]["over_solved"]["minimum_gap"]
     assert "{mean:.3f} m ({low:.3f} to {high:.3f})".format_map(gap) in printed
@@ -213,8 +213,10 @@ BROKEN = {
     NETWORKS.replace("collision", "colision"): ["in tables[1].rows[1]", "unknown key colision"],
     NETWORKS.replace('["one", "two"]', "[]"): ["tables[1].rows[1].weights is []", "list of texts"],
     NETWORKS.replace("./mine.py", "orca"): ["in tables[1].rows[1], orca has no option 'weights'"],
-    NETWORKS.replace('"val:12"', '"12:3"'): ["in tables[1], cases '12:3'", "val:100"],
+    NETWORKS.replace('"12:24"', '"12:3"'): ["in tables[1].rows[1], cases '12:3'", "val:100"],
     NETWORKS.replace("cases =", "replan_every = 0\ncases ="): ["tables[1].replan_every is 0", "whole number from 1"],
+    NETWORKS.replace("cases =", "look_first = 0\ncases ="): ["tables[1].look_first is 0", "whole number from 1"],
+    NETWORKS.replace('"12:24"', '"9:24"'): ["tables[1].rows[1].second_reading is", "not among test:0:10"],
     NETWORKS.replace('"navigation_time"]', '"speed"]'): ["tables[1].measures", "success_rate, navigation_time"],
     NETWORKS + "options = { weights = 'one' }": ["tables[1].rows[1].options", "weights: they have a key of their own"],
     NETWORKS + "options = { since = 2020-01-01 }": ["tables[1].rows[1].options", "texts, numbers"],
@@ -237,9 +239,9 @@ def test_a_study_that_is_not_there_is_told():
 
 def test_the_shipped_studies_can_be_made():
     learned, crowds, kce = (read_study(STUDIES / f"{name}.toml") for name in ("learned", "crowds", "kce"))
-    # Five seeds of ten rows, six of them under both rules, and the shipped network's validation cases.
-    assert len(learned.runs) == 6 * (5 + 5 + 1) + 4 * (5 + 1)
-    assert {str(run.cases) for run in learned.runs} == {"test:0:500", "val:0:1000", "val:0:200"}
-    assert len(crowds.runs) == 8 * len(catalog.scenarios())
+    # Five seeds of every row, the first table's under both rules.
+    assert len(learned.runs) == 5 * (2 * 6 + 4 + 6 + 5)
+    assert {str(run.cases) for run in learned.runs} == {"test:0:500", "val:500:1000"}
+    assert len(crowds.runs) == 12 * len(catalog.scenarios())
     assert {run.planner for run in crowds.runs if run.privileged} == {"sarl"}
-    assert {str(run.cases) for run in kce.runs} == {"val:0:200"}
+    assert {str(run.cases) for run in kce.runs} == {"val:2000:2200"}

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import t as student
 from scipy.stats import ttest_1samp
 
-from crowdbench.study.intervals import mean_over_networks, reduction_over_networks
+from crowdbench.study.intervals import difference_over_networks, mean_over_networks, reduction_over_networks
 from crowdbench.study.tables import plain
 
 SIMULATIONS = 2000
@@ -91,26 +91,56 @@ def test_a_single_case_has_a_mean_and_no_interval():
     assert math.isnan(found.high)
 
 
-def test_a_reduction_is_of_means_over_the_cases_that_both_have():
-    rng = np.random.default_rng(11)
-    ours, theirs = rng.uniform(1.0, 2.0, size=(2, 3, 8))
-    ours[0, :5], theirs[1, 4:], theirs[2] = np.nan, np.nan, np.nan
-    found = reduction_over_networks(ours, theirs)
-    mine, other = ((each[0, 5:].mean() + each[1, :4].mean()) / 2 for each in (ours, theirs))
-    assert found.mean == pytest.approx(1.0 - mine / other)
-    assert found.n == 7
-    assert found.max == pytest.approx(np.nanmax(1.0 - ours / theirs))
+def test_a_difference_of_the_same_networks_is_the_mean_of_the_differences():
+    ours, theirs = np.random.default_rng(9).normal(size=(2, 3, 20))
+    assert difference_over_networks(ours, theirs, paired=True) == mean_over_networks(ours - theirs)
+
+
+def test_networks_of_two_trainings_add_their_parts_of_the_variance():
+    rng = np.random.default_rng(10)
+    ours, theirs = (np.repeat(rng.normal(size=(n, 1)), 30, axis=1) for n in (5, 3))
+    found = difference_over_networks(ours, theirs, paired=False)
+    parts = [student.ppf(0.975, len(each) - 1) ** 2 * each[:, 0].var(ddof=1) / len(each) for each in (ours, theirs)]
+    assert found.mean == pytest.approx(ours.mean() - theirs.mean())
+    assert found.high - found.mean == pytest.approx(math.sqrt(sum(parts)))
+    cases = rng.normal(size=(2, 1, 30))
+    found = difference_over_networks(np.tile(cases[0], (5, 1)), np.tile(cases[1], (3, 1)), paired=False)
+    expected = ttest_1samp((cases[0] - cases[1])[0], 0.0).confidence_interval(0.95)
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+
+
+@pytest.mark.parametrize("n", [2, 5])
+def test_a_difference_between_two_trainings_that_is_not_there_holds_in_no_more_than_3_of_100_studies(n):
+    rng = np.random.default_rng([9, n])
+    case = 0.5 * rng.normal(size=(SIMULATIONS, 1, 60))
+    ours, theirs = (case + spread(0.3, 0.3, 0.5, n, rng) for _ in range(2))
+    found = [difference_over_networks(x, y, paired=False).low > 0.0 for x, y in zip(ours, theirs, strict=True)]
+    assert np.mean(found) <= 0.03
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_a_reduction_is_of_the_means_over_networks_and_cases(paired):
+    ours, theirs = np.random.default_rng(11).uniform(1.0, 2.0, size=(2, 3, 8))
+    found = reduction_over_networks(ours, theirs, paired)
+    assert found.mean == pytest.approx(1.0 - ours.mean() / theirs.mean())
+    # The linearised difference has the same relative width.
+    ratio = ours.mean() / theirs.mean()
+    linear = difference_over_networks(ours / theirs.mean(), ratio * theirs / theirs.mean(), paired)
+    assert found.high - found.low == pytest.approx(linear.high - linear.low)
+    assert found.n == 8
 
 
 @pytest.mark.parametrize("n", [2, 5])
 def test_a_reduction_that_is_not_there_holds_in_no_more_than_3_of_100_studies(n):
     rng = np.random.default_rng([8, n])
     ours, theirs = (10.0 + spread(0.3, 0.5, 0.5, n, rng) for _ in range(2))
-    holds = [reduction_over_networks(x, y).low > 0.0 for x, y in zip(ours, theirs, strict=True)]
+    holds = [reduction_over_networks(x, y, True).low > 0.0 for x, y in zip(ours, theirs, strict=True)]
     assert np.mean(holds) <= 0.03
 
 
 def test_nothing_can_be_reduced_from_nothing():
     zero = np.zeros((2, 3))
-    assert math.isnan(reduction_over_networks(zero, zero).mean)
-    assert reduction_over_networks(zero, zero + np.nan).n == 0
+    for paired in (True, False):
+        assert math.isnan(reduction_over_networks(zero, zero, paired).mean)
+        assert reduction_over_networks(zero, zero + np.nan, paired).n == 0
+        assert difference_over_networks(zero, zero + np.nan, paired).n == 0

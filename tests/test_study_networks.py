@@ -19,14 +19,13 @@ def test_a_row_of_networks_is_what_one_computes_by_hand(tmp_path):
     leave(row.runs[1], tmp_path, episodes([1] * 5 + [0] * 5, navigation_time=[12.0] * 5 + [nan] * 5))
     leave(row.variant[0], tmp_path, episodes([1] * 8 + [0] * 2))
     leave(row.variant[1], tmp_path, episodes([1] * 4 + [0] * 6))
-    leave(row.validation, tmp_path, episodes([1] * 9 + [0] * 3, navigation_time=[9.5] * 9 + [nan] * 3))
+    leave(row.second_reading, tmp_path, episodes([1] * 9 + [0] * 3, navigation_time=[9.5] * 9 + [nan] * 3))
     assert sorted(run.directory for run in asked.runs) == sorted(path.name for path in tmp_path.glob("mine-*"))
     text = asked.tables[0].fill(tmp_path).markdown()
     assert text.startswith("## Learned planners\n\nOn circle_crossing_5, cases test:0:10.\n")
     header, _, line = [line for line in text.splitlines() if line.startswith("| ")]
     assert [cell.strip() for cell in header.strip("|").split("|")] == [
         "planner", "networks", "success, reported", "success", "time, reported", "time", "success, CrowdNav's rule",
-        "first network, val:0:12", "first network, test:0:10",
     ]  # fmt: skip
     cells = [cell.strip() for cell in line.strip("|").split("|")]
     assert cells[:3] == ["mine", "2", "99 %"]
@@ -34,14 +33,18 @@ def test_a_row_of_networks_is_what_one_computes_by_hand(tmp_path):
     assert cells[4] == "10.6 s"
     assert re.fullmatch(r"11\.50 s \(\d\.\d\d to 1\d\.\d\d\)", cells[5])
     assert cells[6].startswith("60.0 % (")
-    assert cells[7:] == ["75.0 %, 9.50 s", "90.0 %, 11.00 s"]
-    assert text.endswith("Success of each network on test:0:10:\n\n- mine: one 90.0 %, two 50.0 %")
+    *_, heading, each, again_heading, again = [line for line in text.splitlines() if line]
+    assert (heading, each) == ("Success of each network:", "- mine: one 90.0 %, two 50.0 %")
+    assert again_heading.startswith("Second reading")
+    second, first = again.removeprefix("- mine with one: ").split("; ")
+    assert re.fullmatch(r"75\.0 % \(.*\) in 9\.50 s \(.*\) on test:12:24", second)
+    assert re.fullmatch(r"90\.0 % \(.*\) in 11\.00 s \(.*\) on test:0:10", first)
     assert r"\*" not in page([asked.tables[0].fill(tmp_path)])
 
 
 def test_the_variant_and_the_cases_are_what_is_run():
     runs = read(NETWORKS).tables[0].rows[0].all_runs
-    assert [str(one.cases) for one in runs] == ["test:0:10"] * 4 + ["val:0:12"]
+    assert [str(one.cases) for one in runs] == ["test:0:10"] * 4 + ["test:12:24"]
     assert [one.scenario.rules.collision for one in runs] == ["swept"] * 2 + ["crowdnav"] * 2 + ["swept"]
     assert [one.about["options"]["weights"] for one in runs] == ["one", "two", "one", "two", "one"]
 
@@ -51,15 +54,15 @@ def test_the_variant_may_be_run_by_the_first_network_alone_and_the_heading_says_
     (row,) = asked.tables[0].rows
     assert [one.about["options"]["weights"] for one in row.all_runs] == ["one", "two", "one", "one"]
     for each in asked.runs:
-        success = [1] * each.cases.stop if each not in row.variant else [1] * 8 + [0] * 2
-        leave(each, tmp_path, episodes(success, navigation_time=[9.0] * each.cases.stop))
+        success = [1] * len(each.cases) if each not in row.variant else [1] * 8 + [0] * 2
+        leave(each, tmp_path, episodes(success, navigation_time=[9.0] * len(each.cases)))
     found = asked.tables[0].fill(tmp_path)
     assert found.rows[0].variant_success_rate == wilson(episodes([1] * 8 + [0] * 2).columns["success_rate"])
     assert "| success, CrowdNav's rule (first network) |" in found.markdown()
 
 
-def test_a_table_may_have_no_variant_and_no_validation(tmp_path):
-    asked = read("".join(line for line in NETWORKS.splitlines(True) if not line.startswith(("variant", "validation"))))
+def test_a_table_may_have_no_variant_and_no_second_reading(tmp_path):
+    asked = read("".join(line for line in NETWORKS.splitlines(True) if not line.startswith(("variant", "second"))))
     assert len(asked.runs) == 2
     for each in asked.runs:
         leave(each, tmp_path, episodes([1] * each.cases.stop, navigation_time=[9.0] * each.cases.stop))
@@ -67,15 +70,17 @@ def test_a_table_may_have_no_variant_and_no_validation(tmp_path):
     header, _, line = [line for line in text.splitlines() if line.startswith("|")]
     assert header == "| planner | networks | success, reported | success | time, reported | time |"
     assert line.count("|") == header.count("|")
-    assert "Success of each network" not in text
+    assert "Second reading" not in text
 
 
 def test_a_label_replan_every_options_and_privilege_are_shown():
     Path("mine.py").write_text(MINE.replace("return made", "made.privileged = True; return made"))
     every = NETWORKS.replace("cases", "replan_every = 8\ncases", 1)
     (row,) = read(every).tables[0].rows
-    assert (row.label, row.validation.replanning.every) == ("mine", 8)
-    assert row.validation.directory.startswith("mine-circle_crossing_5-val-12-weights=one-replan_every=8-look_first=8-")
+    assert (row.label, row.second_reading.replanning.every) == ("mine", 8)
+    assert row.second_reading.directory.startswith(
+        "mine-circle_crossing_5-12-24-weights=one-replan_every=8-look_first=8-"
+    )
     (row,) = read(every + "options = { margin = 0.3 }").tables[0].rows
     assert row.label == "mine (margin=0.3)"
     study(NETWORKS.replace("planner =", 'label = "trained | alone"\nplanner ='), "--out", "there")

@@ -7,7 +7,7 @@ import pytest
 from studies import episodes, fill, read, refused, study
 
 from crowdbench.evaluate.summary import bootstrap, wilson
-from crowdbench.study.intervals import mean_over_networks
+from crowdbench.study.intervals import difference_over_networks, mean_over_networks
 from crowdbench.study.measures import LEAST_SHARED
 
 pytestmark = pytest.mark.usefixtures("study_folder")
@@ -51,7 +51,6 @@ bound = 0.0
 VARIANT = TABLE.replace(
     "replan_every = 2",
     """
-validation = "val:3"
 variant = { title = "a rule", overrides = { collision = "crowdnav" } }
 """,
 )
@@ -98,10 +97,10 @@ def test_reported_stands_beside_measured(tmp_path):
     assert orca[:3] == ["orca", "", ""]
     alone = found.rows[2].measured
     assert alone["success_rate"] == wilson(two.columns["success_rate"])
-    # Of 19 solved cases; a case without a value is drawn too, so the two intervals differ a little.
+    # Student's interval, and a bootstrap's: of a mean over 19 cases they differ a little.
     time = bootstrap(two.columns["navigation_time"], np.ones(20))
     assert alone["navigation_time"].mean == pytest.approx(time.mean)
-    assert alone["navigation_time"].low == pytest.approx(time.low, abs=0.03)
+    assert alone["navigation_time"].low == pytest.approx(time.low, abs=0.05)
 
 
 @pytest.mark.parametrize("solves", [True, False])
@@ -167,7 +166,51 @@ def test_the_interval_of_success_has_a_case_won_and_a_case_lost_besides(tmp_path
     expected = mean_over_networks(np.concatenate([gain, [[1.0, -1.0]] * 2], axis=1))
     assert (claim.figure.low, claim.figure.high) == (expected.low, expected.high)
     assert claim.figure.mean == pytest.approx(gain.mean())
-    assert (claim.weights, claim.cases) == (["one", "two"], 30)
+    assert (claim.networks, claim.cases) == ((2, 2), 30)
+
+
+def test_networks_of_two_trainings_are_compared_as_independent_ones(tmp_path):
+    other = TABLE.replace('weights = ["two", "one"]', 'weights = ["three", "four", "five"]') + CLAIM
+    Path("weights.json").write_text('{"one": 0, "two": 0.1, "three": 0.2, "four": 0.3, "five": 0.4}')
+    rng = np.random.default_rng(4)
+    mine, theirs = rng.random((2, 60)) < 0.9, rng.random((3, 60)) < 0.7
+    rows = {"mine": [table(row) for row in mine], "other": [table(row) for row in theirs], "orca": [table([1] * 60)]}
+    (claim,) = fill(read(other), tmp_path, **rows).claims
+    won, lost = (np.tile(pair, (len(row), 1)) for pair, row in (([1.0, 0.0], mine), ([0.0, 1.0], theirs)))
+    expected = difference_over_networks(np.hstack([mine, won]), np.hstack([theirs, lost]), paired=False)
+    assert (claim.figure.low, claim.figure.high) == (expected.low, expected.high)
+    assert claim.figure.mean == pytest.approx(mine.mean() - theirs.mean())
+    assert (claim.networks, claim.cells()[4]) == ((2, 3), "2 and 3")
+
+
+def test_networks_of_which_some_are_shared_are_not_compared():
+    Path("weights.json").write_text('{"one": 0, "two": 0.1, "three": 0.2}')
+    text = TABLE.replace('weights = ["two", "one"]', 'weights = ["two", "three"]') + CLAIM
+    refused(text, ["tables[1].claims[1].than is 'other'", "all networks of mine, or with none"])
+
+
+def test_a_learned_planner_with_the_weights_of_its_own_is_one_network(tmp_path):
+    own = re.sub("weights = .*\n", "", TABLE)
+    rows = {"mine": [table([1] * 60)], "other": [table([0] * 60)], "orca": [table([0] * 60)]}
+    found = fill(read(own + CLAIM), tmp_path, **rows)
+    assert found.claims[0].verdict == "one network"
+    assert [row.networks for row in found.rows] == [1, 1, 0]
+    assert cells(found.markdown())[1][1] == "1"
+
+
+def test_one_network_has_no_verdict_and_a_planner_without_any_has_one(tmp_path):
+    alone = TABLE.replace('["one", "two"]', '["one"]').replace('["two", "one"]', '["one"]')
+    rows = {"mine": [table([1] * 60)], "other": [table([0] * 60)], "orca": [table([0] * 60)]}
+    for number, than in enumerate(("other", "orca")):
+        claim = CLAIM.replace('"other"', f'"{than}"')
+        (found,) = fill(read(alone + claim), tmp_path / str(number), **rows).claims
+        assert found.verdict == "one network"
+    (found,) = fill(
+        read(TABLE + CLAIM.replace('"other"', '"orca"')),
+        tmp_path / "2",
+        **rows | {"mine": [table([1] * 60)] * 2, "other": [table([0] * 60)] * 2},
+    ).claims
+    assert (found.verdict, found.cells()[4]) == ("holds", "2 and 0")
 
 
 def test_less_is_better_of_times_and_only_cases_that_both_solve_count(tmp_path):
@@ -225,7 +268,6 @@ BROKEN = {
     TABLE + CLAIM.replace('"difference"', '"ratio"'): ["claims[1].kind is 'ratio'", '"difference", "reduction"'],
     TABLE + CLAIM.replace('"difference"', '"reduction"'): ["claims[1].kind is 'reduction'", "less success is no gain"],
     TABLE + CLAIM.replace('"other"', '"mine"'): ["claims[1].than is 'mine'", "another row"],
-    TABLE + CLAIM.replace('"other"', '"orca"'): ["claims[1].than is 'orca'", "networks that mine has too"],
     TABLE + CLAIM.replace("bound = 0.0", ""): ["claims[1].bound is missing", "a number above -1000"],
     TABLE + CLAIM.replace('"Experiment 1"', '""'): ["claims[1].source is ''", "text in quotes"],
     TABLE + CLAIM + "margin = 1": ["unknown key tables[1].claims[1].margin", "text, source, row, than"],

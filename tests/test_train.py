@@ -193,7 +193,7 @@ def test_what_exploring_skips_is_what_planning_gives():
     assert (np.abs(commands[:, None] - legal).max(axis=2).min(axis=1) < 1e-12).all()
 
 
-def test_random_commands_are_those_within_the_limits_each_as_often_as_the_others():
+def test_random_commands_are_within_the_limits_and_evenly_spread_over_them():
     limits = Limits(max_velocity_change=0.5)
     planner = ValuePlanner(ConstantVelocity(), NETWORKS["cadrl"](), limits=limits)
     obs = observed(2000)
@@ -236,7 +236,7 @@ def test_a_checkpoint_is_chosen_by_success_within_noise_and_then_by_time(curve, 
 
 def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenarios_that_are_named(tmp_path):
     request = dataclasses.replace(
-        REQUEST, max_velocity_change=0.6, max_turn=2.0, validation="circle_crossing_5,square_crossing_5", episodes=10
+        REQUEST, max_velocity_change=0.6, max_turn=2.0, validation="circle_crossing_5, square_crossing_5", episodes=10
     )
     running = TrainingRun.new(request, tmp_path / "run", "cpu")
     driven = running.training._drive()
@@ -249,8 +249,11 @@ def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenar
     assert card["training"]["validation"] == {
         "scenarios": ["circle_crossing_5", "square_crossing_5"], "cases": "val:0:5",
     }  # fmt: skip
-    assert card["command"].endswith(
-        "--max-turn 2 --max-velocity-change 0.6 --validation circle_crossing_5,square_crossing_5 --seed 7 --episodes 10"
+    assert (
+        "--max-turn 2.0 --max-velocity-change 0.6 --validation circle_crossing_5,square_crossing_5" in card["command"]
+    )
+    assert running.request.use == (
+        "run --planner cadrl --option 'limits={max_acceleration=inf, max_turn=2.0, max_velocity_change=0.6}'"
     )
     text = (tmp_path / "run" / "weights.md").read_text()
     assert "| limits | max_turn 2, max_velocity_change 0.6 |" in text

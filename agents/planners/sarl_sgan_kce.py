@@ -15,9 +15,10 @@ planner = partial(
     predictor="sgan",
     # Not in the paper: all futures only for the 8 commands that look best, which is faster.
     shortlist=8,
-    # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out. The bound on the change of
-    # velocity is not among the paper's limits: it is the largest change that the paper reports (table 4).
-    limits=Limits(max_velocity_change=1.16),
+    # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out, with the paper's limits.
+    limits=Limits(),
+    # Not in the paper: the network was trained within the same limits.
+    weights="sarl_kce",
     # III-C, equations 7 and 8: changes of velocity cost something. Differs from equation 8, see `ChangeCost`.
     shaping=ChangeCost(0.006),
     # III-D, equation 9: finer commands around the best one.

@@ -5,10 +5,8 @@ Methodology and Computing in Applied Probability 1, 1999.
 """
 
 from crowdbench.planners.sarl import sarl_planner
-from crowdbench.planners.sequences import SequencePlanner
-from crowdbench.planners.sequences.planner import CrossEntropy
-
-DEFAULT = CrossEntropy()
+from crowdbench.planners.sequences import CrossEntropy, SequencePlanner
+from crowdbench.planners.sequences.planner import SEARCH
 
 
 def planner(
@@ -16,7 +14,7 @@ def planner(
     weights: str = "sarl",
     device: str = "cpu",
     modes: int | None = None,
-    search: CrossEntropy = DEFAULT,
+    search: CrossEntropy = SEARCH,
     horizon: int = 8,
     margin: float = 0.04,
 ) -> SequencePlanner:

@@ -112,7 +112,7 @@ def run(
         print(json.dumps(finished.result, indent=2))
     else:
         changed = "".join(f", {key}={value}" for key, value in changes.items())
-        what = f"{planner_label(name, options, replanning)} on {loaded.name}{changed}"
+        what = f"{planner_label(name, options, replanning.settings)} on {loaded.name}{changed}"
         _print_result(what, finished.result, metrics, directory)
     if finished.interrupted:
         kept = finished.result["cases"]

@@ -49,7 +49,8 @@ def reproduce(
     """Make the tables of Li et al. (2020), measured beside reported, and say which of the paper's claims hold.
 
     Table 1 is of five pedestrians, 2 of ten, 3 of eight commands per observation, 4 of KCE. A quick look takes some
-    minutes, all tables up to an hour. Finished runs are kept, and the same command goes on after them.
+    minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command goes on
+    after them.
     """
     use_threads(threads)
     from crowdbench.study import reproduction

@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float
 from crowdbench.errors import InputError
 from crowdbench.evaluate.kept import read_run
 from crowdbench.evaluate.metrics import OVER_ALL, POOLED
-from crowdbench.evaluate.replanning import Replanning
-from crowdbench.evaluate.results import EPISODES, Episodes, planner_label
+from crowdbench.evaluate.results import EPISODES, Episodes, planner_label, replanning_of
 from crowdbench.evaluate.seal import Manifest, uncheckable
 from crowdbench.evaluate.summary import NOTHING, Estimate, around, bootstrap_distribution, interval, weighted_mean
 from crowdbench.scenario.digest import digest_of
@@ -171,6 +170,6 @@ def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
 def _names(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> tuple[str, str]:
     """The planners' names if they differ, or else the directories'."""
     one, two = (
-        planner_label(result["planner"], result.get("options", {}), Replanning.of(result)) for result in results
+        planner_label(result["planner"], result.get("options", {}), replanning_of(result)) for result in results
     )
     return (one, two) if one != two else (str(a), str(b))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from crowdbench.errors import InputError
 
@@ -42,11 +40,6 @@ class Replanning:
             raise InputError(
                 f"look_first is {self.look_first}, but a planner sees 1 position or more at its first step"
             )
-
-    @classmethod
-    def of(cls, result: Mapping[str, Any]) -> Replanning:
-        """What the result of a run says. Before there was `look_first`, every run gave several commands at once."""
-        return cls(result.get("replan_every", 1), result.get("look_first", 1))
 
     def executed(self, step: int) -> int:
         """How many of the commands of the last observation are executed before a step; the step is counted from 0."""

@@ -21,8 +21,16 @@ from crowdbench.evaluate.commands import COMMANDS, Commands
 from crowdbench.evaluate.differences import Difference, listed
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
-from crowdbench.evaluate.replanning import Replanning
-from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, read_result, to_json
+from crowdbench.evaluate.results import (
+    EPISODES,
+    RECORDING,
+    RESULT,
+    Episodes,
+    planner_label,
+    read_result,
+    replanning_of,
+    to_json,
+)
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.evaluate.run import fitting, versions
 from crowdbench.evaluate.seal import MANIFEST, checked
@@ -284,7 +292,7 @@ def _recording(files: RunFiles, trace: Trace, scenario: Scenario, wrong_states: 
     if files.recording is None:
         return []
     result, recording = files.result, files.recording
-    label = planner_label(result["planner"], result["options"], Replanning.of(result))
+    label = planner_label(result["planner"], result["options"], replanning_of(result))
     recorded = {"planner": recording.planner, "scenario": recording.scenario_digest, **_kind(recording.trace)}
     return [
         *differences.values(RECORDING, recorded, {"planner": label, "scenario": scenario.digest, **_kind(trace)}, True),

@@ -18,7 +18,6 @@ from crowdbench import files
 from crowdbench.errors import InputError, described
 from crowdbench.evaluate.measured import LARGEST, measure
 from crowdbench.evaluate.metrics import Metric
-from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.summary import Estimate, summarize
 from crowdbench.numbers import is_integer, is_number
 from crowdbench.scenario.cases import Cases
@@ -161,16 +160,23 @@ def _is_moderate(value: Any) -> bool:
     return is_number(value) and abs(value) <= LARGEST
 
 
-def planner_label(planner: str, options: Mapping[str, Any], replanning: Replanning = EVERY_STEP) -> str:
+def planner_label(planner: str, options: Mapping[str, Any], replanning: Mapping[str, Any] | None = None) -> str:
     """A planner's name with its settings in brackets, as shown to people.
 
     Args:
         planner: The planner's name.
         options: Its options.
-        replanning: When it observes.
+        replanning: When it observes, as `Replanning.settings` and `replanning_of` give it.
     """
-    given = settings_label({**options, **replanning.settings})
+    given = settings_label({**options, **(replanning or {})})
     return f"{planner} ({given})" if given else planner
+
+
+def replanning_of(result: Mapping[str, Any]) -> dict[str, Any]:
+    """When the planner of a run observed, as `Replanning.settings`. Runs of earlier versions have no `look_first`."""
+    if result.get("replan_every", 1) == 1:
+        return {}
+    return {name: result[name] for name in ("replan_every", "look_first") if name in result}
 
 
 def settings_label(settings: Mapping[str, Any]) -> str:

@@ -96,7 +96,7 @@ def run(
     """
     start = time.perf_counter()
     code()  # before somebody changes it
-    label = planner_label(driver.name, about.get("options", {}), replanning)
+    label = planner_label(driver.name, about.get("options", {}), replanning.settings)
     with Interrupts() as interrupts, new_directory(out, overwrite) as directory:
         with (
             _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep,

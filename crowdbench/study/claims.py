@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.summary import Estimate
-from crowdbench.study.intervals import mean_over_networks, reduction_over_networks
+from crowdbench.study.intervals import difference_over_networks, reduction_over_networks
 from crowdbench.study.measures import LEAST_SHARED, PLANNER_MEASURES, SUCCESS, Measure
 from crowdbench.study.schema import ClaimSpec
 from crowdbench.study.tables import grid
@@ -29,11 +29,12 @@ NOTES = (
     "A claim says that a figure is larger than a margin, and all margins were fixed before the runs. Figures are "
     "positive where the first planner is the better one. A claim holds where the 95 % interval of its figure lies "
     "above the margin, is refuted where the interval lies below it, and is undecided otherwise. A single network says "
-    "nothing of others: there is no verdict. Figures are paired by case, over the networks that both rows have. "
+    "nothing of others: there is no verdict. Figures are paired by case, and by network where both rows have the same "
+    "networks; those of different trainings are treated as independent. "
     "Differences in success are over all cases, and one discordant case (a case that only one of the two planners "
     "solves) is added to each side before the interval is taken, as in the paired interval of Bonett and Price (2012, "
-    "doi:10.3102/1076998611411915). All other figures are over the cases that both planners solve; with fewer than "
-    f"{LEAST_SHARED} such cases a claim is undecided. The intervals are not corrected for the number of claims."
+    "doi:10.3102/1076998611411915). All other figures are over the cases that all networks of both rows solve; with "
+    f"fewer than {LEAST_SHARED} such cases a claim is undecided. Intervals are not corrected for the number of claims."
 )
 
 
@@ -48,7 +49,7 @@ class Verdict(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Assessment:
-    """A claim, its figure over `cases` cases and the networks with these `weights`, and the verdict.
+    """A claim, its figure over `cases` cases and so many networks of each row, and the verdict.
 
     The other fields are those of `ClaimSpec`.
     """
@@ -60,7 +61,7 @@ class Assessment:
     measure: str
     kind: str
     bound: float
-    weights: list[str]
+    networks: tuple[int, int]
     cases: int
     figure: Estimate
     verdict: Verdict
@@ -74,7 +75,7 @@ class Assessment:
             figure,
             f"> {self._shown.number(self.bound)}",
             self._shown.estimate(self.figure),
-            str(len(self.weights)),
+            _number(self.networks),
             str(self.cases),
             f"**{self.verdict}**",
         ]
@@ -96,14 +97,20 @@ def check_claim(claim: ClaimSpec, networks: Mapping[str, Sequence[str]], locatio
         location: Where the claim is.
 
     Raises:
-        InputError: A row does not exist, the two have no network in common, or less of the measure is no gain.
+        InputError: A row does not exist, the two are the same or share some of their networks but not all, or less of
+            the measure is no gain.
     """
     for key, label in (("row", claim.row), ("than", claim.than)):
         if label not in networks:
             known = ", ".join(f'"{each}"' for each in networks)
             raise location.at(key).wrong(repr(label), f"one of {known}")
-    if claim.than == claim.row or not set(networks[claim.row]) & set(networks[claim.than]):
-        raise location.at("than").wrong(repr(claim.than), f"another row, with networks that {claim.row} has too")
+    if claim.than == claim.row:
+        raise location.at("than").wrong(repr(claim.than), f"another row than {claim.row}")
+    ours, theirs = set(networks[claim.row]), set(networks[claim.than])
+    if ours & theirs and ours != theirs:
+        raise location.at("than").wrong(
+            repr(claim.than), f"a row with all networks of {claim.row}, or with none of them"
+        )
     measure = PLANNER_MEASURES[claim.measure]
     if claim.kind == "reduction" and measure.sign > 0:
         raise location.at("kind").wrong(repr(claim.kind), f'"difference", since less {measure.word} is no gain')
@@ -118,33 +125,38 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
     """
     one, two = rows[claim.row], rows[claim.than]
     measure = PLANNER_MEASURES[claim.measure]
-    weights = [name for name in one if name in two]
-    ours, theirs = ([row[name] for name in weights] for row in (one, two))
+    paired = set(one) == set(two)
+    ours, theirs = list(one.values()), [two[name] for name in (one if paired else two)]
     values = measure.of(ours), measure.of(theirs)
     if measure is SUCCESS:
-        cases, figure = values[0].shape[1], _gain_in_success(*values)
+        cases, figure = values[0].shape[1], _gain_in_success(*values, paired)
     else:
-        both = (SUCCESS.of(ours) * SUCCESS.of(theirs)).astype(bool)
-        x, y = (np.where(both, each, np.nan) for each in values)
-        cases = int((~np.isnan(x + y)).any(axis=0).sum())
+        solved = np.concatenate([SUCCESS.of(ours), SUCCESS.of(theirs)]).astype(bool).all(axis=0)
+        cases, (x, y) = int(solved.sum()), (each[:, solved] for each in values)
         if claim.kind == "reduction":
-            figure = reduction_over_networks(x, y)
+            figure = reduction_over_networks(x, y, paired)
         else:
-            figure = mean_over_networks(measure.sign * (x - y))
+            figure = difference_over_networks(measure.sign * x, measure.sign * y, paired)
+    networks = (len(ours) if any(one) else 0, len(theirs) if any(two) else 0)
     return Assessment(
         **dict(claim),
-        weights=weights,
+        networks=networks,
         cases=cases,
         figure=figure,
-        verdict=_verdict(figure, claim.bound, weights, cases),
+        verdict=_verdict(figure, claim.bound, networks, cases),
     )
 
 
-def _verdict(figure: Estimate, bound: float, weights: Sequence[str], cases: int) -> Verdict:
-    """The verdict on a figure that is over networks with these `weights` and so many `cases`."""
-    if len(weights) == 1 and weights[0]:
+def _verdict(figure: Estimate, bound: float, networks: tuple[int, int], cases: int) -> Verdict:
+    """The verdict on a figure that is over so many networks of each row, 0 for a planner without any, and `cases`."""
+    if 1 in networks:
         return Verdict.ONE_NETWORK
     return verdict(figure, bound) if cases >= LEAST_SHARED else Verdict.UNDECIDED
+
+
+def _number(networks: tuple[int, int]) -> str:
+    """How many networks a claim is about: one number, or those of either row where they differ."""
+    return " and ".join(str(number) for number in dict.fromkeys(networks))
 
 
 def verdict(figure: Estimate, bound: float) -> Verdict:
@@ -171,18 +183,29 @@ def claims_grid(claims: Sequence[Assessment]) -> str:
 def tally(claims: Sequence[Assessment]) -> str:
     """How many claims there are of each verdict, in a sentence."""
     count = Counter(claim.verdict for claim in claims)
-    return f"Claims: {', '.join(f'{count[each]} {each}' for each in Verdict)}."
+    words = {verdict: str(verdict) for verdict in Verdict} | {Verdict.ONE_NETWORK: "without a verdict (one network)"}
+    return f"Claims: {', '.join(f'{count[verdict]} {word}' for verdict, word in words.items())}."
 
 
-def _gain_in_success(ours: Float[np.ndarray, "network case"], theirs: Float[np.ndarray, "network case"]) -> Estimate:
+def _gain_in_success(
+    ours: Float[np.ndarray, "network case"], theirs: Float[np.ndarray, "their_network case"], paired: bool
+) -> Estimate:
     """The difference in success, with an interval that has a width even where both succeed in the same cases.
 
     One discordant case is added to each side, one that only `ours` solves and one that only `theirs` solve, as in
     Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data",
     Journal of Educational and Behavioral Statistics 37(4) (2012), 479-488, doi:10.3102/1076998611411915. Theirs is an
     adjusted Wald interval of one pair of samples; here the cases so completed are those of every network.
+
+    Args:
+        ours: Whether each network succeeds in each case.
+        theirs: The same of the other row.
+        paired: As in `difference_over_networks`.
+
+    Returns:
+        The difference.
     """
-    gain = ours - theirs
-    won, lost = np.ones((len(gain), 1)), -np.ones((len(gain), 1))
-    guarded = mean_over_networks(np.hstack([gain, won, lost]))
-    return dataclasses.replace(guarded, mean=float(gain.mean()), n=gain.size, max=float(gain.max()))
+    won, lost = (np.tile(pair, (len(row), 1)) for pair, row in (([1.0, 0.0], ours), ([0.0, 1.0], theirs)))
+    guarded = difference_over_networks(np.hstack([ours, won]), np.hstack([theirs, lost]), paired)
+    found = difference_over_networks(ours, theirs, paired)
+    return dataclasses.replace(found, low=guarded.low, high=guarded.high)

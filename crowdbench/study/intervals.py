@@ -17,6 +17,7 @@ not: with two networks its one-sided error is up to 14 % in place of 2.5 %.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -37,34 +38,59 @@ def mean_over_networks(values: Values) -> Estimate:
         The mean with its interval, which is for other cases alone where there is one network; the bounds are NaN where
         there are too few cases to tell. `n` counts the values that are not NaN.
     """
-    defined = ~np.isnan(values)
-    if not defined.any():
+    defined = values[~np.isnan(values)]
+    return _estimate(_mean(values), [values], defined) if len(defined) else NOTHING
+
+
+def difference_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
+    """By how much one mean over networks is larger than another.
+
+    Args:
+        ours: A metric of each network in each case, NaN where it is not defined.
+        theirs: The same metric of other networks, or of the same ones under another planner, in the same cases.
+        paired: Whether the networks are the same ones in the same order. Those of two trainings are not, and their
+            parts of the variance are added.
+
+    Returns:
+        The difference with its interval; `n` counts the values of paired networks, and otherwise the cases.
+    """
+    if paired:
+        return mean_over_networks(ours - theirs)
+    if np.isnan(ours).all() or np.isnan(theirs).all():
         return NOTHING
-    mean, half = _mean(values), _half_width(values)
-    return Estimate(mean, mean - half, mean + half, int(defined.sum()), float(values[defined].max()))
+    return _estimate(_mean(ours) - _mean(theirs), [ours, -theirs], _of_cases(ours) - _of_cases(theirs))
 
 
-def reduction_over_networks(ours: Values, theirs: Values) -> Estimate:
+def reduction_over_networks(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
     """By which share one mean over networks is smaller than another.
 
     Args:
-        ours: A metric of each network in each case.
-        theirs: The same metric of the same networks under another planner. Only values that both have count, so that
-            the two means are over the same cases.
+        ours: As in `difference_over_networks`.
+        theirs: As in `difference_over_networks`.
+        paired: As in `difference_over_networks`.
 
     Returns:
-        The share with its interval, by linearisation (the delta method); NaN where the mean of `theirs` is 0. `max` is
-        the largest share in any case.
+        The share with its interval, by linearisation (the delta method); NaN where the mean of `theirs` is 0.
     """
-    defined = ~np.isnan(ours + theirs)
-    ours, theirs = (np.where(defined, each, np.nan) for each in (ours, theirs))
-    base = _mean(theirs) if defined.any() else 0.0
-    if base == 0.0:
+    if np.isnan(ours).all() or np.isnan(theirs).all() or (base := _mean(theirs)) == 0.0:
         return NOTHING
     ratio = _mean(ours) / base
-    half = _half_width((ours - ratio * theirs) / base)
-    shares = np.divide(theirs - ours, theirs, where=defined & (theirs != 0.0), out=np.full_like(ours, -np.inf))
-    return Estimate(1.0 - ratio, 1.0 - ratio - half, 1.0 - ratio + half, int(defined.sum()), float(shares.max()))
+    parts = [ours / base, -ratio * theirs / base]
+    shares = 1.0 - _of_cases(ours) / np.where(_of_cases(theirs) == 0.0, np.nan, _of_cases(theirs))
+    return _estimate(1.0 - ratio, [parts[0] + parts[1]] if paired else parts, shares)
+
+
+def _estimate(mean: float, groups: Sequence[Float[np.ndarray, "_ _"]], of_cases: Float[np.ndarray, "_"]) -> Estimate:
+    """An estimate: `groups` are independent networks whose means add up to it, `of_cases` are its values by case."""
+    half = _half_width(groups)
+    defined = of_cases[~np.isnan(of_cases)]
+    return Estimate(mean, mean - half, mean + half, len(defined), float(defined.max(initial=-np.inf)))
+
+
+def _of_cases(values: Values) -> Float[np.ndarray, "case"]:
+    """The mean over networks in each case; NaN where none of them has a value."""
+    number = (~np.isnan(values)).sum(axis=0)
+    return np.where(number > 0, np.nansum(values, axis=0) / np.maximum(number, 1), np.nan)
 
 
 def _means(values: Values) -> Float[np.ndarray, "measured"]:
@@ -77,19 +103,25 @@ def _mean(values: Values) -> float:
     return float(_means(values).mean())
 
 
-def _half_width(values: Values) -> float:
-    """Half the width of the interval around `_mean`; NaN where a case is all there is."""
-    values = values[~np.isnan(values).all(axis=1)]
-    means, defined = _means(values), ~np.isnan(values)
-    # What each case contributes to the mean over networks.
-    parts = np.where(defined, values - means[:, None], 0.0) / (len(means) * defined.sum(axis=1, keepdims=True))
-    each = parts.sum(axis=0)[defined.any(axis=0)]
-    cases, networks = len(each), len(means)
+def _half_width(groups: Sequence[Float[np.ndarray, "_ _"]]) -> float:
+    """Half the width of the interval around the sum of the groups' `_mean`; NaN with fewer than two cases."""
+    squares = 0.0
+    contributed = np.zeros(groups[0].shape[1])
+    counted = np.zeros(groups[0].shape[1], bool)
+    for group in groups:
+        values = group[~np.isnan(group).all(axis=1)]
+        means, defined = _means(values), ~np.isnan(values)
+        networks = len(means)
+        # What each case contributes to the mean over networks.
+        parts = np.where(defined, values - means[:, None], 0.0) / (networks * defined.sum(axis=1, keepdims=True))
+        contributed += parts.sum(axis=0)
+        counted |= defined.any(axis=0)
+        if networks > 1:
+            squares += _t(networks) ** 2 * means.var(ddof=1) / networks
+    cases = int(counted.sum())
     if cases < 2:
         return math.nan
-    of_cases = _t(cases) * math.sqrt((each**2).sum() * cases / (cases - 1))
-    of_networks = _t(networks) * means.std(ddof=1) / math.sqrt(networks) if networks > 1 else 0.0
-    return float(math.hypot(of_cases, of_networks))
+    return math.sqrt(squares + _t(cases) ** 2 * (contributed**2).sum() * cases / (cases - 1))
 
 
 def _t(n: int) -> float:

@@ -86,7 +86,7 @@ class PlannedRun:
     def title(self) -> str:
         """What it is, for people."""
         changes = "".join(f", {key}={value}" for key, value in self.about["overrides"].items())
-        planner = planner_label(self.planner, self.about["options"], self.replanning)
+        planner = planner_label(self.planner, self.about["options"], self.replanning.settings)
         return f"{planner} on {self.scenario.name}{changes}, cases {self.cases}"
 
     @property

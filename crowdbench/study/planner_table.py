@@ -16,7 +16,7 @@ from crowdbench.evaluate.results import Episodes, planner_label
 from crowdbench.evaluate.summary import Estimate, wilson
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.claims import assess, check_claim
-from crowdbench.study.filled_planner_table import FilledPlannerRow, FilledPlannerTable, FirstNetwork
+from crowdbench.study.filled_planner_table import FilledPlannerRow, FilledPlannerTable, SecondReading
 from crowdbench.study.intervals import mean_over_networks
 from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, TIME, Measure
 from crowdbench.study.planned import PlannedRun
@@ -35,7 +35,7 @@ class PlannerRow:
         reported: What others report, by metric.
         runs: A run with each of the weights, or the one run without any.
         variant: Runs under the table's variant, with all the weights or the first; none where there is no variant.
-        validation: The run with the first weights on the validation cases, if the table has these.
+        second_reading: The run with the first weights on the cases of the second reading, if the row has one.
     """
 
     label: str
@@ -43,17 +43,17 @@ class PlannerRow:
     reported: dict[str, float]
     runs: list[PlannedRun]
     variant: list[PlannedRun]
-    validation: PlannedRun | None
+    second_reading: PlannedRun | None
 
     @property
     def networks(self) -> list[str]:
-        """What tells `runs` apart: the weights, or nothing where there is one run without any."""
-        return self.weights or [""]
+        """The network of each run: its weights, their digest where they are the planner's own, or "" without any."""
+        return self.weights or [self.runs[0].driver.facts.get("weights", "")]
 
     @property
     def all_runs(self) -> list[PlannedRun]:
         """All runs that the row needs."""
-        return [*self.runs, *self.variant, *([self.validation] if self.validation else [])]
+        return [*self.runs, *self.variant, *([self.second_reading] if self.second_reading else [])]
 
     def first(self, cases: Cases) -> PlannerRow:
         """The first network alone, on other cases."""
@@ -78,19 +78,20 @@ class PlannerRow:
             planner=self.label,
             privileged=self.runs[0].privileged,
             weights=self.weights,
+            networks=sum(map(bool, self.networks)),
             reported=self.reported,
             measured={metric: _estimate(PLANNER_MEASURES[metric], runs) for metric in measures},
             success_rates=SUCCESS.of(runs).mean(axis=1).tolist(),
             variant_success_rate=_estimate(SUCCESS, variant) if variant else None,
-            first_network=self._first_network(runs[0], out),
+            second_reading=self._second_reading(runs[0], out),
         )
 
-    def _first_network(self, episodes: Episodes, out: Path) -> FirstNetwork | None:
-        if self.validation is None:
+    def _second_reading(self, episodes: Episodes, out: Path) -> SecondReading | None:
+        if self.second_reading is None:
             return None
-        of_both = ([self.validation.episodes(out)], [episodes])
-        validation, cases = ({each.metric: _estimate(each, run) for each in (SUCCESS, TIME)} for run in of_both)
-        return FirstNetwork(validation, cases)
+        of_both = ([episodes], [self.second_reading.episodes(out)])
+        first, second = ({each.metric: _estimate(each, run) for each in (SUCCESS, TIME)} for run in of_both)
+        return SecondReading(str(self.second_reading.cases), first, second)
 
 
 @dataclass(frozen=True)
@@ -138,9 +139,8 @@ class PlannerTable(PlannedTable):
         return FilledPlannerTable(
             title=self.spec.title,
             scenario=run.scenario.name,
-            replanning=run.replanning,
+            replanning=run.replanning.settings,
             cases=str(self.cases),
-            validation=str(self.spec.validation) if self.rows[0].validation else "",
             variant=variant.title + of_first if variant else "",
             rows=[row.fill(episodes[row.label], self.spec.measures, out) for row in self.rows],
             claims=[assess(claim, episodes) for claim in self.spec.claims],
@@ -157,9 +157,12 @@ def _row(row: RowSpec, spec: PlannersSpec, location: Location) -> PlannerRow:
         if spec.variant:
             weights = row.weights if spec.variant.networks == "all" else row.weights[:1]
             variant = plan(weights, spec.cases, spec.variant.overrides)
-        validation = plan(row.weights[:1], spec.validation)[0] if spec.validation else None
+        second = plan(row.weights[:1], row.second_reading)[0] if row.second_reading else None
+    if row.second_reading and set(row.second_reading.indices) & set(spec.cases.indices):
+        wrong = str(row.second_reading)
+        raise location.at("second_reading").wrong(wrong, f"cases that are not among {spec.cases}, those of the table")
     label = row.label or planner_label(runs[0].planner, row.options)
-    return PlannerRow(label, row.weights, row.reported.model_dump(exclude_none=True), runs, variant, validation)
+    return PlannerRow(label, row.weights, row.reported.model_dump(exclude_none=True), runs, variant, second)
 
 
 def _runs(

@@ -40,13 +40,18 @@ class ReportedSpec(TomlTable):
 
 
 class RowSpec(TomlTable):
-    """`[[tables.rows]]`: a planner, with each of several networks or without any, and what the table calls it."""
+    """`[[tables.rows]]`: a planner, with each of several networks or without any, and what the table calls it.
+
+    The first network, which is the shipped one, is run on the cases of `second_reading` too, where there are any: cases
+    that nobody has looked at, while those of the table have been looked at often.
+    """
 
     label: Text = ""
     planner: Name
     weights: Names = Field(default=[])
     options: Values = Field(default={})
     reported: ReportedSpec = table("reported")
+    second_reading: CasesText | None = None
 
 
 class VariantSpec(TomlTable):
@@ -75,8 +80,7 @@ class ClaimSpec(TomlTable):
 class PlannersSpec(TomlTable):
     """`[[tables]]`: planners on the cases of one scenario, and claims about them.
 
-    `quick` are the cases for a quick look. Where `validation` cases are given, the table shows each network alone, and
-    the first one of each row on those cases too.
+    `quick` are the cases for a quick look.
     """
 
     title: Name
@@ -85,7 +89,6 @@ class PlannersSpec(TomlTable):
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     cases: CasesText = Cases.parse("test:500")
     quick: CasesText = Cases.parse("test:40")
-    validation: CasesText | None = None
     measures: Annotated[Names, AfterValidator(_known)] = Field(
         default=list(PLANNER_MEASURES),
         description=f"a list of some of {', '.join(PLANNER_MEASURES)}, none of them twice",

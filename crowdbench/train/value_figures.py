@@ -31,8 +31,8 @@ def figures(
 
     Args:
         network: The trained network.
-        limits: The limits to the commands; None for none.
         scenario: The scenario that it was trained in.
+        limits: The limits to the commands; None for none.
         progress: Called as by `rollout`.
 
     Returns:

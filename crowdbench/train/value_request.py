@@ -33,11 +33,9 @@ class ValueRequest(Request):
 
     predictor: str = option("oracle", "The predictor in the lookahead: a name or ./mine.py")
     episodes: int = option(EPISODES, "Train for this many episodes", least=1)
-    max_acceleration: float | None = option(None, "Train with commands whose speed changes by so much [m/s^2] at most")
-    max_turn: float | None = option(None, "Train with commands whose heading changes by so much [rad] at most")
-    max_velocity_change: float | None = option(
-        None, "Train with commands that change the velocity by so much [m/s] at most"
-    )
+    max_acceleration: float | None = option(None, "Limit the commands: largest change of speed, per second [m/s^2]")
+    max_turn: float | None = option(None, "Limit the commands: largest change of heading in a step [rad]")
+    max_velocity_change: float | None = option(None, "Limit the commands: largest change of velocity in a step [m/s]")
     validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
 
     length: ClassVar[str] = "episodes"
@@ -50,8 +48,8 @@ class ValueRequest(Request):
     def arguments(self) -> Sequence[str]:
         """See `Request`."""
         words = [*self.scenario_arguments, "--predictor", self.predictor]
-        words += [f"--{name.replace('_', '-')} {limit:g}" for name, limit in self.limits.items()]
-        return words if self.validation is None else [*words, "--validation", self.validation]
+        words += [f"--{name.replace('_', '-')} {limit}" for name, limit in self.limits.items()]
+        return words if self.validation is None else [*words, "--validation", self.validation.replace(" ", "")]
 
     @property
     def limits(self) -> dict[str, float]:
@@ -63,7 +61,11 @@ class ValueRequest(Request):
     def use(self) -> str:
         """See `Request`."""
         # The planner `sarl` is privileged, as published.
-        return f"run --planner {'sarl_cvm' if self.network == 'sarl' else self.network}"
+        run = f"run --planner {'sarl_cvm' if self.network == 'sarl' else self.network}"
+        if not self.limits:
+            return run
+        limits = ", ".join(f"{name}={limit}" for name, limit in {**UNLIMITED, **self.limits}.items())
+        return f"{run} --option 'limits={{{limits}}}'"
 
     def training(self, device: str) -> Training:
         """See `Request`. Raises InputError where there is no such scenario or predictor."""
@@ -80,7 +82,9 @@ class ValueRequest(Request):
             scenario=scenario,
             predictor=predictor,
             limits=Limits(**{**UNLIMITED, **self.limits}) if self.limits else None,
-            validation=[scenario] if self.validation is None else list(map(load_scenario, self.validation.split(","))),
+            validation=[scenario]
+            if self.validation is None
+            else [load_scenario(name.strip()) for name in self.validation.split(",")],
             seed=self.seed,
             episodes=self.episodes,
             minutes=self.minutes,
@@ -124,7 +128,8 @@ class ValueRequest(Request):
         """See `Request`."""
         trained, success = card["training"], card["figures"]["test"]["metrics"]["success_rate"]
         where = f"with the {trained['predictor']} predictor in {cards.crowd(trained['scenario'])}"
-        return f"{where}: {cards.rate(success)} success on test cases"
+        limits = f", {limits}" if (limits := _limits(trained)) else ""
+        return f"{where}{limits}: {cards.rate(success)} success on test cases"
 
     @staticmethod
     def card_rows(card: Mapping[str, Any]) -> Mapping[str, str]:
@@ -133,7 +138,7 @@ class ValueRequest(Request):
         return {
             "scenario": f"{cards.crowd(trained['scenario'])} (digest {trained['scenario']['digest']})",
             "predictor in the lookahead": trained["predictor"],
-            **_limits_row(trained),
+            **({"limits": limits} if (limits := _limits(trained)) else {}),
             "checkpoint": f"chosen at episode {trained['kept_after_episodes']} of {trained['episodes']}"
             + _chosen_on(trained),
         }
@@ -141,9 +146,10 @@ class ValueRequest(Request):
     @staticmethod
     def card_figures(card: Mapping[str, Any]) -> Sequence[str]:
         """See `Request`."""
+        within = " and within the same limits" if _limits(card["training"]) else ""
         lines = [
-            "Measured once, after training, in the same scenario and within the same limits, with the "
-            "constant-velocity predictor in the lookahead (95 % intervals):",
+            f"Measured once, after training, in the same scenario{within}, with the constant-velocity predictor in the "
+            "lookahead (95 % intervals):",
             "",
             "| cases | success | collisions | time-outs | navigation time |",
             "|---|---|---|---|---|",
@@ -156,10 +162,9 @@ class ValueRequest(Request):
         return lines
 
 
-def _limits_row(trained: Mapping[str, Any]) -> dict[str, str]:
-    """The row of a card that names the limits, where there are any."""
-    limits = trained.get("limits", {})
-    return {"limits": ", ".join(f"{name} {limit:g}" for name, limit in limits.items())} if limits else {}
+def _limits(trained: Mapping[str, Any]) -> str:
+    """The limits that a card names; empty where there are none."""
+    return ", ".join(f"{name} {limit:g}" for name, limit in trained.get("limits", {}).items())
 
 
 def _chosen_on(trained: Mapping[str, Any]) -> str:

@@ -16,9 +16,9 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome, Pedestrians, Vehicle
 
 FOLDER = Path(__file__).parent
-PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm", "sarl_sgan", "sarl_sgan_kce")
+PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm", "sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded")
 CASES = Cases("test", 0, 20)
-SEVERAL_FUTURES = ("sarl_sgan", "sarl_sgan_kce")
+SEVERAL_FUTURES = ("sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded")
 """Planners that take many times as long: fewer of the cases and states are recorded of them."""
 COLLISIONS = {
     "cadrl": 110,

@@ -1,5 +1,5 @@
-"""Sequences of commands: whole ways into the predicted future are tried, refined, and the best one is taken."""
+"""Sequences of commands over the horizon: many are tried under all futures, refined, and the best one is taken."""
 
-from crowdbench.planners.sequences.planner import SequencePlanner
+from crowdbench.planners.sequences.planner import CrossEntropy, SequencePlanner
 
-__all__ = ["SequencePlanner"]
+__all__ = ["CrossEntropy", "SequencePlanner"]

@@ -48,8 +48,8 @@ class SequenceResult:
     Attributes:
         outcome: How it has ended after the last step, an `Outcome`; never a time-out.
         steps: Number of steps until it ends, or all of them.
-        gap: Smallest distance in metres to a pedestrian's rim during each step, less the margin of the step. Without
-            meaning after the end.
+        gap: Smallest distance in metres to a pedestrian's rim during each step, less the margin of the step; infinite
+            after the end.
     """
 
     outcome: Int[np.ndarray, "world sequence mode"]
@@ -72,7 +72,7 @@ def try_sequences(
     """
     worlds, sequences, steps = commands.shape[:3]
     shape = worlds, sequences, futures.crowd.shape[1]
-    result = SequenceResult(np.empty(shape, np.int64), np.empty(shape, np.int64), np.empty((*shape, steps)))
+    result = SequenceResult(np.empty(shape, np.int64), np.empty(shape, np.int64), np.full((*shape, steps), np.inf))
     _try_sequences(
         futures.position,
         futures.goal,

@@ -55,14 +55,19 @@ class CrossEntropy:
             raise InputError(f"spread is {self.spread!r}, but must be a number above 0")
 
 
+SEARCH = CrossEntropy()
+"""How sequences are sampled where nothing else is asked for."""
+
+
 class SequencePlanner(Planner):
     """Takes the sequence of commands with the largest discounted reward and value at its end, over all futures.
 
-    The first guess is what the one-step lookahead would do, step by step, in the mean of the futures. Its sequence,
-    each of its commands kept up for the whole sequence, and samples around the first guess are the first candidates.
+    The first guess is what the one-step lookahead would do, step by step, in the mean of the futures. The first
+    candidates are this sequence, sequences of one command of the lookahead throughout, and samples around the guess.
 
     Args:
         lookahead: The one-step lookahead for the first guess, whose predictor, network, commands and reward are used.
+            Its limits, shaping and finer commands are for the first guess alone.
         search: How sequences are sampled.
         horizon: Number of steps of a sequence, or more where more commands are asked for [1].
         margin: By how much gaps are made smaller for each step ahead, because the futures spread with time [m].
@@ -72,7 +77,7 @@ class SequencePlanner(Planner):
     """
 
     def __init__(
-        self, lookahead: ValuePlanner, search: CrossEntropy | None = None, horizon: int = 8, margin: float = 0.04
+        self, lookahead: ValuePlanner, search: CrossEntropy = SEARCH, horizon: int = 8, margin: float = 0.04
     ) -> None:
         if not (is_integer(horizon) and horizon >= 1):
             raise InputError(f"horizon is {horizon!r}, but must be a whole number, 1 or more")
@@ -81,7 +86,7 @@ class SequencePlanner(Planner):
         self.privileged = lookahead.privileged
         self.facts = lookahead.facts
         self.lookahead = lookahead
-        self.search = search or CrossEntropy()
+        self.search = search
         self.horizon = horizon
         self.margin = margin
 
@@ -102,6 +107,7 @@ class SequencePlanner(Planner):
             best[part] = self._best(_futures(obs, prediction, part), guess[part], noise[part])
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1)
+        # The first round tries some more: a chunk is as large as most rounds need it.
         in_chunks(fill, len(obs), max(1, CHUNK // rows))
         if obs.logs is not None:
             obs.log("predicted", prediction.position)

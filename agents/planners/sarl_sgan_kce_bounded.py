@@ -1,0 +1,21 @@
+"""Beyond Li et al. (2020): SARL-SGAN-KCE with a bound on the change of velocity, for which its network was trained.
+
+`docs/kce.md` has the bounds that were compared on validation cases.
+"""
+
+from functools import partial
+
+from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits
+from crowdbench.planners.sarl import sarl_planner
+
+planner = partial(
+    sarl_planner,
+    # As in `sarl_sgan_kce`, where the paper's sections are named.
+    predictor="sgan",
+    shortlist=8,
+    shaping=ChangeCost(0.006),
+    explore=Exploration(epsilon=0.1, n=2),
+    # Not in the paper: a bound beside the paper's limits, and a network that was trained within both.
+    limits=Limits(max_velocity_change=0.8),
+    weights="sarl_bounded",
+)
