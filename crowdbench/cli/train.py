@@ -59,8 +59,8 @@ def train(
     """Train a value network for planners, or Social GAN for prediction.
 
     A value network imitates demonstrations by ORCA, then learns from its own episodes. In validation the lookahead
-    predicts with constant velocity, whichever predictor is used in training. The checkpoint that is kept is the quickest
-    one whose success on validation cases is within noise of the best.
+    predicts with constant velocity, whichever predictor is used in training. The checkpoint that is kept is the
+    quickest one whose success on validation cases is within noise of the best.
     """
     use_threads(threads)
     from crowdbench.cli.console import announce_compilation
