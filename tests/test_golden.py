@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from golden.record import FOLDER, PLANNERS, losses, outcomes, states_of
+from golden.record import FOLDER, PLANNERS, SEQUENCES, losses, outcomes, states_of
 
 from crowdbench import load_planner
 
@@ -57,7 +57,7 @@ def decides_as_recorded(name, **options):
     return bool((found < TIE).all())
 
 
-@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("name", [*PLANNERS, SEQUENCES])
 def test_golden_cases_end_as_recorded(name, threads):
     assert outcomes(name) == golden(name)["outcomes"]
 

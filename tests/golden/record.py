@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench import Driver, Observation, Planner, load_planner, load_scenario, rollout
+from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.planners.lookahead.one_step import scene_of
 from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome, Pedestrians, Vehicle
@@ -20,15 +21,10 @@ PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm", "sarl_sgan", "sa
 CASES = Cases("test", 0, 20)
 SEVERAL_FUTURES = ("sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded")
 """Planners that take many times as long: fewer of the cases and states are recorded of them."""
-COLLISIONS = {
-    "cadrl": 110,
-    "lstm_rl": 110,
-    "sarl_lin": 373,
-    "sarl_cvm": 373,
-    "sarl_sgan": 373,
-    "sarl_sgan_kce": 58,
-}
-"""Test cases in which planners collide, so that not all recorded outcomes are successes. `sarl` never does."""
+SEQUENCES = "sarl_sgan_seq"
+"""A planner that is recorded by its outcomes alone, with eight commands per observation."""
+COLLISIONS = {"cadrl": 110, "lstm_rl": 110, "sarl_lin": 52, "sarl_sgan_kce": 316}
+"""Test cases in which planners collide, so that not all recorded outcomes are successes. The others never do."""
 EVERY = 6
 """Steps from one recorded state of an episode to the next."""
 FIRST_CHANGE = 1
@@ -38,9 +34,10 @@ FIRST_CHANGE = 1
 def outcomes(name):
     """How each golden case of a planner ends."""
     driver, scenario = Driver(load_planner(name)[1], "golden"), load_scenario("circle_crossing_5")
-    first = Cases("test", 0, len(CASES) // 5) if name in SEVERAL_FUTURES else CASES
+    first = Cases("test", 0, len(CASES) // 5) if name in (*SEVERAL_FUTURES, SEQUENCES) else CASES
+    replanning = Replanning(8) if name == SEQUENCES else EVERY_STEP
     hard = [Cases("test", case, case + 1) for planner, case in COLLISIONS.items() if planner == name]
-    traces = [rollout(driver, scenario, cases) for cases in (first, *hard)]
+    traces = [rollout(driver, scenario, cases, replanning=replanning) for cases in (first, *hard)]
     return [Outcome(outcome).label for trace in traces for outcome in trace.outcome]
 
 
@@ -113,8 +110,10 @@ def read_states(path):
 
 def main():
     write_states(FOLDER / "states.npz")
-    for name in PLANNERS:
-        golden = {"outcomes": outcomes(name), "commands": load_planner(name)[1].plan(states_of(name)).tolist()}
+    for name in (*PLANNERS, SEQUENCES):
+        golden = {"outcomes": outcomes(name)}
+        if name in PLANNERS:
+            golden["commands"] = load_planner(name)[1].plan(states_of(name)).tolist()
         (FOLDER / f"{name}.json").write_text(json.dumps(golden) + "\n")
         print(name, {label: golden["outcomes"].count(label) for label in golden["outcomes"]})
 
