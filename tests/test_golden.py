@@ -14,7 +14,7 @@ TIE = 1e-5
 
 CHANGES = {
     "cadrl": [{"weights": "cadrl-seed1"}, {"predictor": "linear"}],
-    "lstm_rl": [{"weights": "lstm_rl-seed1"}, {"predictor": "linear"}],
+    "lstm_rl": [{"weights": "lstm_rl-seed0"}, {"predictor": "linear"}],
     "sarl": [{"predictor": "constant_velocity"}],
     "sarl_lin": [{"predictor": "constant_velocity"}],
     "sarl_cvm": [{"weights": "sarl-seed0"}, {"predictor": "linear"}],
