@@ -107,7 +107,7 @@ class SequencePlanner(Planner):
             best[part] = self._best(_futures(obs, prediction, part), guess[part], noise[part])
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1)
-        # The first round tries some more: a chunk is as large as most rounds need it.
+        # The guesses beside the samples of the first round are not counted: its chunks are about twice as large.
         in_chunks(fill, len(obs), max(1, CHUNK // rows))
         if obs.logs is not None:
             obs.log("predicted", prediction.position)
