@@ -55,15 +55,23 @@ def stopped_after(points):
     return tell
 
 
-@pytest.mark.parametrize("network", ["lstm_rl", "sarl"])
-def test_a_resumed_training_ends_in_the_same_weights(network, tmp_path):
-    request = dataclasses.replace(REQUEST, network=network)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"network": "lstm_rl"},
+        {"network": "sarl", "max_turn": 1.0, "max_velocity_change": 0.8, "validation": "circle_crossing_5"},
+    ],
+    ids=lambda options: options["network"],
+)
+def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
+    request = dataclasses.replace(REQUEST, **options)
     whole = TrainingRun.new(request, tmp_path / "whole", "cpu")
     whole.train(ignore)
     killed = TrainingRun.new(request, tmp_path / "killed", "cpu")
     with pytest.raises(Killed):
         killed.train(stopped_after(3))
     resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
+    assert resumed.training.setup.limits == whole.training.setup.limits
     assert 0 < resumed.training.rounds < whole.training.rounds
     resumed.train(ignore)
     for part in ("network", "average", "best"):

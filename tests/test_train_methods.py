@@ -70,6 +70,8 @@ REQUESTS = [
         minutes=0.5,
     ),
     ValueRequest(network="sarl", episodes=2_000_000),
+    ValueRequest(network="sarl", max_acceleration=6.4, max_turn=2.0, validation="circle_crossing_5,square_crossing_5"),
+    ValueRequest(network="cadrl", max_velocity_change=0.8),
     SocialGANRequest(network="sgan", scenario="circle_crossing_5", pooling=True, epochs=3),
     SocialGANRequest(network="sgan", data="eth_ucy", held_out="eth", dt=0.25, seed=1, minutes=20.0),
     SocialGANRequest(network="sgan", data="eth_ucy"),

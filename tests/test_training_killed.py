@@ -291,6 +291,8 @@ def test_options_that_resume_would_ignore_are_refused(tmp_path):
         ["--minutes", "1"],
         ["--out", "b"],
         ["--dt", "1"],
+        ["--max-turn", "1"],
+        ["--validation", "circle_crossing_5"],
     ):
         error = CliRunner().invoke(app, [*command, *more]).exception
         assert isinstance(error, InputError)
