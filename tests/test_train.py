@@ -24,7 +24,7 @@ from crowdbench.weights.store import digest, read_card
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    sizes = {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "IMITATION_EPOCHS": 2}
+    sizes = {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "IMITATION_EPOCHS": 1, "REPLAY_RATIO": 4}
     for name, size in sizes.items():
         monkeypatch.setattr(value, name, size)
     monkeypatch.setattr(value, "VALIDATION_CASES", Cases("val", 0, 5))
@@ -32,7 +32,10 @@ def small(monkeypatch):
     monkeypatch.setattr(value_figures, "CASES", cases)
 
 
-REQUEST = ValueRequest(network="cadrl", overrides={"pedestrians.number": [1, 3]}, seed=7, episodes=40)
+# Episodes are short, because a network that has hardly been trained drives to the end of the time.
+REQUEST = ValueRequest(
+    network="cadrl", overrides={"pedestrians.number": [1, 3], "time_limit": 10.0}, seed=7, episodes=40
+)
 
 
 def ignore(*arguments):
@@ -64,7 +67,7 @@ def stopped_after(points):
     ids=lambda options: options["network"],
 )
 def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
-    request = dataclasses.replace(REQUEST, **options)
+    request = dataclasses.replace(REQUEST, episodes=20, **options)
     whole = TrainingRun.new(request, tmp_path / "whole", "cpu")
     whole.train(ignore)
     killed = TrainingRun.new(request, tmp_path / "killed", "cpu")
@@ -97,7 +100,7 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     card = read_card(path)
     assert card["command"] == (
         "crowdbench train cadrl --scenario circle_crossing_mixed --set 'pedestrians.number=[1, 3]' "
-        "--predictor oracle --seed 7 --episodes 40"
+        "--set 'time_limit=10.0' --predictor oracle --seed 7 --episodes 40"
     )
     assert card["figures"]["test"]["cases"] == "test:0:6"
     assert card["figures"]["test"]["metrics"]["success_rate"]["n"] == 6
