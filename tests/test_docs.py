@@ -98,7 +98,7 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
             caller = caller.f_back
         calls.add((caller and caller.f_code.co_filename, code.co_filename))
 
-    command = ["run", "--planner", "sarl_sgan_kce", "--cases", "val:2", "--out", str(tmp_path / "run")]
+    command = ["run", "--planner", "sarl_sgan_kce", "--cases", "val:1", "--out", str(tmp_path / "run")]
     sys.setprofile(profile)
     try:
         result = CliRunner().invoke(app, command)

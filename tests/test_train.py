@@ -72,7 +72,7 @@ def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
     whole.train(ignore)
     killed = TrainingRun.new(request, tmp_path / "killed", "cpu")
     with pytest.raises(Killed):
-        killed.train(stopped_after(3))
+        killed.train(stopped_after(2))
     resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
     assert resumed.training.setup.limits == whole.training.setup.limits
     assert 0 < resumed.training.rounds < whole.training.rounds
