@@ -1,14 +1,20 @@
 """What the README and CONTRIBUTING show works as it stands there."""
 
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+import torch
+from crowdnav_policies import NativeStraight, Straight
+from helpers import drive, same
 
 from crowdbench.catalog import load_planner, load_policy, load_scenario
 from crowdbench.cli import app
 from crowdbench.evaluate.check import check_planner, check_policy
 from crowdbench.scenario.cases import Cases
+from crowdbench.weights.store import digest
 
 ROOT = Path(__file__).parent.parent
 
@@ -46,12 +52,40 @@ def test_the_environments_of_the_readme_start():
 
 def test_the_policy_of_contributing_keeps_the_contract(tmp_path):
     path = tmp_path / "stroll.py"
-    path.write_text(blocks("CONTRIBUTING.md")[0])
+    (text,) = [block for block in blocks("CONTRIBUTING.md") if "def policy()" in block]
+    path.write_text(text)
     name, policy, _ = load_policy(str(path))
     assert (name, policy.parameters) == ("stroll", {"pace": 0.5})
     place = load_scenario("circle_crossing_5", {"time_limit": 3.0}, str(path))
     points = check_policy(lambda: load_policy(str(path))[1], "stroll", place, Cases.parse("val:3"), 60.0)
     assert all(point.kept for point in points)
+
+
+def test_the_policy_of_crowdnav_in_contributing_drives(tmp_path, monkeypatch):
+    class Sarl(Straight):
+        query_env = True
+
+        def configure(self, config):
+            self.model = torch.nn.Linear(int(config.get("sarl", "inputs")), 1)
+
+        def get_model(self):
+            return self.model
+
+    factory = ModuleType("crowd_nav.policy.policy_factory")
+    factory.policy_factory = {"sarl": Sarl}
+    for name in ("crowd_nav", "crowd_nav.policy", "crowd_nav.policy.policy_factory"):
+        monkeypatch.setitem(sys.modules, name, factory)
+    monkeypatch.chdir(tmp_path)
+    trained = tmp_path / "data" / "output"
+    trained.mkdir(parents=True)
+    (trained / "policy.config").write_text("[sarl]\ninputs = 3\n")
+    network = torch.nn.Linear(3, 1)
+    torch.save(network.state_dict(), trained / "rl_model.pth")
+    (text,) = [block for block in blocks("CONTRIBUTING.md") if "crowd_nav" in block]
+    (tmp_path / "sarl.py").write_text(text)
+    _, planner = load_planner(str(tmp_path / "sarl.py"))
+    assert planner.facts == {"policy": "Sarl", "weights": digest(network)}
+    assert same(drive(planner, "2"), drive(NativeStraight(), "2"))
 
 
 COMMANDS = [
