@@ -7,10 +7,12 @@ import contextlib
 import hashlib
 import importlib.metadata
 import importlib.util
+import os
 import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
@@ -87,14 +89,19 @@ class Kind:
         return "".join(_installed_docstring(entry) for entry in self._installed() if entry.name == spec)
 
     def files(self, spec: str) -> dict[str, str]:
-        """The sha256 of every Python file of a plug-in that `find` finds, by its path: see `plugin_files`."""
+        """The sha256 of every Python file of a plug-in that `find` finds, by its path: see `plugin_files`.
+
+        No file is run. Of a program it is the sha256 of its file.
+        """
         file, _ = file_and_function(spec)
         path = file or self.folder / f"{spec}.py"
         if path.exists():
             return file_digests(path)
+        if program(spec) is not None:
+            return {Path(spec).name: files.sha256(Path(spec))}
         (module,) = (entry.module for entry in self._installed() if entry.name == spec)
         parts = tuple(module.split("."))
-        found = importlib.util.find_spec(module)
+        found = _found(parts)
         if found is None or found.origin is None:
             return {}
         origin = Path(found.origin).resolve()
@@ -105,10 +112,29 @@ class Kind:
         return sorted(importlib.metadata.entry_points(group=self.entry_points))
 
 
+def _found(module: tuple[str, ...]) -> ModuleSpec | None:
+    """Where a module is, by the parts of its name. `importlib.util.find_spec` would run the packages around it."""
+    found = None
+    for depth in range(1, len(module) + 1):
+        around = None if found is None else found.submodule_search_locations
+        name = ".".join(module[:depth])
+        found = next((spec for finder in sys.meta_path if (spec := finder.find_spec(name, around))), None)
+        if found is None:
+            return None
+    return found
+
+
 def file_and_function(spec: str) -> tuple[Path | None, str]:
     """The file and the function, perhaps empty, of `file.py:function`; no file where the spec is a name."""
     match = re.fullmatch(r"(.+\.py)(?::(\w+))?", spec)
     return (Path(match[1]), match[2] or "") if match else (None, "")
+
+
+def program(spec: str) -> Path | None:
+    """The program that a planner is, given by a path such as `./mine`; None where `spec` is something else."""
+    path = Path(spec)
+    is_program = "/" in spec and file_and_function(spec)[0] is None and path.is_file() and os.access(path, os.X_OK)
+    return path if is_program else None
 
 
 def function_of(path: Path, name: str) -> Callable[..., Any]:

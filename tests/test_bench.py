@@ -11,7 +11,7 @@ import torch
 from rich.console import Console
 from safetensors.torch import save_file
 
-from crowdbench.bench import commands, decisions, simulator, speed_ups, timing, training
+from crowdbench.bench import commands, decisions, isolation, simulator, speed_ups, timing, training
 from crowdbench.bench.measurement import Measurement, Variant, VariantComparison
 from crowdbench.bench.suite import SUITE
 from crowdbench.catalog import load_scenario
@@ -59,6 +59,12 @@ class Course(Planner):
 
     def plan(self, obs):
         return np.full((len(obs), 2), self.velocity)
+
+
+def test_a_planner_in_its_own_process_is_compared_with_one_that_is_not():
+    here, apart, more = isolation.measure_isolation(worlds=2, rounds=1)
+    assert here.unit == apart.unit == "ms"
+    assert more.value == pytest.approx(100 * (apart.value / here.value - 1))
 
 
 def take_seconds(monkeypatch, *seconds):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,6 +32,7 @@ from crowdbench.evaluate.replanning import LOOK_FIRST, Replanning
 from crowdbench.settings import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
 if TYPE_CHECKING:
+    from crowdbench.evaluate.driver import Driver
     from crowdbench.evaluate.metrics import Metric
 
 RECORD_HELP = (
@@ -57,6 +59,9 @@ def run(
             "1 starts with several commands at once.",
         ),
     ] = LOOK_FIRST,
+    isolated: Annotated[
+        bool, typer.Option("--isolated", help="Run the planner in a process of its own, which sees observations only.")
+    ] = False,
     metric: MetricOption = None,
     out: Annotated[
         Path | None,
@@ -74,7 +79,6 @@ def run(
     from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.evaluate import run as runs
-    from crowdbench.evaluate.driver import Driver
     from crowdbench.evaluate.results import planner_label
     from crowdbench.scenario.cases import Cases
 
@@ -83,24 +87,26 @@ def run(
     announce_compilation()
     selected = Cases.parse(cases)
     options = assignments(option or [], "--option")
-    name, made = catalog.load_planner(planner, options)
-    files = catalog.planner_files(planner, options)
     settings = assignments(overrides or [], "--set")
     loaded = catalog.load_scenario(scenario, settings, pedestrians)
     changes = settings | ({"pedestrians": pedestrians} if pedestrians else {})
     metrics = catalog.load_metrics(metric or [])
     replanning = Replanning(replan_every, look_first)
-    directory = out or Path("runs") / runs.directory_name(
-        name, loaded.name, selected, options | changes | replanning.settings
-    )
-    with progress(len(selected), f"of {len(selected)} cases") as tell:
+    with (
+        _planner(planner, options, isolated, decision_limit) as (driver, about),
+        progress(len(selected), f"of {len(selected)} cases") as tell,
+    ):
+        name = driver.name
+        directory = out or Path("runs") / runs.directory_name(
+            name, loaded.name, selected, options | changes | replanning.settings
+        )
         finished = runs.run(
-            Driver(made, name, decision_limit),
+            driver,
             loaded,
             selected,
             directory,
             metrics=metrics,
-            about={"options": options, "planner_files": files, "overrides": changes},
+            about={"options": options, **about, "overrides": changes},
             asked={"planner": planner, "scenario": scenario, "pedestrians": pedestrians},
             replanning=replanning,
             record=record,
@@ -118,6 +124,25 @@ def run(
         kept = finished.result["cases"]
         say(f"crowdbench: interrupted: kept cases {kept}, all that were finished in order, in {directory}")
         sys.exit(INTERRUPTED)
+
+
+@contextlib.contextmanager
+def _planner(
+    planner: str, options: Mapping[str, Any], isolated: bool, decision_limit: float
+) -> Iterator[tuple[Driver, dict[str, Any]]]:
+    """The driver of a planner, and what the result says of the planner's files and process."""
+    from crowdbench import catalog
+    from crowdbench.evaluate.driver import Driver
+
+    if not isolated:
+        name, made = catalog.load_planner(planner, options)
+        yield Driver(made, name, decision_limit), {"planner_files": catalog.planner_files(planner, options)}
+        return
+    from crowdbench.isolation.planner import IsolatedPlanner, Limits
+
+    with contextlib.closing(IsolatedPlanner(planner, options, Limits(decision=decision_limit))) as apart:
+        about = {"planner_files": catalog.planner_files(planner, options), "isolation": apart.usage}
+        yield Driver(apart, apart.name, decision_limit), about
 
 
 def _print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path) -> None:

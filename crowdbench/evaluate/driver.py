@@ -28,6 +28,22 @@ class DecisionLimitExceeded(InputError):
     """A planner took longer than its decision limit."""
 
 
+class FaultyAnswer(Exception):
+    """Raised by a planner that stands for one in another process, where that one gave no commands.
+
+    Attributes:
+        fault: What it did instead.
+    """
+
+    def __init__(self, fault: Fault) -> None:
+        super().__init__(fault.what)
+        self.fault = fault
+
+
+class TimeLimit(BaseException):
+    """Raised inside a planner that takes too long; no Exception, which planners may catch."""
+
+
 class Driver:
     """Asks a planner for commands.
 
@@ -120,7 +136,9 @@ class Driver:
                 f"planner {self.name} decides one step at a time: "
                 "it has no plan_ahead, so that it runs with replan_every = 1 only"
             ) from None
-        except _TimeLimit as error:
+        except FaultyAnswer as error:
+            raise InputError(self._sentence(error.fault, asked)) from None
+        except TimeLimit as error:
             raise self._too_slow(asked, getattr(error, "row", None)) from None
         except BaseException as error:
             if is_interrupt(error):
@@ -150,10 +168,6 @@ def _facts(planner: Planner, name: str) -> dict[str, Any]:
         return dict(json.loads(json.dumps(dict(planner.facts), allow_nan=False)))
 
 
-class _TimeLimit(BaseException):
-    """Raised inside a planner that takes too long; no Exception, which planners may catch."""
-
-
 @contextlib.contextmanager
 def _interrupted_after(seconds: float) -> Iterator[None]:
     # Signals reach the main thread only; in a user's own threads nothing can interrupt a planner.
@@ -162,7 +176,7 @@ def _interrupted_after(seconds: float) -> Iterator[None]:
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise _TimeLimit
+        raise TimeLimit
 
     handler = signal.signal(signal.SIGALRM, interrupt)
     # Repeated, for planners that catch everything and go on.

@@ -1,0 +1,126 @@
+"""The side of the planner: `python -m crowdbench.isolation.client` makes a planner and answers what the parent asks."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from io import FileIO
+from typing import Any
+
+import numpy as np
+
+from crowdbench import interrupts
+from crowdbench.catalog import load_planner
+from crowdbench.errors import InputError, described, plugin_errors
+from crowdbench.evaluate.contract import examine
+from crowdbench.isolation.protocol import (
+    VERSION,
+    Broken,
+    How,
+    Kind,
+    command_bytes,
+    from_json,
+    read_observation,
+    receive,
+    send,
+    to_json,
+)
+from crowdbench.planners.base import OneStepOnly, Planner
+
+
+def main() -> None:
+    """Answer messages until the pipe is closed."""
+    _die_with_parent()
+    interrupts.handle()  # so that a planner's own KeyboardInterrupt is told from Ctrl-C
+    with _own_streams() as (source, sink):
+        try:
+            Served(source, sink).serve()
+        except Broken:
+            sys.exit(1)
+
+
+@contextlib.contextmanager
+def _own_streams() -> Iterator[tuple[FileIO, FileIO]]:
+    """The standard input and output for messages alone: what the planner prints goes to the standard error."""
+    with FileIO(os.dup(0)) as source, FileIO(os.dup(1), "w") as sink, open(os.devnull) as nothing:
+        os.dup2(nothing.fileno(), 0)
+        os.dup2(2, 1)
+        yield source, sink
+
+
+def _die_with_parent() -> None:
+    """Have the kernel end this process where its parent ends, also while the planner is deciding."""
+    if sys.platform == "linux":
+        set_parent_death_signal = 1
+        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
+
+
+class Served:
+    """A planner that is asked through pipes.
+
+    Args:
+        source: Where messages are read.
+        sink: Where answers are written.
+    """
+
+    def __init__(self, source: FileIO, sink: FileIO) -> None:
+        self.source = source
+        self.sink = sink
+        self.name = ""
+        self.planner: Planner | None = None
+
+    def serve(self) -> None:
+        """Answer one message after the other. Raises Broken where the pipe ends."""
+        while True:
+            send(self.sink.write, *self._answer(*receive(self.source.readinto)))
+
+    def _answer(self, kind: Kind, content: bytearray) -> tuple[Kind, bytes | memoryview]:
+        answer = {Kind.START: self._start, Kind.RESET: self._reset, Kind.OBSERVATION: self._decide}[kind]
+        try:
+            return answer(content)
+        except InputError as error:
+            return _failed(How.REFUSED, str(error))
+        except OneStepOnly:
+            return _failed(How.ONE_STEP, "")
+        except BaseException as error:  # whatever the planner raises, even SystemExit
+            return _failed(How.FAULTY, f"raised {described(error)}", getattr(error, "row", None))
+
+    def _start(self, content: bytearray) -> tuple[Kind, bytes]:
+        asked = from_json(content)
+        if asked["version"] != VERSION:
+            raise InputError(f"the format {asked['version']} of messages is asked for, but this is format {VERSION}")
+        self.name, self.planner = load_planner(asked["planner"], asked["options"])
+        says: dict[str, Any] = {"privileged": self.planner.privileged, "facts": dict(self.planner.facts)}
+        with plugin_errors(f"planner {self.name} has privileged and facts that cannot be sent:"):
+            return Kind.READY, to_json(says)
+
+    def _reset(self, content: bytearray) -> tuple[Kind, bytes]:
+        assert self.planner is not None  # the parent starts with START
+        worlds = int(np.frombuffer(content, "<i8")[0])
+        with plugin_errors(f"planner {self.name} raised", " in reset()"):
+            self.planner.reset(np.arange(worlds))
+        return Kind.READY, b""
+
+    def _decide(self, content: bytearray) -> tuple[Kind, bytes | memoryview]:
+        assert self.planner is not None
+        obs, steps = read_observation(content)
+        max_speed = obs.vehicle.preferred_speed.copy()
+        answer: object = self.planner.plan(obs) if steps == 1 else self.planner.plan_ahead(obs, steps)
+        examined = examine(answer, max_speed, *([steps] if steps > 1 else []))
+        # Speed and finiteness are for the parent to judge: it gets what was decided.
+        if examined.commands is None:
+            assert examined.fault is not None
+            return _failed(How.FAULTY, examined.fault.what, examined.fault.row)
+        return Kind.COMMANDS, command_bytes(examined.commands)
+
+
+def _failed(how: How, what: str, row: int | None = None) -> tuple[Kind, bytes]:
+    return Kind.FAILED, to_json({"how": how, "what": what, "row": row})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,160 @@
+"""A planner that runs in a process of its own, as the planner that its parent asks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench import plugins
+from crowdbench.errors import LONGEST, InputError
+from crowdbench.evaluate.contract import Fault
+from crowdbench.evaluate.driver import FaultyAnswer, TimeLimit
+from crowdbench.isolation import sandbox
+from crowdbench.isolation.process import Process, TooLarge, TooSlow
+from crowdbench.isolation.protocol import (
+    VERSION,
+    Broken,
+    How,
+    Kind,
+    from_json,
+    observation_parts,
+    read_commands,
+    to_json,
+)
+from crowdbench.planners.base import OneStepOnly, Planner
+from crowdbench.settings import DECISION_LIMIT
+from crowdbench.types import Observation
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a planner's process may take, at most.
+
+    Attributes:
+        construction: Seconds until the planner is made, starting Python included.
+        decision: Seconds for a decision of a whole batch, and for `reset`.
+        memory: Bytes of memory, that of the processes which it starts included.
+    """
+
+    construction: float = 120.0
+    decision: float = DECISION_LIMIT
+    memory: float = 8e9
+
+
+LIMITS = Limits()
+"""The limits where no others are given."""
+
+
+class IsolatedPlanner(Planner):
+    """A planner in a process of its own. What it logs is not recorded.
+
+    Its code is never loaded by the process that makes this, which it could change.
+
+    Attributes:
+        name: What it is called in errors.
+        limits: What it may take.
+        process: Its process.
+        usage: How well it is kept apart, and what it has taken so far, for results.
+
+    Args:
+        spec: The name of a planner, `file.py` or `file.py:function`, or a program that speaks the messages of
+            `crowdbench.isolation.protocol`.
+        options: Arguments of the planner's function, as they are written in TOML.
+        limits: What it may take.
+
+    Raises:
+        InputError: The planner cannot be made, or takes longer or more memory than it may.
+    """
+
+    def __init__(self, spec: str, options: Mapping[str, Any], limits: Limits = LIMITS) -> None:
+        self.name = called(spec)
+        self.limits = limits
+        self.usage: dict[str, Any] = {"level": sandbox.level()}
+        self.process = Process(sandbox.command(plugins.program(spec)), limits.memory)
+        try:
+            says = self._start(spec, options)
+        except BaseException:
+            self.close()
+            raise
+        self.privileged, self.facts = says.get("privileged"), says.get("facts")  # type: ignore[assignment]
+        self.usage["construction_seconds"] = self.process.seconds
+
+    def _start(self, spec: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Have the planner made. What it says of itself is for the driver to check."""
+        asked = {"version": VERSION, "planner": spec, "options": dict(options)}
+        return from_json(self._ask("in its construction", self.limits.construction, Kind.START, to_json(asked)))
+
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
+        """See `Planner`."""
+        self._ask("in reset()", self.limits.decision, Kind.RESET, np.int64(len(rows)).tobytes())
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        return self.plan_ahead(obs, 1)[:, 0]
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
+        """See `Planner`."""
+        content = self._ask("", self.limits.decision, Kind.OBSERVATION, *observation_parts(obs, steps))
+        return read_commands(content, len(obs), steps)
+
+    def close(self) -> None:
+        """End the process. The planner cannot be asked again."""
+        self.process.end()
+
+    def _ask(self, where: str, limit: float, kind: Kind, *parts: bytes | memoryview) -> bytearray:
+        """The content of the answer to a message.
+
+        Args:
+            where: In what the planner is asked, for errors; empty for a decision.
+            limit: Seconds that it may take.
+            kind: What the message says.
+            parts: Its content.
+
+        Raises:
+            InputError: The planner failed in construction or `reset`, or says itself what is wrong.
+            FaultyAnswer: It failed in a decision.
+            TimeLimit: It took too long in a decision.
+            OneStepOnly: It decides one step at a time.
+        """
+        try:
+            answer, content = self.process.ask(limit, kind, *parts)
+            if answer == Kind.FAILED:
+                raise self._failure(where, **from_json(content))
+            if answer != (Kind.COMMANDS if kind == Kind.OBSERVATION else Kind.READY):
+                raise Broken(f"sent a message of kind {answer} where another was due")
+        except TooSlow:
+            if not where:
+                raise TimeLimit from None
+            raise self._fault(f"took longer than {limit:g} s", where) from None
+        except TooLarge:
+            raise self._fault(f"took more than {self.limits.memory / 1e9:g} GB of memory", where) from None
+        except Broken as error:
+            raise self._fault(str(error), where) from None
+        finally:
+            self.usage["peak_memory_mb"] = self.process.memory / 1e6
+        return content
+
+    def _fault(self, what: str, where: str, row: int | None = None) -> Exception:
+        return InputError(f"planner {self.name} {what} {where}") if where else FaultyAnswer(Fault(what, row))
+
+    def _failure(self, where: str, how: str = "", what: str = "", row: int | None = None) -> Exception:
+        """What a planner that says that it failed raises here. It may say anything, and so it is read with care."""
+        sentence = " ".join("".join(each if each.isprintable() else " " for each in str(what)).split())[:LONGEST]
+        if how == How.REFUSED:
+            return InputError(sentence)
+        if how == How.ONE_STEP:
+            return OneStepOnly()
+        return self._fault(sentence, where, row if isinstance(row, int) else None)
+
+
+def called(spec: str) -> str:
+    """The name of a planner that is not loaded here, as `catalog.load_planner` would name it."""
+    file, function = plugins.file_and_function(spec)
+    if file is not None:
+        return function or file.stem
+    return spec if plugins.program(spec) is None else Path(spec).name

@@ -1,0 +1,170 @@
+"""A process that is asked through pipes, under limits of time and memory that its parent measures and enforces."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import psutil
+
+from crowdbench.errors import InputError
+from crowdbench.isolation.protocol import Broken, Kind, receive, send
+
+TICK = 0.1
+"""Seconds between two looks at the memory of a process."""
+
+
+class TooSlow(Exception):
+    """The process took longer than it may, and was ended."""
+
+
+class TooLarge(Exception):
+    """The process took more memory than it may, and was ended."""
+
+
+class Process:
+    """A process that speaks the messages of `crowdbench.isolation.protocol`.
+
+    Args:
+        command: What is started.
+        most_memory: Bytes that it may take, with the processes which it starts.
+
+    Attributes:
+        seconds: Time in which it was waited for, so far.
+        memory: The largest memory in bytes that it was seen to have.
+
+    Raises:
+        InputError: This operating system has no such pipes, or the process cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], most_memory: float) -> None:
+        if not hasattr(select, "poll"):
+            raise InputError(f"a planner cannot be isolated on {sys.platform}: this takes Linux or macOS")
+        self.most_memory = most_memory
+        self.seconds = 0.0
+        self.memory = 0
+        self._looked = 0.0
+        # In a session of its own, so that Ctrl-C at a terminal reaches the parent alone, which then ends it.
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._pipes = self._process.stdin.fileno(), self._process.stdout.fileno()
+        for pipe in self._pipes:
+            os.set_blocking(pipe, False)
+
+    def ask(self, limit: float, kind: Kind, *parts: bytes | memoryview) -> tuple[Kind, bytearray]:
+        """Send a message and wait for the answer.
+
+        Whatever is raised, the process is ended first, and everything that it has started as far as it can be found.
+
+        Args:
+            limit: Seconds that it may take.
+            kind: What the message says.
+            parts: Its content.
+
+        Returns:
+            What the answer says, and its content.
+
+        Raises:
+            TooSlow: It took longer.
+            TooLarge: It took more memory than it may.
+            Broken: It has ended, or answered in another format.
+        """
+        start = time.monotonic()
+        pipes = _Pipes(*self._pipes, lambda: self._watch(start + limit))
+        try:
+            send(pipes.write, kind, *parts)
+            return receive(pipes.readinto)
+        except Broken as error:
+            raise Broken(self._status() or str(error)) from None
+        except BaseException:
+            self.end()
+            raise
+        finally:
+            self.seconds += time.monotonic() - start
+
+    def _watch(self, deadline: float) -> None:
+        now = time.monotonic()
+        if now > deadline:
+            raise TooSlow
+        if now - self._looked >= TICK:
+            self._looked = now
+            memory = sum(map(_memory, self._everybody()))
+            self.memory = max(self.memory, memory)
+            if memory > self.most_memory:
+                raise TooLarge
+
+    def _everybody(self) -> Iterator[psutil.Process]:
+        """The process and those that it has started."""
+        with contextlib.suppress(psutil.Error):
+            process = psutil.Process(self._process.pid)
+            yield process
+            yield from process.children(recursive=True)
+
+    def end(self) -> None:
+        """Kill it, with all that it has started. It may have ended before."""
+        for process in list(self._everybody()):
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+        with contextlib.suppress(OSError):  # what it started and what has another parent now
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            pipe.close()
+
+    def _status(self) -> str:
+        """End it, and tell how it has ended by itself before; empty if it had not."""
+        with contextlib.suppress(subprocess.TimeoutExpired):  # where it has only closed its pipes
+            self._process.wait(TICK)
+        code = self._process.returncode
+        self.end()
+        if code is None:
+            return ""
+        return f"ended its process ({f'signal {signal.Signals(-code).name}' if code < 0 else f'status {code}'})"
+
+
+def _memory(process: psutil.Process) -> int:
+    with contextlib.suppress(psutil.Error):
+        return int(process.memory_info().rss)
+    return 0
+
+
+class _Pipes:
+    """The pipes to a process. Neither writing nor reading waits for long without a look at the process.
+
+    Args:
+        sink: Descriptor to write to.
+        source: Descriptor to read from.
+        watch: Called between two waits. What it raises ends the reading or writing.
+    """
+
+    def __init__(self, sink: int, source: int, watch: Callable[[], None]) -> None:
+        self.sink = sink
+        self.source = source
+        self.watch = watch
+
+    def write(self, content: memoryview) -> int:
+        """Write as much as the pipe takes, and return how much."""
+        self._wait(self.sink, select.POLLOUT)
+        return os.write(self.sink, content)
+
+    def readinto(self, buffer: memoryview) -> int:
+        """Read as much as is there, and return how much; 0 where the pipe has ended."""
+        self._wait(self.source, select.POLLIN)
+        return os.readv(self.source, [buffer])
+
+    def _wait(self, descriptor: int, event: int) -> None:
+        poll = select.poll()
+        poll.register(descriptor, event)
+        self.watch()
+        while not poll.poll(1e3 * TICK):
+            self.watch()

@@ -1,0 +1,258 @@
+"""The messages between crowdbench and a planner in a process of its own.
+
+A message is a header, `kind` (uint32) and `size` (uint64), and `size` bytes. All numbers are little-endian, all arrays
+are in C order without padding between them. The process reads messages from its standard input and writes an answer to
+each to its standard output. `docs/isolation.md` has a client in C++.
+"""
+
+from __future__ import annotations
+
+import enum
+import json
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle
+
+VERSION = 1
+"""Version of the format, which `START` names."""
+
+LARGEST = 2**31
+"""Bytes of the largest message."""
+
+
+class Kind(enum.IntEnum):
+    """What a message says."""
+
+    START = 1
+    """JSON: `version`, `planner` (a name or a path) and `options`. The first message. Its answer is `READY`."""
+    RESET = 2
+    """int64: the number of worlds of the batch that starts. Its answer is `READY`, without content."""
+    OBSERVATION = 3
+    """An observation and for how many steps to decide: see `DIMENSIONS` and `ARRAYS`. Its answer is `COMMANDS`."""
+    READY = 11
+    """After `START`, JSON: `privileged` (a boolean) and `facts` (texts by name)."""
+    COMMANDS = 12
+    """float64 `[world, time, 2]`: the velocities in m/s for the steps that were asked for."""
+    FAILED = 13
+    """JSON in the place of any answer: `how` (see `How`) and `what`, a text; perhaps `row`, the world that it is in."""
+
+
+class How(enum.StrEnum):
+    """In which way a planner fails."""
+
+    REFUSED = enum.auto()
+    """It cannot be made, or says itself what is wrong: `what` is the whole sentence."""
+    FAULTY = enum.auto()
+    """It raises, or answers something else than commands: `what` comes after the planner's name."""
+    ONE_STEP = enum.auto()
+    """It decides one step at a time and was asked for several."""
+
+
+_HEADER = struct.Struct("<IQ")
+
+DIMENSIONS = ("steps", "world", "pedestrian", "waypoint", "polygon", "corner", "future")
+"""An observation begins with these int64 numbers.
+
+`steps` is for how many steps to decide. `future` is 1 where that array follows, which it does for privileged planners
+only.
+"""
+
+_SIZES = struct.Struct(f"<{len(DIMENSIONS)}q")
+
+ARRAYS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
+    "dt": ("<f8", ()),
+    "row": ("<i8", ("world",)),
+    "noise_key": ("<u8", ("world",)),
+    "step": ("<i8", ("world",)),
+    "vehicle.position": ("<f8", ("world", 2)),
+    "vehicle.velocity": ("<f8", ("world", 2)),
+    "vehicle.heading": ("<f8", ("world",)),
+    "vehicle.angular_speed": ("<f8", ("world",)),
+    "vehicle.goal": ("<f8", ("world", 2)),
+    "vehicle.route": ("<f8", ("world", "waypoint", 2)),
+    "vehicle.waypoint": ("<i8", ("world",)),
+    "vehicle.radius": ("<f8", ("world",)),
+    "vehicle.preferred_speed": ("<f8", ("world",)),
+    "pedestrians.position": ("<f8", ("world", "pedestrian", 2)),
+    "pedestrians.velocity": ("<f8", ("world", "pedestrian", 2)),
+    "pedestrians.radius": ("<f8", ("world", "pedestrian")),
+    "pedestrians.history": ("<f8", ("world", HISTORY, "pedestrian", 2)),
+    "pedestrians.age": ("<f8", ("world", "pedestrian")),
+    "pedestrians.observed": ("<i8", ("world", "pedestrian")),
+    "obstacles": ("<f8", ("world", "polygon", "corner", 2)),
+    "future": ("<f8", ("world", "pedestrian", 2)),
+    "pedestrians.seen": ("|u1", ("world", "pedestrian")),
+}
+"""Then follow these arrays, by their names in `Observation`, with their type and their shape."""
+
+
+Write = Callable[[memoryview], int | None]
+"""Writes as much as goes, and returns how much, as the method of a raw file does."""
+
+ReadInto = Callable[[memoryview], int | None]
+"""Reads as much as is there, and returns how much; 0 at the end."""
+
+
+class Broken(Exception):
+    """The other side has closed the pipe, or sent what is no message. The message is what comes after its name."""
+
+
+def send(write: Write, kind: Kind, *parts: bytes | memoryview) -> None:
+    """Write a message.
+
+    Args:
+        write: Writes to the other side.
+        kind: What it says.
+        parts: Its content, in pieces.
+
+    Raises:
+        Broken: Nobody reads it.
+    """
+    try:
+        for part in (_HEADER.pack(kind, sum(map(len, parts))), *parts):
+            _write(write, memoryview(part))
+    except OSError as error:
+        raise Broken(f"reads no messages ({error.strerror})") from None
+
+
+def _write(write: Write, part: memoryview) -> None:
+    while len(part):
+        part = part[write(part) or 0 :]
+
+
+def receive(readinto: ReadInto) -> tuple[Kind, bytearray]:
+    """Read a message.
+
+    Args:
+        readinto: Reads from the other side.
+
+    Returns:
+        What it says, and its content.
+
+    Raises:
+        Broken: The pipe ends, or holds something else.
+    """
+    number, size = _HEADER.unpack(_read(readinto, _HEADER.size))
+    if number not in set(Kind) or size > LARGEST:
+        raise Broken(f"sent a message of kind {number} and {size} bytes, which is none of the format")
+    return Kind(number), _read(readinto, size)
+
+
+def _read(readinto: ReadInto, size: int) -> bytearray:
+    content = bytearray(size)
+    left = memoryview(content)
+    while len(left):
+        count = readinto(left)
+        if not count:
+            raise Broken("closed the pipe")
+        left = left[count:]
+    return content
+
+
+def to_json(content: Mapping[str, Any]) -> bytes:
+    """The content of a message that is JSON."""
+    return json.dumps(content).encode()
+
+
+def from_json(content: bytearray) -> dict[str, Any]:
+    """What JSON in a message says. Raises Broken where it is no JSON object."""
+    try:
+        found = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise Broken(f"sent no valid JSON ({error})") from None
+    if not isinstance(found, dict):
+        raise Broken("sent JSON that is no object")
+    return found
+
+
+def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryview]:
+    """The content of an `OBSERVATION` in pieces.
+
+    Args:
+        obs: The observation. What is logged in it is not sent.
+        steps: For how many steps the planner is to decide.
+    """
+    sizes = {
+        "steps": steps,
+        "world": len(obs),
+        "pedestrian": obs.pedestrians.radius.shape[1],
+        "waypoint": obs.vehicle.route.shape[1],
+        "polygon": obs.obstacles.shape[1],
+        "corner": obs.obstacles.shape[2],
+        "future": int(obs.future is not None),
+    }
+    yield _SIZES.pack(*(sizes[name] for name in DIMENSIONS))
+    for name, (dtype, _) in ARRAYS.items():
+        value = _value(obs, name)
+        if value is not None:
+            yield np.ascontiguousarray(value, dtype).reshape(-1).view(np.uint8).data
+
+
+def _value(obs: Observation, name: str) -> Any:
+    part, _, field = name.rpartition(".")
+    return getattr(getattr(obs, part) if part else obs, field)
+
+
+def read_observation(content: bytearray) -> tuple[Observation, int]:
+    """What an `OBSERVATION` says.
+
+    Args:
+        content: The content of the message.
+
+    Returns:
+        The observation, and for how many steps to decide.
+    """
+    sizes = dict(zip(DIMENSIONS, _SIZES.unpack_from(content), strict=True))
+    offset, found = _SIZES.size, {}
+    for name, (dtype, shape) in ARRAYS.items():
+        if name == "future" and not sizes["future"]:
+            continue
+        lengths = [sizes[axis] if isinstance(axis, str) else axis for axis in shape]
+        count = int(np.prod(lengths, dtype=np.int64))
+        found[name] = np.frombuffer(content, dtype, count, offset).reshape(lengths)
+        offset += found[name].nbytes
+
+    def part(prefix: str) -> dict[str, Any]:
+        return {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
+
+    crowd = part("pedestrians.")
+    obs = Observation(
+        vehicle=Vehicle(**part("vehicle.")),
+        pedestrians=Pedestrians(**{**crowd, "seen": crowd["seen"].view(bool)}),
+        obstacles=found["obstacles"],
+        row=found["row"],
+        noise_key=found["noise_key"],
+        step=found["step"],
+        dt=float(found["dt"]),
+        future=found.get("future"),
+    )
+    return obs, sizes["steps"]
+
+
+def command_bytes(commands: Float[np.ndarray, "world time 2"]) -> memoryview:
+    """The content of `COMMANDS`."""
+    return np.ascontiguousarray(commands, "<f8").reshape(-1).view(np.uint8).data
+
+
+def read_commands(content: bytearray, worlds: int, steps: int) -> Float[np.ndarray, "world time 2"]:
+    """What `COMMANDS` says.
+
+    Args:
+        content: The content of the message.
+        worlds: Number of worlds that it must have commands for.
+        steps: Number of steps.
+
+    Returns:
+        Velocities in m/s.
+
+    Raises:
+        Broken: It has another size.
+    """
+    if len(content) != worlds * steps * 16:
+        raise Broken(f"sent {len(content)} bytes for commands, but {worlds * steps * 16} were asked for")
+    return np.frombuffer(content, "<f8").reshape(worlds, steps, 2)

@@ -1,0 +1,341 @@
+"""A planner in a process of its own drives as it does in crowdbench's, and whatever goes wrong ends in one sentence."""
+
+import contextlib
+import dataclasses
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.errors import InputError
+from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
+from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.isolation import protocol, sandbox
+from crowdbench.isolation.planner import IsolatedPlanner, Limits, called
+from crowdbench.scenario.cases import Cases
+from crowdbench.sim.sensor import observe
+
+SCENARIO = "circle_crossing_5"
+
+HEADER = """\
+import numpy as np
+import crowdbench
+
+class Mine(crowdbench.Planner):
+    privileged = False
+    facts = {"by": "hand"}
+
+    def toward(self, obs):
+        return 0.5 * (obs.vehicle.goal - obs.vehicle.position) / np.hypot(*obs.vehicle.goal.T)[:, None]
+
+    def plan(self, obs):
+        return 0.1 * self.toward(obs)
+
+    def plan_ahead(self, obs, steps):
+        return np.repeat(self.plan(obs)[:, None], steps, axis=1)
+
+def planner(speed=0.1):
+    return Mine()
+
+"""
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """Writes the file of a planner: one that drives slowly, and what else is in it."""
+
+    def write(text):
+        path = tmp_path / "mine.py"
+        path.write_text(HEADER + text)
+        return str(path)
+
+    return write
+
+
+@contextlib.contextmanager
+def driven(spec, options=None, limits=Limits()):  # noqa: B008 (immutable)
+    """A driver of an isolated planner."""
+    with contextlib.closing(IsolatedPlanner(spec, options or {}, limits)) as planner:
+        yield Driver(planner, planner.name, limits.decision)
+
+
+def drive(driver, cases="test:2", replanning=EVERY_STEP):
+    return rollout(driver, load_scenario(SCENARIO), Cases.parse(cases), replanning=replanning)
+
+
+MEMORY = """
+class Counts(Mine):
+    def reset(self, rows):
+        self.count = np.zeros(len(rows))
+
+    def plan(self, obs):
+        self.count[obs.row] += 1.0
+        noise = obs.noise("mine", (2,))
+        return 0.3 * self.toward(obs) * np.sin(self.count[obs.row])[:, None] + 0.01 * np.clip(noise, -3.0, 3.0)
+
+def planner(speed=0.1):
+    return Counts()
+"""
+
+
+@pytest.mark.parametrize("name", ["orca", "social_force", "cadrl", MEMORY])
+def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
+    spec = mine(name) if name == MEMORY else name
+    here = drive(Driver(load_planner(spec)[1], "here"), "val:6")
+    with driven(spec) as driver:
+        apart = drive(driver, "val:6")
+    np.testing.assert_array_equal(apart.command, here.command)
+    np.testing.assert_array_equal(apart.position, here.position)
+
+
+def test_several_commands_at_once_come_through(mine):
+    replanning = Replanning(4, look_first=2)
+    spec = mine("")
+    here = drive(Driver(load_planner(spec)[1], "here"), replanning=replanning)
+    with driven(spec) as driver:
+        np.testing.assert_array_equal(drive(driver, replanning=replanning).command, here.command)
+
+
+def test_a_privileged_planner_says_so_and_sees_the_future(mine):
+    spec = mine("Mine.privileged = True\nMine.plan = lambda self, obs: 0.1 * obs.true_next()[:, 0]")
+    with driven(spec) as driver:
+        assert driver.privileged
+        assert driver.facts == {"by": "hand"}
+        assert drive(driver).command[0, 0].any()
+
+
+def test_every_array_of_an_observation_arrives():
+    world = load_scenario(SCENARIO, {"pedestrians.number": [1, 3]}).worlds(Cases("val", 0, 5))
+    generator = np.random.default_rng(0)
+    world = world.replace(
+        obstacles=generator.normal(size=(5, 2, 4, 2)),
+        route=generator.normal(size=(5, 4, 3, 2)),
+        velocity=generator.normal(size=(5, 4, 2)),
+    )
+    for future in (None, generator.normal(size=(5, 3, 2))):
+        sent = observe(world, np.arange(5)[::-1], future)
+        received, steps = protocol.read_observation(bytearray(b"".join(protocol.observation_parts(sent, 3))))
+        assert steps == 3
+        for one, two in ((sent, received), (sent.vehicle, received.vehicle), (sent.pedestrians, received.pedestrians)):
+            for field in dataclasses.fields(one):
+                value, other = getattr(one, field.name), getattr(two, field.name)
+                if isinstance(value, np.ndarray):
+                    assert value.dtype == other.dtype
+                    np.testing.assert_array_equal(value, other)
+                    assert other.flags.writeable
+                    assert other.flags.aligned
+        assert received.dt == sent.dt
+        assert (received.future is None) == (future is None)
+
+
+LOOP = """\
+while True:
+    try:
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
+    except BaseException:
+        pass"""
+
+
+def body(statement, method="plan"):
+    """The text of a planner whose method is a statement."""
+    arguments = {"plan": "self, obs", "reset": "self, rows"}[method]
+    indented = statement.replace("\n", "\n    ")
+    return f"import os, signal, sys, time\ndef {method}({arguments}):\n    {indented}\nMine.{method} = {method}\n"
+
+
+SCRIBBLE = """\
+for fd in range(3, 9):
+    try:
+        os.write(fd, b'x' * 99)
+    except OSError:
+        pass
+time.sleep(9)"""
+
+FAULTS = {
+    "raise ValueError('no way')": r"raised ValueError: no way \(step 0, one of 2 cases\)$",
+    "raise KeyboardInterrupt": r"raised KeyboardInterrupt \(step 0, one of 2 cases\)$",
+    "sys.exit(0)": r"raised SystemExit: 0 \(step 0, one of 2 cases\)$",
+    "os._exit(0)": r"ended its process \(status 0\) \(step 0, one of 2 cases\)$",
+    "os.kill(os.getpid(), 9)": r"ended its process \((signal SIGKILL|status 137)\) \(step 0, one of 2 cases\)$",
+    "return [[0.0, 0.0]]": r"returned a list instead of a float array of shape \[world, 2\] \(case 0, step 0\)$",
+    "return np.zeros(2)": r"returned shape \[2\] instead of \[2, 2\], a velocity per world \(case 0, step 0\)$",
+    "return np.full((2, 2), np.nan)": r"returned \[nan, nan\], but a velocity must be finite \(case 0, step 0\)$",
+    "return np.full((2, 2), 9.0)": r"asked for 12\.7279 m/s, but the vehicle's maximum is 1 m/s \(case 0, step 0\)$",
+    "raise ValueError('a\\n\\x1b[31mb' + 9999 * 'c')": r"raised ValueError: a  ?\[31mbc{400,500} \(step 0",
+    SCRIBBLE: r"sent a message of kind \d+ and \d+ bytes, which is none of the format \(step 0, one of 2 cases\)$",
+}
+
+
+@pytest.mark.parametrize("statement", FAULTS)
+def test_whatever_goes_wrong_gets_one_sentence(statement, mine):
+    with driven(mine(body(statement))) as driver, pytest.raises(InputError, match="^planner mine " + FAULTS[statement]):
+        drive(driver)
+
+
+def test_a_planner_that_cannot_be_made_is_refused(mine):
+    with pytest.raises(InputError, match=r"mine\.py cannot be loaded: ZeroDivisionError: division by zero$"):
+        IsolatedPlanner(mine("1 / 0"), {})
+    with pytest.raises(InputError, match=r"^mine has no option 'pace'; its options are: speed$"):
+        IsolatedPlanner(mine(""), {"pace": 1.0})
+    with pytest.raises(InputError, match=r"^no planner is called 'nobody'; there are "):
+        IsolatedPlanner("nobody", {})
+    broken = mine(body("raise ValueError('no')", "reset"))
+    with (
+        driven(broken) as driver,
+        pytest.raises(InputError, match=r"^planner mine raised ValueError in reset\(\): no$"),
+    ):
+        drive(driver)
+
+
+def test_a_planner_that_hangs_is_killed(mine):
+    start = time.monotonic()
+    short = Limits(decision=1.0)
+    too_long = r"^planner mine took longer than "
+    late = pytest.raises(DecisionLimitExceeded, match=too_long + r"the limit of 1 s \(step 0")
+    with driven(mine(body(LOOP)), limits=short) as driver, late:
+        drive(driver)
+    late = pytest.raises(InputError, match=too_long + r"1 s in reset\(\)$")
+    with driven(mine(body("time.sleep(99)", "reset")), limits=short) as driver, late:
+        drive(driver)
+    with pytest.raises(InputError, match=r"^planner mine took longer than 2 s in its construction$"):
+        IsolatedPlanner(mine("import time; time.sleep(99)"), {}, Limits(construction=2.0))
+    assert time.monotonic() - start < 30.0
+
+
+def test_a_planner_that_takes_too_much_memory_is_killed(mine):
+    hoards = "self.hoard = [np.ones(10_000_000) for _ in range(50)]\ntime.sleep(99)"
+    with driven(mine(body(hoards)), limits=Limits(memory=1e9)) as driver:
+        with pytest.raises(InputError, match=r"^planner mine took more than 1 GB of memory \(step 0"):
+            drive(driver)
+        assert driver.planner.process.memory > 1e9
+
+
+def test_nothing_that_a_planner_has_started_outlives_it(mine):
+    forks = "import subprocess, sys\nsubprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])"
+    with driven(mine(forks)) as driver:
+        own = psutil.Process(driver.planner.process._process.pid)
+        everybody = [own, *own.children(recursive=True)]
+        assert len(everybody) > 1
+        drive(driver)
+    psutil.wait_procs(everybody, timeout=5.0)
+    assert not [process for process in everybody if process.is_running() and process.status() != "zombie"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
+def test_a_planner_ends_with_its_parent(mine):
+    spec = mine("while True:\n    pass")
+    code = f"from crowdbench.isolation.planner import IsolatedPlanner; IsolatedPlanner({spec!r}, {{}})"
+    parent = subprocess.Popen([sys.executable, "-c", code])
+    deadline = time.monotonic() + 60.0
+    started = []
+    while not any(process.cpu_times().user > 1.5 for process in started):  # it has been made, and loops
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+        started = psutil.Process(parent.pid).children(recursive=True)
+    parent.kill()
+    parent.wait()
+    assert not psutil.wait_procs(started, timeout=10.0)[1]
+
+
+def test_what_a_planner_prints_goes_to_the_standard_error(mine, capfd):
+    with driven(mine(body("print('hello')\nreturn 0.1 * self.toward(obs)"))) as driver:
+        drive(driver, "test:1")
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert "hello" in printed.err
+
+
+def test_names_are_those_of_planners_that_are_loaded(mine, tmp_path):
+    (tmp_path / "straight").write_text("")
+    (tmp_path / "straight").chmod(0o755)
+    spec = mine("")
+    assert [called(spec), called(f"{spec}:other"), called("orca"), called(str(tmp_path / "straight"))] == [
+        load_planner(spec)[0],
+        "other",
+        "orca",
+        "straight",
+    ]
+
+
+@pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
+def test_in_a_sandbox_there_is_no_network_no_other_process_and_no_file_to_write(mine, tmp_path):
+    looks = """
+import glob, os, socket
+def tried(action):
+    try:
+        action()
+    except OSError:
+        return "no"
+    return "yes"
+Mine.facts = {
+    "network": tried(lambda: socket.create_connection(("127.0.0.1", PORT), 1.0)),
+    "write": tried(lambda: open(PATH, "w")),
+    "temporary": tried(lambda: __import__("tempfile").TemporaryFile()),
+    "processes": str(len(glob.glob("/proc/[0-9]*")) < 4),
+}
+"""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        text = looks.replace("PORT", str(server.getsockname()[1])).replace("PATH", repr(str(tmp_path / "new")))
+        with driven(mine(text)) as driver:
+            assert driver.facts == {"network": "no", "write": "no", "temporary": "yes", "processes": "True"}
+
+
+def test_no_case_number_seed_or_result_is_on_its_way_to_the_planner(mine):
+    """What is sent are the arrays of an observation: neither the case nor the key of the case is one of them."""
+    world = load_scenario(SCENARIO, {"seed": 987654321, "crowdnav_cases": 0}).worlds(Cases("test", 77_000, 77_003))
+    content = b"".join(protocol.observation_parts(observe(world), 1))
+    for secret in (*world.case, *world.key, np.int64(987654321)):
+        assert np.asarray(secret).tobytes() not in content
+
+
+ISOLATION = (Path(__file__).parent.parent / "docs" / "isolation.md").read_text()
+
+
+def test_the_page_names_the_arrays_that_are_sent():
+    names = {"float64": "<f8", "int64": "<i8", "uint64": "<u8", "uint8": "|u1"}
+    rows = re.findall(r"^\| `([\w.]+)` \| (\w+) \| (?:`\[(.*)\]`|one number) \|$", ISOLATION, re.MULTILINE)
+    described = [(name, names[dtype], shape) for name, dtype, shape in rows]
+    assert described == [(name, dtype, ", ".join(map(str, shape))) for name, (dtype, shape) in protocol.ARRAYS.items()]
+    assert re.findall(r"^\| (\d+) \| (\w+) ", ISOLATION, re.MULTILINE) == [
+        (str(kind.value), kind.name.lower()) for kind in protocol.Kind
+    ]
+
+
+STRAIGHT = """
+class Straight(Mine):
+    def plan_ahead(self, obs, steps):
+        way = obs.vehicle.goal - obs.vehicle.position
+        distance = np.hypot(*way.T)
+        pace = np.minimum(obs.vehicle.preferred_speed, distance / (steps * obs.dt))
+        return np.repeat((way * (pace / distance)[:, None])[:, None], steps, axis=1)
+
+    def plan(self, obs):
+        return self.plan_ahead(obs, 1)[:, 0]
+
+def planner():
+    return Straight()
+"""
+
+
+@pytest.mark.skipif(shutil.which("c++") is None, reason="needs a compiler of C++")
+@pytest.mark.parametrize("replanning", [EVERY_STEP, Replanning(3, look_first=1)])
+def test_the_client_in_cpp_of_the_page_drives_as_the_same_planner_in_python(replanning, mine, tmp_path):
+    [text] = re.findall(r"```cpp\n(.*?)```", ISOLATION, re.DOTALL)
+    (tmp_path / "straight.cpp").write_text(text)
+    program = tmp_path / "straight"
+    subprocess.run(["c++", "-std=c++17", "-O1", "-Wall", "-Werror", "-o", program, f"{program}.cpp"], check=True)
+    with driven(str(program)) as driver:
+        assert (driver.name, driver.facts) == ("straight", {"language": "C++"})
+        trace = drive(driver, "test:5", replanning)
+    same = drive(Driver(load_planner(mine(STRAIGHT))[1], "same"), "test:5", replanning)
+    np.testing.assert_allclose(trace.command, same.command, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(trace.outcome, same.outcome)
