@@ -189,30 +189,35 @@ class Breaks(Planner):
         return np.zeros((len(obs), 2))
 
 
-def test_an_error_leaves_nothing_behind(tmp_path):
-    with pytest.raises(InputError, match="ZeroDivisionError"):
-        go(tmp_path / "a", Breaks(ZeroDivisionError()), batch=10)
-    with pytest.raises(InputError, match="ZeroDivisionError"):
+def test_an_error_leaves_nothing_behind_but_finished_batches(tmp_path):
+    for out in (tmp_path / "a", tmp_path / "runs" / "a"):
+        with pytest.raises(InputError, match="ZeroDivisionError"):
+            go(out, Breaks(ZeroDivisionError(), batch=1), batch=10)
+        assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match=r"ZeroDivisionError .*: 10 of 30 cases are kept in .*parts-"):
         go(tmp_path / "runs" / "a", Breaks(ZeroDivisionError()), batch=10)
-    assert list(tmp_path.iterdir()) == []
     go(tmp_path / "runs" / "a", cases="3")
+    assert [path.name[:8] for path in sorted((tmp_path / "runs").iterdir())] == ["a", "a.parts-"]
+    # A run of this name that has parts of its own removes those of earlier tries.
+    go(tmp_path / "runs" / "a", batch=10, overwrite=True)
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["a"]
 
 
 def test_an_interrupt_that_a_planner_raises_is_its_error(tmp_path):
     with pytest.raises(InputError, match=r"planner \w+ raised KeyboardInterrupt"):
-        go(tmp_path / "a", Breaks(KeyboardInterrupt()), batch=10)
+        go(tmp_path / "a", Breaks(KeyboardInterrupt(), batch=1), batch=10)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupt_keeps_the_finished_batches(tmp_path):
-    finished = go(tmp_path / "a", Breaks(Interrupted()), batch=10)
-    assert finished.interrupted
-    assert read_result(tmp_path / "a")["cases"] == "test:0:10"
-    assert len(Episodes.read(tmp_path / "a" / "episodes.csv")) == 10
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(
+        KeyboardInterrupt, match=r"^interrupted: 10 of 30 cases are kept in .*/a\.parts-[0-9a-f]{8}; the"
+    ):
+        go(tmp_path / "a", Breaks(Interrupted()), batch=10)
+    assert not (tmp_path / "a").exists()
+    with pytest.raises(KeyboardInterrupt, match=r"^$"):
         go(tmp_path / "b", Breaks(Interrupted(), batch=1), cases="10")
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert [path.name[:7] for path in tmp_path.iterdir()] == ["a.parts"]
 
 
 def test_an_interrupt_waits_until_a_batch_is_written(tmp_path, monkeypatch):
@@ -223,13 +228,13 @@ def test_an_interrupt_waits_until_a_batch_is_written(tmp_path, monkeypatch):
         return measure(trace, metrics)
 
     monkeypatch.setattr(Episodes, "of", interrupted)
-    finished = go(tmp_path / "a", batch=10, record="all")
-    assert finished.interrupted
-    assert read_result(tmp_path / "a")["cases"] == "test:0:10"
-    assert finished.result["recorded"] == 10
-    assert len(read(tmp_path / "a" / "run.rrd").trace) == 10
+    with pytest.raises(KeyboardInterrupt, match=r"^interrupted: 10 of 30 cases are kept"):
+        go(tmp_path / "a", batch=10, record="all")
+    [part] = tmp_path.glob("a.parts-*/test-0-10")
+    assert read_result(part)["recorded"] == 10
+    assert len(read(part / "run.rrd").trace) == 10
     # What is asked for after the last batch comes too late: everything is there.
-    assert not go(tmp_path / "b", cases="10").interrupted
+    assert go(tmp_path / "b", cases="10").result["cases"] == "test:0:10"
 
 
 def test_the_resampled_difference_is_paired(tmp_path):

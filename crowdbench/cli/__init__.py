@@ -21,6 +21,7 @@ from crowdbench.cli.options import INTERRUPTED
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "run": run.run,
+    "merge": run.merge,
     "train": train.train,
     "list": listing.list_,
     "check": check.check,

@@ -1,10 +1,9 @@
-"""The command that drives a planner through cases and scores it."""
+"""The commands that drive a planner through cases and score it, and that make one run of several."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdbench.cli.options import (
-    INTERRUPTED,
     CasesOption,
     JsonOption,
     LimitOption,
@@ -70,15 +68,20 @@ def run(
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the directory of an earlier run.")] = False,
     batch: Annotated[int, typer.Option(min=1, help="Cases that are simulated at once.")] = BATCH,
+    shard: Annotated[
+        str | None,
+        typer.Option(help="Run one share of the batches, such as 2/8; whoever ends last puts all of them together."),
+    ] = None,
     threads: ThreadsOption = None,
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:
     """Drive a planner through the cases of a scenario and score it."""
     use_threads(threads)
-    from crowdbench import catalog
+    from crowdbench import catalog, plugins
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.evaluate import run as runs
+    from crowdbench.evaluate.parts import WHOLE, Shard
     from crowdbench.evaluate.results import planner_label
     from crowdbench.scenario.cases import Cases
 
@@ -91,6 +94,7 @@ def run(
     loaded = catalog.load_scenario(scenario, settings, pedestrians)
     changes = settings | ({"pedestrians": pedestrians} if pedestrians else {})
     metrics = catalog.load_metrics(metric or [])
+    own_metrics = {spec: plugins.source(spec) for spec in metric or []}
     replanning = Replanning(replan_every, look_first)
     with (
         _planner(planner, options, isolated, decision_limit) as (driver, about),
@@ -107,23 +111,47 @@ def run(
             directory,
             metrics=metrics,
             about={"options": options, **about, "overrides": changes},
-            asked={"planner": planner, "scenario": scenario, "pedestrians": pedestrians},
+            asked={"planner": planner, "scenario": scenario, "pedestrians": pedestrians, "own_metrics": own_metrics},
             replanning=replanning,
             record=record,
             batch=batch,
+            shard=Shard.parse(shard) if shard else WHOLE,
             overwrite=overwrite,
             progress=tell,
         )
-    if as_json:
+    if finished.result is None:
+        there = f"{finished.cases} of {len(selected)} cases are in {finished.folder}"
+        say(f"crowdbench: {there}; the shard that ends last puts all of them together")
+    elif as_json:
         print(json.dumps(finished.result, indent=2))
     else:
         changed = "".join(f", {key}={value}" for key, value in changes.items())
         what = f"{planner_label(name, options, replanning.settings)} on {loaded.name}{changed}"
-        _print_result(what, finished.result, metrics, directory)
-    if finished.interrupted:
-        kept = finished.result["cases"]
-        say(f"crowdbench: interrupted: kept cases {kept}, all that were finished in order, in {directory}")
-        sys.exit(INTERRUPTED)
+        print_result(what, finished.result, metrics, directory)
+
+
+def merge(
+    runs: Annotated[list[Path], typer.Argument(help="Directories of runs, or of their parts (runs/NAME.parts-...).")],
+    out: Annotated[Path, typer.Option(help="Directory for the merged run.")],
+    metric: MetricOption = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the directory of an earlier run.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Make one run of several, whose cases follow each other."""
+    from crowdbench import catalog
+    from crowdbench.evaluate import merge as merging
+    from crowdbench.evaluate import parts
+    from crowdbench.evaluate.results import planner_label, replanning_of
+
+    metrics = catalog.load_metrics(metric or [])
+    given = [parts.finished(run) if (run / parts.REQUEST).exists() else ([run], True) for run in runs]
+    directories = [directory for made, _ in given for directory in made]
+    result = merging.merge(directories, out, overwrite, interrupted=not all(is_whole for _, is_whole in given))
+    if as_json:
+        print(json.dumps(result, indent=2))
+        return
+    label = planner_label(result["planner"], result["options"], replanning_of(result))
+    print_result(f"{label} on {result['scenario']['name']}", result, metrics, out)
 
 
 @contextlib.contextmanager
@@ -145,7 +173,7 @@ def _planner(
         yield Driver(apart, apart.name, decision_limit), about
 
 
-def _print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path) -> None:
+def print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path) -> None:
     """Print the table of a run, and where its files are."""
     from crowdbench.cli.tables import result_table
 

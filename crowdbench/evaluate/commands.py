@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Float, Int
 
 from crowdbench.errors import InputError, described
+from crowdbench.settings import BATCH
 from crowdbench.types import Trace
 
 COMMANDS = "commands.parquet"
@@ -72,8 +73,31 @@ def _table(trace: Trace) -> pa.Table:
     return pa.table([pa.array(trace.case), commands], _SCHEMA)
 
 
+def join(parts: Sequence[Path], path: Path) -> None:
+    """Write the commands of several runs, whose cases follow each other, as one run would write them.
+
+    Args:
+        parts: The files of the runs. Raises InputError where one is missing or has other contents.
+        path: The file to write.
+    """
+    table = pa.concat_tables([_table_of(part) for part in parts])
+    with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as writer:
+        for start in range(0, len(table), BATCH):
+            writer.write_table(table.slice(start, BATCH).combine_chunks())
+
+
 def read(path: Path) -> Commands:
     """Read what `writing` wrote. Raises InputError where the file is missing or has other contents."""
+    table = _table_of(path)
+    command = pc.list_flatten(table["command"])
+    lengths = pc.list_value_length(table["command"])
+    if table["case"].null_count or lengths.null_count or command.null_count or np.any(lengths.to_numpy() % 2):
+        raise InputError(f"{path} is not a table of commands as crowdbench writes it: values are missing in it")
+    steps = lengths.to_numpy().astype(np.int64) // 2
+    return Commands(table["case"].to_numpy(), steps, command.to_numpy().reshape(-1, 2))
+
+
+def _table_of(path: Path) -> pa.Table:
     if not path.is_file():
         raise InputError(
             f"there is no {path}, so that the run cannot be replayed: it was made with --record none or before "
@@ -87,9 +111,4 @@ def read(path: Path) -> Commands:
     if not table.schema.equals(_SCHEMA):
         found = ", ".join(f"{field.name}: {field.type}" for field in table.schema)
         raise InputError(f"{path} is not a table of commands as crowdbench writes it: it has the columns {found}")
-    command = pc.list_flatten(table["command"])
-    lengths = pc.list_value_length(table["command"])
-    if table["case"].null_count or lengths.null_count or command.null_count or np.any(lengths.to_numpy() % 2):
-        raise InputError(f"{path} is not a table of commands as crowdbench writes it: values are missing in it")
-    steps = lengths.to_numpy().astype(np.int64) // 2
-    return Commands(table["case"].to_numpy(), steps, command.to_numpy().reshape(-1, 2))
+    return table

@@ -40,11 +40,16 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
     """
     path = _prepared(path, overwrite)
     try:
-        with _parent_of(path), _partial(path) as partial:
+        with parent_of(path), _partial(path) as partial:
             yield partial
             _move(partial, path, overwrite)
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
+
+
+def check_free(path: Path, overwrite: bool) -> None:
+    """Raise InputError where `new_directory` would, before anything is made."""
+    _prepared(path, overwrite)
 
 
 def _prepared(path: Path, overwrite: bool) -> Path:
@@ -62,7 +67,7 @@ def _prepared(path: Path, overwrite: bool) -> Path:
 
 
 @contextlib.contextmanager
-def _parent_of(path: Path) -> Iterator[None]:
+def parent_of(path: Path) -> Iterator[None]:
     """Make the folder that `path` lies in, and remove it again if it was not there before and stays empty."""
     is_new = not path.parent.exists()
     path.parent.mkdir(parents=True, exist_ok=True)

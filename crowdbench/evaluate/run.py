@@ -17,13 +17,17 @@ from typing import Any
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
 
+from crowdbench.errors import Interrupted
+from crowdbench.evaluate import parts
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
+from crowdbench.evaluate.parts import WHOLE, Shard
 from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, to_json
 from crowdbench.evaluate.rollout import LogsTooLarge, rollout
 from crowdbench.evaluate.seal import code, seal
+from crowdbench.files import read_json
 from crowdbench.interrupts import Interrupts
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -42,12 +46,14 @@ class Finished:
     """What a run has written.
 
     Attributes:
-        result: The contents of `result.json`.
-        interrupted: Whether it was interrupted before its last case.
+        result: The contents of `result.json`; None where parts that other shards make are missing.
+        cases: How many of its cases are there.
+        folder: Where its parts are until all are there.
     """
 
-    result: dict[str, Any]
-    interrupted: bool
+    result: dict[str, Any] | None
+    cases: int
+    folder: Path
 
 
 def run(
@@ -62,6 +68,7 @@ def run(
     replanning: Replanning = EVERY_STEP,
     record: str = "failures",
     batch: int = BATCH,
+    shard: Shard = WHOLE,
     overwrite: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Finished:
@@ -70,8 +77,8 @@ def run(
     What is recorded are the commands of all cases in `commands.parquet`, and episodes in `run.rrd`. At the end,
     `manifest.json` gets the sha256 of all these files: see `crowdbench.evaluate.seal`.
 
-    An interrupt (Ctrl-C) keeps the batches that are finished. They are the first cases, so that their rates are not
-    biased towards short episodes.
+    A run of several batches is made part by part: see `crowdbench.evaluate.parts`. After an interrupt, the same call
+    goes on with what is missing.
 
     Args:
         driver: Asks the planner for commands.
@@ -84,51 +91,68 @@ def run(
         replanning: When the planner observes, as in `rollout`.
         record: What is recorded, one of `settings.RECORD`.
         batch: Cases that run in lock-step, fewer where their traces would take too much memory.
+        shard: Which share of the batches is run.
         overwrite: Whether an earlier run in `out` is replaced.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
-        The result, which is that of the finished batches where the run was interrupted.
+        What is there.
 
     Raises:
-        InputError: Planner, scenario or a metric break their contract, or `out` cannot be written. Nothing is kept.
-        KeyboardInterrupt: Interrupted before the first batch was finished. Nothing is kept.
+        InputError: Planner, scenario or a metric break their contract, or `out` cannot be written. Nothing is kept
+            of the batch in which it happens.
+        KeyboardInterrupt: Interrupted. The batches that are finished are kept, unless there is only one.
     """
-    start = time.perf_counter()
     code()  # before somebody changes it
+    settings = {"replan_every": replanning.every, **replanning.settings}
+    request = {"cases": str(cases), "metrics": list(metrics), **settings, "record": record}
+    request |= {"decision_limit": driver.decision_limit, **(asked or {})}
     label = planner_label(driver.name, about.get("options", {}), replanning.settings)
-    with Interrupts() as interrupts, new_directory(out, overwrite) as directory:
-        with (
-            _recorder(record, directory / RECORDING, label, scenario, len(cases)) as keep,
-            _command_writer(record, directory) as keep_commands,
-        ):
 
-            def drive(part: Cases) -> Trace:
-                with interrupts.let_through():
-                    logs = record in WITH_EPISODES
-                    return rollout(driver, scenario, part, replanning=replanning, keep_logs=logs, progress=progress)
+    def drive(part: Cases, directory: Path, overwrite: bool) -> bool:
+        start = time.perf_counter()
+        driver.seconds = 0.0
+        with Interrupts() as interrupts, new_directory(directory, overwrite) as folder:
+            with (
+                _recorder(record, folder / RECORDING, label, scenario, cases) as keep,
+                _command_writer(record, folder) as keep_commands,
+            ):
 
-            def keep_all(trace: Trace, measured: Episodes) -> int:
-                keep_commands(trace)
-                return keep(trace, measured, int(trace.case[0]) - cases.start)
+                def roll_out(some: Cases) -> Trace:
+                    with interrupts.let_through():
+                        logs = record in WITH_EPISODES
+                        return rollout(driver, scenario, some, replanning=replanning, keep_logs=logs, progress=progress)
 
-            traces = _traces(drive, driver, cases, fitting(batch, scenario))
-            episodes, recorded = _measured(traces, metrics, keep_all)
-        driven = Cases(cases.split, cases.start, cases.start + len(episodes))
-        settings = {"replan_every": replanning.every, **replanning.settings}
-        result = _result(driver, scenario, driven, episodes, settings | dict(about), recorded, start)
-        episodes.write(directory / EPISODES)
-        (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-        request = {"cases": str(cases), "metrics": list(metrics), **settings, "record": record}
-        request |= {"decision_limit": driver.decision_limit, **(asked or {})}
-        seal(directory, _manifest(about, request, interrupted=len(driven) < len(cases)))
-    return Finished(result, interrupted=len(driven) < len(cases))
+                def keep_all(trace: Trace, measured: Episodes) -> int:
+                    keep_commands(trace)
+                    return keep(trace, measured)
+
+                traces = _traces(roll_out, driver, part, fitting(batch, scenario))
+                episodes, recorded = _measured(traces, metrics, keep_all)
+            result = _result(driver, scenario, part, episodes, settings | dict(about), recorded, start)
+            episodes.write(folder / EPISODES)
+            (folder / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+            seal(folder, _manifest(about, request))
+        return interrupts.asked
+
+    def drive_part(part: Cases, directory: Path) -> None:
+        if drive(part, directory, overwrite=True):  # it came while the part was written
+            raise Interrupted
+
+    if len(cases) <= batch and shard == WHOLE:
+        drive(cases, out, overwrite)
+        return Finished(read_json(out / RESULT), len(cases), out)
+    depends = {"planner": driver.name, "privileged": driver.privileged, "facts": driver.facts, **request}
+    depends |= {key: value for key, value in about.items() if key != "isolation"}
+    depends |= {"scenario": scenario.digest, "code": code()}
+    made = parts.make(drive_part, cases, out, depends, batch=batch, shard=shard, overwrite=overwrite, progress=progress)
+    return Finished(read_json(out / RESULT) if made.is_whole else None, made.cases, made.folder)
 
 
 def _measured(
     traces: Iterator[Trace], metrics: Mapping[str, Metric], keep: Callable[[Trace, Episodes], int]
 ) -> tuple[Episodes, int]:
-    """Measure and record traces, to the last one or to an interrupt.
+    """Measure and record traces.
 
     Args:
         traces: The traces.
@@ -137,21 +161,14 @@ def _measured(
 
     Returns:
         The measured episodes, and how many of them are recorded.
-
-    Raises:
-        KeyboardInterrupt: Interrupted before the first trace was finished.
     """
-    parts: list[Episodes] = []
+    measured: list[Episodes] = []
     recorded = 0
-    try:
-        for trace in traces:
-            parts.append(Episodes.of(trace, metrics))
-            recorded += keep(trace, parts[-1])
-            del trace  # two traces at a time would take twice the memory
-    except KeyboardInterrupt:
-        if not parts:
-            raise
-    return Episodes.joined(parts), recorded
+    for trace in traces:
+        measured.append(Episodes.of(trace, metrics))
+        recorded += keep(trace, measured[-1])
+        del trace  # two traces at a time would take twice the memory
+    return Episodes.joined(measured), recorded
 
 
 def _traces(drive: Callable[[Cases], Trace], driver: Driver, cases: Cases, batch: int) -> Iterator[Trace]:
@@ -205,18 +222,17 @@ def _result(
     }
 
 
-def _manifest(about: Mapping[str, Any], asked: Mapping[str, Any], interrupted: bool) -> dict[str, Any]:
+def _manifest(about: Mapping[str, Any], asked: Mapping[str, Any]) -> dict[str, Any]:
     """What `manifest.json` says beside the digests of the run's files.
 
     Args:
         about: What `result.json` says of options, overrides and the planner's files.
         asked: What else was asked for.
-        interrupted: Whether cases are missing at the end.
     """
     torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
     given = {name: about.get(name, {}) for name in ("options", "overrides")}
     return {
-        "interrupted": interrupted,
+        "interrupted": False,
         "asked": {**asked, **given},
         "planner_files": about.get("planner_files", {}),
         "versions": versions() | torch,
@@ -253,37 +269,35 @@ def fitting(batch: int, scenario: Scenario) -> int:
     return max(1, min(batch, int(MEMORY / each)))
 
 
-Keep = Callable[[Trace, Episodes, int], int]
+Keep = Callable[[Trace, Episodes], int]
 
 
 @contextlib.contextmanager
-def _recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: int) -> Iterator[Keep]:
+def _recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: Cases) -> Iterator[Keep]:
     """The recorder of a run: a function that records the wanted episodes of a batch and returns their number.
-
-    The function is given the batch's trace, its measured episodes, and how many cases of the run came before it.
 
     Args:
         record: Which episodes are wanted, one of `settings.RECORD`.
         path: The recording.
         planner: The planner's name with its options.
         scenario: The scenario.
-        cases: The number of cases of the run.
+        cases: The cases of the whole run.
     """
     if record not in WITH_EPISODES:
-        yield lambda trace, episodes, offset: 0
+        yield lambda trace, episodes: 0
         return
     from crowdbench.record.write import Recorder
 
     with Recorder(
-        path, planner=planner, scenario=scenario.name, scenario_digest=scenario.digest, cases=cases
+        path, planner=planner, scenario=scenario.name, scenario_digest=scenario.digest, cases=len(cases)
     ) as recorder:
         failures = 0
 
-        def keep(trace: Trace, episodes: Episodes, offset: int) -> int:
+        def keep(trace: Trace, episodes: Episodes) -> int:
             nonlocal failures
             failed = trace.outcome != Outcome.SUCCESS
             wanted = failed & (failures + np.cumsum(failed) <= MOST_FAILURES) | (record == "all")
-            wanted[: max(0, FIRST_RECORDED - offset)] = True
+            wanted |= trace.case < cases.start + FIRST_RECORDED
             failures += int(failed.sum())
             recorder.add(trace, np.flatnonzero(wanted), episodes.columns)
             return int(wanted.sum())

@@ -8,19 +8,19 @@ from __future__ import annotations
 import contextlib
 import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 import rerun as rr
 from jaxtyping import Float, Int, Shaped
-from rerun.chunk import LazyChunkStream
+from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from crowdbench.record import drawing, exact, rrd
 from crowdbench.record.blueprint import blueprint
 from crowdbench.record.chunks import still
-from crowdbench.record.plots import is_curve
+from crowdbench.record.plots import PLANNER_PLOTS, is_curve
 from crowdbench.types import Outcome, Trace
 
 
@@ -74,11 +74,41 @@ class Recorder:
                 *drawing.episode(trace, row, title, shown),
             ]
             name = f"{trace.split}-{trace.case[row]:04d}-{label}"
-            part = Path(self._folder.name) / f"{len(self._extents)}.rrd"
-            with self._writing():
-                LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
-            self._extents.append(drawing.extent(trace, row))
+            self._keep(chunks, name, drawing.extent(trace, row))
         self._plotted |= dict.fromkeys(name for name, logged in trace.logs.items() if is_curve(logged))
+
+    def copy(self, path: Path) -> int:
+        """Record the episodes of another recording, one of a part of the same run.
+
+        Args:
+            path: The recording.
+
+        Returns:
+            How many episodes it has.
+
+        Raises:
+            InputError: It cannot be read, or this one cannot be written.
+        """
+        with rrd.opening(path):
+            reader = RrdReader(path)
+            entries = reader.recordings()
+        for entry in entries:
+            with rrd.opening(path):
+                chunks = rrd.chunks_of(reader, entry, "/**")
+                episode = exact.episode(chunks)
+                trace = exact.trace([episode], exact.facts_of(episode))
+            self._keep(chunks, entry.recording_id, drawing.extent(trace, 0))
+            paths = {chunk.entity_path.removeprefix("/") for chunk in chunks}
+            plotted = sorted(each for each in paths if each.startswith(f"{PLANNER_PLOTS}/"))
+            self._plotted |= dict.fromkeys(each.removeprefix(f"{PLANNER_PLOTS}/") for each in plotted)
+        return len(entries)
+
+    def _keep(self, chunks: Sequence[Chunk], name: str, extent: Float[np.ndarray, "2 2"]) -> None:
+        """Write the file of one episode, which gets a name and has an extent in metres."""
+        part = Path(self._folder.name) / f"{len(self._extents)}.rrd"
+        with self._writing():
+            LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
+        self._extents.append(extent)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None

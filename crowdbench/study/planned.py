@@ -125,7 +125,7 @@ class PlannedRun:
         return kept.manifest is not None and kept.result["cases"] == str(self.cases)
 
     def make(self, out: Path, progress: Callable[[float], None]) -> None:
-        """Make the run. After an interrupt the finished batches are kept, but the run is made again next time.
+        """Make the run. After an interrupt its finished parts are kept, and it goes on with them next time.
 
         Args:
             out: The folder in which it gets its directory.
@@ -135,7 +135,7 @@ class PlannedRun:
             InputError: As `crowdbench.evaluate.run.run` does.
             KeyboardInterrupt: Somebody interrupted it.
         """
-        finished = runs.run(
+        runs.run(
             self.driver,
             self.scenario,
             self.cases,
@@ -148,8 +148,6 @@ class PlannedRun:
             overwrite=True,
             progress=progress,
         )
-        if finished.interrupted:
-            raise KeyboardInterrupt
 
     def episodes(self, out: Path) -> Episodes:
         """The episodes that it left in `out`. Raises InputError where it has not been made."""

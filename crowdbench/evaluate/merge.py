@@ -1,0 +1,158 @@
+"""Several runs of adjoining cases made into the one run that drives all of them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crowdbench.errors import InputError
+from crowdbench.evaluate import commands
+from crowdbench.evaluate.commands import COMMANDS
+from crowdbench.evaluate.directory import new_directory
+from crowdbench.evaluate.kept import KeptRun, read_run
+from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, replanning_of, to_json
+from crowdbench.evaluate.seal import MANIFEST, code, seal
+from crowdbench.files import read_json
+from crowdbench.scenario.cases import Cases
+from crowdbench.settings import MOST_FAILURES
+
+OWN = ("cases", "recorded", "outcomes", "metrics", "timing", "isolation", "versions")
+"""What the results of two parts may differ in."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A run that becomes a part of another one.
+
+    Attributes:
+        directory: Its directory.
+        kept: What is in it.
+        cases: Its cases.
+        manifest: What its manifest says.
+    """
+
+    directory: Path
+    kept: KeptRun
+    cases: Cases
+    manifest: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, directory: Path) -> Part:
+        """Read a run. Raises InputError where it is not as it was written, or was not made by the present code."""
+        kept = read_run(directory)
+        if kept.manifest is None or kept.manifest.code != code():
+            raise InputError(
+                f"{directory} was not made by this version of crowdbench, and cannot be merged: make it again"
+            )
+        return cls(directory, kept, Cases.parse(kept.result["cases"]), read_json(directory / MANIFEST))
+
+
+def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, interrupted: bool = False) -> dict[str, Any]:
+    """Make one run of several.
+
+    Its episodes and commands are those of a run that drives all cases, to the last byte.
+
+    Args:
+        directories: The runs, in any order.
+        out: The directory to write.
+        overwrite: Whether an earlier run in `out` is replaced.
+        interrupted: Whether cases are missing that were asked for.
+
+    Returns:
+        The contents of its `result.json`.
+
+    Raises:
+        InputError: The runs do not fit together, one of them is not as it was written, or `out` cannot be written.
+    """
+    parts = sorted(map(Part.read, directories), key=lambda part: (part.cases.split, part.cases.start))
+    _check_fitting(parts)
+    episodes = Episodes.joined([part.kept.episodes for part in parts])
+    first, last = parts[0].cases, parts[-1].cases
+    cases = Cases(first.split, first.start, last.stop)
+    with new_directory(out, overwrite) as directory:
+        episodes.write(directory / EPISODES)
+        if (parts[0].directory / COMMANDS).exists():
+            commands.join([part.directory / COMMANDS for part in parts], directory / COMMANDS)
+        result = parts[0].kept.result | {
+            "cases": str(cases),
+            "recorded": _join_recordings(parts, cases, directory / RECORDING),
+            "outcomes": episodes.counts(),
+            "metrics": to_json(episodes.summary()),
+            "timing": _timing(parts),
+            "versions": _versions(parts),
+        }
+        if "isolation" in result:
+            result["isolation"] = _isolation([part.kept.result["isolation"] for part in parts])
+        (directory / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        about = {key: value for key, value in parts[0].manifest.items() if key not in ("format", "files", "code")}
+        asked = about["asked"] | {"cases": str(cases)}
+        seal(directory, about | {"asked": asked, "interrupted": interrupted, "versions": result["versions"]})
+    return result
+
+
+def _check_fitting(parts: Sequence[Part]) -> None:
+    if not parts:
+        raise InputError("there is no run to merge: name the directories of runs")
+    for before, after in itertools.pairwise(parts):
+        one, two = (
+            {key: value for key, value in part.kept.result.items() if key not in OWN} for part in (before, after)
+        )
+        if differ := [key for key in dict.fromkeys([*one, *two]) if one.get(key) != two.get(key)]:
+            raise InputError(
+                f"{before.directory} and {after.directory} are no parts of one run: they differ in {differ[0]}"
+            )
+        if (before.cases.split, before.cases.stop) != (after.cases.split, after.cases.start):
+            raise InputError(
+                f"{before.directory} has cases {before.cases} and {after.directory} has {after.cases}, but the cases "
+                "of runs that are merged must follow each other without a gap and without an overlap"
+            )
+        if (before.directory / COMMANDS).exists() != (after.directory / COMMANDS).exists():
+            raise InputError(f"{before.directory} and {after.directory} do not both have {COMMANDS}: record both alike")
+
+
+def _join_recordings(parts: Sequence[Part], cases: Cases, path: Path) -> int:
+    """Join what is recorded, up to `MOST_FAILURES` and the part in which they are reached; returns how many it is.
+
+    Args:
+        parts: The parts.
+        cases: All their cases.
+        path: The recording to write.
+    """
+    recorded = [part for part in parts if part.kept.result["recorded"]]
+    if not recorded:
+        return 0
+    from crowdbench.record.write import Recorder
+
+    result = parts[0].kept.result
+    label = planner_label(result["planner"], result["options"], replanning_of(result))
+    scenario, number = result["scenario"], 0
+    with Recorder(
+        path, planner=label, scenario=scenario["name"], scenario_digest=scenario["digest"], cases=len(cases)
+    ) as recorder:
+        for part in recorded:
+            if number < MOST_FAILURES or part.manifest["asked"].get("record") == "all":
+                number += recorder.copy(part.directory / RECORDING)
+    return number
+
+
+def _timing(parts: Sequence[Part]) -> dict[str, float]:
+    timings = [part.kept.result["timing"] for part in parts]
+    steps = [int(part.kept.episodes.steps.sum()) for part in parts]
+    decided = sum(own["decision_ms_per_step"] * count for own, count in zip(timings, steps, strict=True))
+    return {"decision_ms_per_step": decided / sum(steps), "seconds": sum(own["seconds"] for own in timings)}
+
+
+def _versions(parts: Sequence[Part]) -> dict[str, str]:
+    """Each version, or all that the parts have, such as the machines of a cluster."""
+    each = [part.kept.result["versions"] for part in parts]
+    return {name: ", ".join(dict.fromkeys(str(own.get(name)) for own in each)) for name in each[0]}
+
+
+def _isolation(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The worst of all parts."""
+    worst = {name: max(own[name] for own in each) for name in ("construction_seconds", "peak_memory_mb")}
+    return {"level": ", ".join(dict.fromkeys(own["level"] for own in each)), **worst}

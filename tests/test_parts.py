@@ -1,0 +1,221 @@
+"""Runs that are made part by part: whoever makes the parts, and however often it is stopped, the run is the same."""
+
+import hashlib
+import json
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.errors import InputError, Interrupted
+from crowdbench.evaluate import parts
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.merge import merge
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.parts import Shard
+from crowdbench.evaluate.run import run
+from crowdbench.planners.base import Planner
+from crowdbench.record.read import read
+from crowdbench.scenario.cases import Cases
+
+SAME = ("episodes.csv", "commands.parquet")
+
+
+def go(out, cases="30", planner=None, scenario="circle_crossing_5", **settings):
+    settings = {"metrics": METRICS, "about": {"options": {}}, "record": "commands"} | settings
+    name, made = load_planner("orca") if planner is None else ("mine", planner)
+    return run(Driver(made, name), load_scenario(scenario), Cases.parse(cases), out, **settings)
+
+
+def digests(directory):
+    return [hashlib.md5((directory / name).read_bytes()).hexdigest() for name in SAME]
+
+
+@pytest.fixture
+def whole(tmp_path):
+    go(tmp_path / "whole")
+    return tmp_path / "whole"
+
+
+@pytest.mark.parametrize("batch", [1, 7, 10])
+def test_a_run_in_parts_is_that_in_one_go(batch, whole, tmp_path):
+    finished = go(tmp_path / "a", batch=batch)
+    assert digests(tmp_path / "a") == digests(whole)
+    alone = json.loads((whole / "result.json").read_text())
+    for key in set(alone) - {"timing"}:
+        assert finished.result[key] == alone[key]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "whole"]
+
+
+def test_shards_make_the_whole_in_any_order(whole, tmp_path):
+    for number in (3, 1, 2):
+        finished = go(tmp_path / "a", batch=4, shard=Shard(number, 3))
+        assert (finished.result is None) == (number != 2)
+        assert (tmp_path / "a").exists() == (number == 2)
+    assert digests(tmp_path / "a") == digests(whole)
+
+
+def test_shards_of_several_machines_are_merged(whole, tmp_path):
+    folders = []
+    for number in (1, 2):
+        folders.append(go(tmp_path / f"machine{number}" / "a", batch=10, shard=Shard(number, 2)).folder)
+    made = [each for folder in folders for each in sorted(folder.iterdir()) if each.is_dir()]
+    merge(made, tmp_path / "a")
+    assert digests(tmp_path / "a") == digests(whole)
+
+
+class Stops(Planner):
+    """Drives nowhere, and raises when it has started so many batches."""
+
+    def __init__(self, batches):
+        self.left = batches
+
+    def reset(self, rows):
+        self.left -= 1
+        if self.left < 0:
+            raise Interrupted
+
+    def plan(self, obs):
+        return np.zeros((len(obs), 2))
+
+
+def test_what_was_interrupted_goes_on(tmp_path):
+    go(tmp_path / "whole", planner=Stops(99))
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            go(tmp_path / "a", planner=Stops(2), batch=4)
+    [folder] = tmp_path.glob("a.parts-*")
+    assert parts.finished(folder) == ([folder / f"test-{start}-{start + 4}" for start in range(0, 24, 4)], False)
+    told = []
+    go(tmp_path / "a", planner=Stops(2), batch=4, progress=told.append)
+    assert sum(told) == pytest.approx(30.0)
+    assert digests(tmp_path / "a") == digests(tmp_path / "whole")
+
+
+def test_processes_that_are_given_the_same_command_share_the_work(whole, tmp_path):
+    out = tmp_path / "shared"
+    command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orca", "--cases", "30", "--batch", "1"]
+    command += ["--record", "commands", "--out", str(out)]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    ended = [process.communicate(timeout=120) for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], ended
+    assert digests(out) == digests(whole)
+    assert [path.name for path in tmp_path.glob("shared*")] == ["shared"]
+
+
+def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(parts, "PATIENCE", 0.01)
+    driven, begun, go_on = [], threading.Event(), threading.Event()
+
+    def slow(part, directory):
+        begun.set()
+        assert go_on.wait(30.0)
+        go(directory, str(part), overwrite=True)
+        driven.append(("slow", part.start))
+
+    def quick(part, directory):
+        go(directory, str(part), overwrite=True)
+        driven.append(("quick", part.start))
+        go_on.set()
+
+    cases = Cases("test", 0, 4)
+    other = threading.Thread(target=parts.make, args=(slow, cases, tmp_path / "a", {}), kwargs={"batch": 2})
+    other.start()
+    assert begun.wait(30.0)
+    made = parts.make(quick, cases, tmp_path / "a", {}, batch=2)
+    other.join()
+    assert made.is_whole
+    assert sorted(driven) == [("quick", 2), ("slow", 0)]
+
+
+def test_a_run_that_is_killed_again_and_again_is_the_whole_in_the_end(whole, tmp_path):
+    (tmp_path / "slow.py").write_text(
+        "import time\nfrom crowdbench.planners.reactive import ORCAPlanner\n"
+        "class Slow(ORCAPlanner):\n    def reset(self, rows):\n        time.sleep(0.05)\n"
+        "def planner():\n    return Slow()\n"
+    )
+    command = [sys.executable, "-m", "crowdbench", "run", "--planner", str(tmp_path / "slow.py"), "--cases", "30"]
+    command += ["--batch", "2", "--record", "commands", "--out", str(tmp_path / "killed")]
+    before = 0
+    for _ in range(3):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 60.0
+        while len(made := list(tmp_path.glob("killed.parts-*/test-*/manifest.json"))) < before + 2:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        before = len(made)
+    assert not (tmp_path / "killed").exists()
+    subprocess.run(command, check=True, capture_output=True)
+    assert digests(tmp_path / "killed") == digests(whole)
+    assert list(tmp_path.glob("*killed*")) == [tmp_path / "killed"]
+
+
+def test_recordings_are_merged_too(tmp_path):
+    go(tmp_path / "one", record="failures")
+    go(tmp_path / "a", record="failures", batch=8)
+    one, merged = (read(tmp_path / name / "run.rrd") for name in ("one", "a"))
+    assert (merged.planner, merged.cases) == (one.planner, 30)
+    np.testing.assert_array_equal(merged.trace.case, one.trace.case)
+    np.testing.assert_array_equal(merged.trace.position, one.trace.position)
+
+
+def test_of_very_many_failures_only_the_first_parts_are_recorded(tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.evaluate.merge.MOST_FAILURES", 12)
+    go(tmp_path / "a", record="failures", batch=10, planner=Stops(99))
+    assert read(tmp_path / "a" / "run.rrd").trace.case.tolist() == list(range(20))
+    assert json.loads((tmp_path / "a" / "result.json").read_text())["recorded"] == 20
+
+
+@pytest.mark.parametrize("text", ["", "1", "0/2", "3/2", "1/0", "a/b", "-1/2", "1/2/3"])
+def test_a_text_that_is_no_shard_is_refused(text):
+    with pytest.raises(InputError, match=rf"^{re.escape(repr(text))} is no shard: write 2/8 for the second of eight$"):
+        Shard.parse(text)
+
+
+def test_runs_that_do_not_fit_together_are_refused(tmp_path):
+    runs = {"a": "0:5", "b": "5:9", "gap": "10:12", "over": "8:12"}
+    for name, cases in runs.items():
+        go(tmp_path / name, cases)
+    go(tmp_path / "other", "9:12", scenario="circle_crossing_10")
+    go(tmp_path / "silent", "9:12", record="none")
+    merge([tmp_path / "b", tmp_path / "a"], tmp_path / "merged")
+    assert json.loads((tmp_path / "merged" / "result.json").read_text())["cases"] == "test:0:9"
+    for name, sentence in {
+        "gap": r"has cases test:5:9 and .*gap has test:10:12, but the cases of runs that are merged must follow",
+        "over": r"has cases test:5:9 and .*over has test:8:12, but",
+        "other": r"are no parts of one run: they differ in scenario$",
+        "silent": r"do not both have commands\.parquet: record both alike$",
+    }.items():
+        with pytest.raises(InputError, match=sentence):
+            merge([tmp_path / "a", tmp_path / "b", tmp_path / name], tmp_path / "c")
+    with pytest.raises(InputError, match=r"^there is no run to merge"):
+        merge([], tmp_path / "c")
+    (tmp_path / "a" / "episodes.csv").write_text("")
+    with pytest.raises(InputError, match=r"episodes\.csv is not the file that the run wrote"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_the_command_line_merges_what_an_interrupt_has_kept(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        go(tmp_path / "a", planner=Stops(2), batch=4)
+    [folder] = tmp_path.glob("a.parts-*")
+    command = [sys.executable, "-m", "crowdbench", "merge", str(folder), "--out", str(tmp_path / "b")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "mine on circle_crossing_5, cases test:0:8" in done.stdout
+    assert json.loads((tmp_path / "b" / "manifest.json").read_text())["interrupted"]
+    refused = subprocess.run([*command[:4], str(tmp_path), *command[5:]], capture_output=True, text=True)
+    assert refused.returncode == 1
+    assert refused.stderr.startswith("crowdbench: ")
+    assert Path(folder / parts.REQUEST).exists()
