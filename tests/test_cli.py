@@ -199,9 +199,12 @@ def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
     process.send_signal(number)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "kept cases test:0:10" in errors
-    assert json.loads((tmp_path / "kept" / "result.json").read_text())["cases"] == "test:0:10"
-    assert list(tmp_path.glob(".kept*")) == []
+    assert "crowdbench: interrupted: 10 of 30 cases are kept in kept.parts-" in errors
+    assert not (tmp_path / "kept").exists()
+    [folder] = tmp_path.glob("kept.parts-*")
+    merged = crowdbench("merge", folder.name, "--out", "some")
+    assert merged.returncode == 0, merged.stderr
+    assert json.loads((tmp_path / "some" / "result.json").read_text())["cases"] == "test:0:10"
 
 
 def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
@@ -212,11 +215,12 @@ def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
     wait_for(tmp_path / "reached")
     process.kill()
     process.wait()
-    (partial,) = (tmp_path / "runs").glob(".*.partial-*")
-    name = partial.name[1:].partition(".partial-")[0]
+    (partial,) = (tmp_path / "runs").glob("*.parts-*/.*.partial-*")
+    name = partial.parent.name.partition(".parts-")[0]
     assert not (tmp_path / "runs" / name).exists()
-    assert crowdbench("run", "--planner", "orca", "--cases", "2", "--out", f"runs/{name}").returncode == 0
-    assert list((tmp_path / "runs").glob(".*.partial-*")) == []
+    done = crowdbench("run", "--planner", "orca", "--cases", "20", "--batch", "10", "--out", f"runs/{name}")
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == [name]
 
 
 def test_the_command_line_starts_without_what_it_does_not_need():

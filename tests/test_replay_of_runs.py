@@ -23,6 +23,8 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.replay import RunFiles, replay
 from crowdbench.evaluate.results import Episodes, to_json
+from crowdbench.evaluate.merge import merge
+from crowdbench.evaluate.parts import finished
 from crowdbench.evaluate.run import run
 from crowdbench.files import sha256
 from crowdbench.planners.base import Planner
@@ -127,7 +129,10 @@ def test_what_an_interrupted_run_kept_agrees(tmp_path, monkeypatch):
 
     with monkeypatch.context() as context:
         context.setattr(Episodes, "of", interrupted)
-        go(tmp_path / "run", batch=5)
+        with pytest.raises(KeyboardInterrupt):
+            go(tmp_path / "run", batch=5)
+    [folder] = tmp_path.glob("run.parts-*")
+    merge(finished(folder)[0], tmp_path / "run")
     found = again(tmp_path / "run")
     assert (found.cases, found.differences) == (5, [])
 
