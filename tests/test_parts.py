@@ -63,12 +63,18 @@ def test_shards_make_the_whole_in_any_order(whole, tmp_path):
 
 
 def test_shards_of_several_machines_are_merged(whole, tmp_path):
-    folders = []
-    for number in (1, 2):
-        folders.append(go(tmp_path / f"machine{number}" / "a", batch=10, shard=Shard(number, 2)).folder)
-    made = [each for folder in folders for each in sorted(folder.iterdir()) if each.is_dir()]
+    folders = [
+        go(tmp_path / f"machine{number}" / "a", batch=4, shard=Shard(number, 2)).folder.rename(tmp_path / str(number))
+        for number in (1, 2)
+    ]
+    made, is_whole = parts.finished(folders)
+    assert is_whole
     merge(made, tmp_path / "a")
     assert digests(tmp_path / "a") == digests(whole)
+    assert parts.finished(folders[1:]) == ([], False)
+    other = go(tmp_path / "b", batch=4, cases="20", shard=Shard(1, 2)).folder
+    with pytest.raises(InputError, match=r"hold parts of different runs: their request\.json differ$"):
+        parts.finished([folders[0], other])
 
 
 class Stops(Planner):
@@ -92,7 +98,7 @@ def test_what_was_interrupted_goes_on(tmp_path):
         with pytest.raises(KeyboardInterrupt):
             go(tmp_path / "a", planner=Stops(2), batch=4)
     [folder] = tmp_path.glob("a.parts-*")
-    assert parts.finished(folder) == ([folder / f"test-{start}-{start + 4}" for start in range(0, 24, 4)], False)
+    assert parts.finished([folder]) == ([folder / f"test-{start}-{start + 4}" for start in range(0, 24, 4)], False)
     told = []
     go(tmp_path / "a", planner=Stops(2), batch=4, progress=told.append)
     assert sum(told) == pytest.approx(30.0)

@@ -132,7 +132,7 @@ def test_what_an_interrupted_run_kept_agrees(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             go(tmp_path / "run", batch=5)
     [folder] = tmp_path.glob("run.parts-*")
-    merge(finished(folder)[0], tmp_path / "run")
+    merge(finished([folder])[0], tmp_path / "run")
     found = again(tmp_path / "run")
     assert (found.cases, found.differences) == (5, [])
 

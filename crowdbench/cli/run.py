@@ -144,9 +144,10 @@ def merge(
     from crowdbench.evaluate.results import planner_label, replanning_of
 
     metrics = catalog.load_metrics(metric or [])
-    given = [parts.finished(run) if (run / parts.REQUEST).exists() else ([run], True) for run in runs]
-    directories = [directory for made, _ in given for directory in made]
-    result = merging.merge(directories, out, overwrite, interrupted=not all(is_whole for _, is_whole in given))
+    is_whole = True
+    if all((run / parts.REQUEST).exists() for run in runs):
+        runs, is_whole = parts.finished(runs)
+    result = merging.merge(runs, out, overwrite, interrupted=not is_whole)
     if as_json:
         print(json.dumps(result, indent=2))
         return

@@ -228,22 +228,32 @@ def _kept(folder: Path, request: str, parts: Sequence[Cases]) -> Iterator[None]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def finished(folder: Path) -> tuple[list[Path], bool]:
-    """The parts in a folder that are there to their last case, up to the first one that is missing.
+def finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
+    """The parts of a run that are there to their last case, up to the first one that is missing.
 
     Args:
-        folder: The folder of a run's parts.
+        folders: The folders of its parts, such as those of shards on several machines.
 
     Returns:
         Their directories, and whether these are all parts.
 
     Raises:
-        InputError: It is no such folder.
+        InputError: One of them is no such folder, or one of another run.
     """
+    requests = [_request(folder) for folder in folders]
+    for folder, request in zip(folders, requests, strict=True):
+        if request != requests[0]:
+            raise InputError(f"{folders[0]} and {folder} hold parts of different runs: their {REQUEST} differ")
+    parts = list(Cases.parse(requests[0]["cases"]).batches(requests[0]["batch"]))
+    there = [next(filter(is_made, (folder / _name(part) for folder in folders)), None) for part in parts]
+    made = [directory for directory in itertools.takewhile(bool, there) if directory]
+    return made, len(made) == len(parts)
+
+
+def _request(folder: Path) -> dict[str, Any]:
     try:
-        request = json.loads(files.read_text(folder / REQUEST))
-        parts = list(Cases.parse(request["cases"]).batches(request["batch"]))
+        request = files.read_json(folder / REQUEST)
+        list(Cases.parse(request["cases"]).batches(request["batch"]))
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(f"{folder} is no folder with the parts of a run") from None
-    made = list(itertools.takewhile(is_made, (folder / _name(part) for part in parts)))
-    return made, len(made) == len(parts)
+    return dict(request)
