@@ -232,7 +232,7 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 
 def test_every_measurement_is_taken():
     names = {measure.__name__ for measure in SUITE}
-    modules = (simulator, decisions, training, commands)
+    modules = (simulator, isolation, decisions, training, commands)
     assert names == {name for module in modules for name in vars(module) if name.startswith("measure_")}
 
 

@@ -19,12 +19,12 @@ from crowdbench.errors import InputError
 from crowdbench.evaluate import rollout as rollouts
 from crowdbench.evaluate import seal
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.merge import merge
 from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.parts import finished
 from crowdbench.evaluate.replanning import Replanning
 from crowdbench.evaluate.replay import RunFiles, replay
 from crowdbench.evaluate.results import Episodes, to_json
-from crowdbench.evaluate.merge import merge
-from crowdbench.evaluate.parts import finished
 from crowdbench.evaluate.run import run
 from crowdbench.files import sha256
 from crowdbench.planners.base import Planner

@@ -38,7 +38,7 @@ def failure(error: BaseException) -> Failure | None:
     if isinstance(error, SystemExit) and error.code:
         return None
     if isinstance(error, Interrupted):
-        return Failure(str(error) or NOTHING_KEPT, INTERRUPTED)
+        return Failure(NOTHING_KEPT, INTERRUPTED)
     if isinstance(error, TyperException):
         return Failure(_one_line(error.format_message()), 2)
     if isinstance(error, InputError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -97,6 +98,7 @@ def run(
     own_metrics = {spec: plugins.source(spec) for spec in metric or []}
     replanning = Replanning(replan_every, look_first)
     with (
+        _interrupts_told(),
         _planner(planner, options, isolated, decision_limit) as (driver, about),
         progress(len(selected), f"of {len(selected)} cases") as tell,
     ):
@@ -153,6 +155,20 @@ def merge(
         return
     label = planner_label(result["planner"], result["options"], replanning_of(result))
     print_result(f"{label} on {result['scenario']['name']}", result, metrics, out)
+
+
+@contextlib.contextmanager
+def _interrupts_told() -> Iterator[None]:
+    """Says what an interrupted run has kept, and exits. Typer would end the command without a word."""
+    from crowdbench.cli.console import say
+
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        if not str(error):
+            raise
+        say(f"crowdbench: {error}")
+        sys.exit(INTERRUPTED)
 
 
 @contextlib.contextmanager
