@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdbench.cli.options import (
+    INTERRUPTED,
     CasesOption,
     JsonOption,
     LimitOption,
