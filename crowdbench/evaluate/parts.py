@@ -224,7 +224,7 @@ def _kept(folder: Path, request: str, parts: Sequence[Cases]) -> Iterator[None]:
         goes_on = f"the same command goes on with them, and `crowdbench merge {folder} --out DIR` makes a run of them"
         raise type(error)(f"{str(error) or 'interrupted'}: {kept}; {goes_on}") from error
     finally:
-        if folder.exists() and not any(each.is_dir() for each in folder.iterdir()):
+        if folder.exists() and not any(each.is_dir() for each in folder.iterdir()) and _is_idle(folder):
             shutil.rmtree(folder, ignore_errors=True)
 
 

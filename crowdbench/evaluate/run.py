@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.metadata
 import json
 import platform
@@ -14,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from llvmlite.binding import get_host_cpu_name
 
 from crowdbench.errors import Interrupted
@@ -23,6 +21,7 @@ from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.parts import WHOLE, Shard
+from crowdbench.evaluate.recording import command_writer, recorder
 from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, to_json
 from crowdbench.evaluate.rollout import LogsTooLarge, rollout
@@ -31,8 +30,8 @@ from crowdbench.files import read_json
 from crowdbench.interrupts import Interrupts
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.settings import BATCH, FIRST_RECORDED, MOST_FAILURES, WITH_EPISODES
-from crowdbench.types import Outcome, Trace
+from crowdbench.settings import BATCH, WITH_EPISODES
+from crowdbench.types import Trace
 
 MEMORY = 256e6
 """Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches.
@@ -104,49 +103,101 @@ def run(
         KeyboardInterrupt: Interrupted. The batches that are finished are kept, unless there is only one.
     """
     code()  # before somebody changes it
-    settings = {"replan_every": replanning.every, **replanning.settings}
-    request = {"cases": str(cases), "metrics": list(metrics), **settings, "record": record}
-    request |= {"decision_limit": driver.decision_limit, **(asked or {})}
-    label = planner_label(driver.name, about.get("options", {}), replanning.settings)
+    wanted = _Wanted(driver, scenario, cases, metrics, about, asked or {}, replanning, record, batch, progress)
+    if len(cases) <= batch and shard == WHOLE:
+        wanted.drive(cases, out, overwrite)
+        return Finished(read_json(out / RESULT), len(cases), out)
 
-    def drive(part: Cases, directory: Path, overwrite: bool) -> bool:
+    def drive(part: Cases, directory: Path) -> None:
+        if wanted.drive(part, directory, overwrite=True):  # it came while the part was written
+            raise Interrupted
+
+    made = parts.make(
+        drive, cases, out, wanted.depends, batch=batch, shard=shard, overwrite=overwrite, progress=progress
+    )
+    return Finished(read_json(out / RESULT) if made.is_whole else None, made.cases, made.folder)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What `run` was asked for."""
+
+    driver: Driver
+    scenario: Scenario
+    cases: Cases
+    metrics: Mapping[str, Metric]
+    about: Mapping[str, Any]
+    asked: Mapping[str, Any]
+    replanning: Replanning
+    record: str
+    batch: int
+    progress: Callable[[float], None] | None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """When the planner observes, as results say it."""
+        return {"replan_every": self.replanning.every, **self.replanning.settings}
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """What a manifest says of what was asked for."""
+        asked = {"cases": str(self.cases), "metrics": list(self.metrics), **self.settings, "record": self.record}
+        return {**asked, "decision_limit": self.driver.decision_limit, **self.asked}
+
+    @property
+    def depends(self) -> dict[str, Any]:
+        """All that the figures depend on."""
+        planner = {"planner": self.driver.name, "privileged": self.driver.privileged, "facts": self.driver.facts}
+        # What an isolated planner has used differs from run to run.
+        about = {key: value for key, value in self.about.items() if key != "isolation"}
+        return {**planner, **self.request, **about, "scenario": self.scenario.digest, "code": code()}
+
+    def drive(self, part: Cases, directory: Path, overwrite: bool) -> bool:
+        """Make the run of some of the cases.
+
+        Args:
+            part: The cases.
+            directory: The directory to write.
+            overwrite: Whether an earlier run there is replaced.
+
+        Returns:
+            Whether somebody interrupted it when all was done but the writing.
+        """
         start = time.perf_counter()
-        driver.seconds = 0.0
+        self.driver.seconds = 0.0
+        label = planner_label(self.driver.name, self.about.get("options", {}), self.replanning.settings)
         with Interrupts() as interrupts, new_directory(directory, overwrite) as folder:
             with (
-                _recorder(record, folder / RECORDING, label, scenario, cases) as keep,
-                _command_writer(record, folder) as keep_commands,
+                recorder(self.record, folder / RECORDING, label, self.scenario, self.cases) as keep,
+                command_writer(self.record, folder) as keep_commands,
             ):
-
-                def roll_out(some: Cases) -> Trace:
-                    with interrupts.let_through():
-                        logs = record in WITH_EPISODES
-                        return rollout(driver, scenario, some, replanning=replanning, keep_logs=logs, progress=progress)
 
                 def keep_all(trace: Trace, measured: Episodes) -> int:
                     keep_commands(trace)
                     return keep(trace, measured)
 
-                traces = _traces(roll_out, driver, part, fitting(batch, scenario))
-                episodes, recorded = _measured(traces, metrics, keep_all)
-            result = _result(driver, scenario, part, episodes, settings | dict(about), recorded, start)
+                traces = _traces(self._rollout(interrupts), self.driver, part, fitting(self.batch, self.scenario))
+                episodes, recorded = _measured(traces, self.metrics, keep_all)
+            about = self.settings | dict(self.about)
+            result = _result(self.driver, self.scenario, part, episodes, about, recorded, start)
             episodes.write(folder / EPISODES)
             (folder / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-            seal(folder, _manifest(about, request))
+            seal(folder, _manifest(self.about, self.request))
         return interrupts.asked
 
-    def drive_part(part: Cases, directory: Path) -> None:
-        if drive(part, directory, overwrite=True):  # it came while the part was written
-            raise Interrupted
+    def _rollout(self, interrupts: Interrupts) -> Callable[[Cases], Trace]:
+        def drive(cases: Cases) -> Trace:
+            with interrupts.let_through():
+                return rollout(
+                    self.driver,
+                    self.scenario,
+                    cases,
+                    replanning=self.replanning,
+                    keep_logs=self.record in WITH_EPISODES,
+                    progress=self.progress,
+                )
 
-    if len(cases) <= batch and shard == WHOLE:
-        drive(cases, out, overwrite)
-        return Finished(read_json(out / RESULT), len(cases), out)
-    depends = {"planner": driver.name, "privileged": driver.privileged, "facts": driver.facts, **request}
-    depends |= {key: value for key, value in about.items() if key != "isolation"}
-    depends |= {"scenario": scenario.digest, "code": code()}
-    made = parts.make(drive_part, cases, out, depends, batch=batch, shard=shard, overwrite=overwrite, progress=progress)
-    return Finished(read_json(out / RESULT) if made.is_whole else None, made.cases, made.folder)
+        return drive
 
 
 def _measured(
@@ -267,51 +318,3 @@ def fitting(batch: int, scenario: Scenario) -> int:
     # Positions and velocities of every state, and as much again for what metrics make of them.
     each = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
     return max(1, min(batch, int(MEMORY / each)))
-
-
-Keep = Callable[[Trace, Episodes], int]
-
-
-@contextlib.contextmanager
-def _recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: Cases) -> Iterator[Keep]:
-    """The recorder of a run: a function that records the wanted episodes of a batch and returns their number.
-
-    Args:
-        record: Which episodes are wanted, one of `settings.RECORD`.
-        path: The recording.
-        planner: The planner's name with its options.
-        scenario: The scenario.
-        cases: The cases of the whole run.
-    """
-    if record not in WITH_EPISODES:
-        yield lambda trace, episodes: 0
-        return
-    from crowdbench.record.write import Recorder
-
-    with Recorder(
-        path, planner=planner, scenario=scenario.name, scenario_digest=scenario.digest, cases=len(cases)
-    ) as recorder:
-        failures = 0
-
-        def keep(trace: Trace, episodes: Episodes) -> int:
-            nonlocal failures
-            failed = trace.outcome != Outcome.SUCCESS
-            wanted = failed & (failures + np.cumsum(failed) <= MOST_FAILURES) | (record == "all")
-            wanted |= trace.case < cases.start + FIRST_RECORDED
-            failures += int(failed.sum())
-            recorder.add(trace, np.flatnonzero(wanted), episodes.columns)
-            return int(wanted.sum())
-
-        yield keep
-
-
-@contextlib.contextmanager
-def _command_writer(record: str, directory: Path) -> Iterator[Callable[[Trace], None]]:
-    """A function that keeps the commands of a batch in `directory`, unless nothing is recorded."""
-    if record == "none":
-        yield lambda trace: None
-        return
-    from crowdbench.evaluate.commands import COMMANDS, writing
-
-    with writing(directory / COMMANDS) as write:
-        yield write

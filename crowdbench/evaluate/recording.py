@@ -1,0 +1,62 @@
+"""What a run records while it goes on: the commands of all cases, and episodes for the viewer."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from crowdbench.evaluate.results import Episodes
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.settings import FIRST_RECORDED, MOST_FAILURES, WITH_EPISODES
+from crowdbench.types import Outcome, Trace
+
+Keep = Callable[[Trace, Episodes], int]
+
+
+@contextlib.contextmanager
+def recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: Cases) -> Iterator[Keep]:
+    """The recorder of a run: a function that records the wanted episodes of a batch and returns their number.
+
+    Args:
+        record: Which episodes are wanted, one of `settings.RECORD`.
+        path: The recording.
+        planner: The planner's name with its options.
+        scenario: The scenario.
+        cases: The cases of the whole run.
+    """
+    if record not in WITH_EPISODES:
+        yield lambda trace, episodes: 0
+        return
+    from crowdbench.record.write import Recorder
+
+    with Recorder(
+        path, planner=planner, scenario=scenario.name, scenario_digest=scenario.digest, cases=len(cases)
+    ) as writer:
+        failures = 0
+
+        def keep(trace: Trace, episodes: Episodes) -> int:
+            nonlocal failures
+            failed = trace.outcome != Outcome.SUCCESS
+            wanted = failed & (failures + np.cumsum(failed) <= MOST_FAILURES) | (record == "all")
+            wanted |= trace.case < cases.start + FIRST_RECORDED
+            failures += int(failed.sum())
+            writer.add(trace, np.flatnonzero(wanted), episodes.columns)
+            return int(wanted.sum())
+
+        yield keep
+
+
+@contextlib.contextmanager
+def command_writer(record: str, directory: Path) -> Iterator[Callable[[Trace], None]]:
+    """A function that keeps the commands of a batch in `directory`, unless nothing is recorded."""
+    if record == "none":
+        yield lambda trace: None
+        return
+    from crowdbench.evaluate.commands import COMMANDS, writing
+
+    with writing(directory / COMMANDS) as write:
+        yield write
