@@ -87,7 +87,7 @@ def planner(speed=0.1):
 """
 
 
-@pytest.mark.parametrize("name", ["orca", "social_force", "cadrl", MEMORY])
+@pytest.mark.parametrize("name", ["orca", "social_force", MEMORY])
 def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
     spec = mine(name) if name == MEMORY else name
     here = drive(Driver(load_planner(spec)[1], "here"), "val:6")
@@ -197,18 +197,16 @@ def test_a_planner_that_cannot_be_made_is_refused(mine):
 
 
 def test_a_planner_that_hangs_is_killed(mine):
-    start = time.monotonic()
-    short = Limits(decision=1.0)
+    short = Limits(decision=0.5)
     too_long = r"^planner mine took longer than "
-    late = pytest.raises(DecisionLimitExceeded, match=too_long + r"the limit of 1 s \(step 0")
+    late = pytest.raises(DecisionLimitExceeded, match=too_long + r"the limit of 0\.5 s \(step 0")
     with driven(mine(body(LOOP)), limits=short) as driver, late:
         drive(driver)
-    late = pytest.raises(InputError, match=too_long + r"1 s in reset\(\)$")
+    late = pytest.raises(InputError, match=too_long + r"0\.5 s in reset\(\)$")
     with driven(mine(body("time.sleep(99)", "reset")), limits=short) as driver, late:
         drive(driver)
     with pytest.raises(InputError, match=r"^planner mine took longer than 2 s in its construction$"):
         IsolatedPlanner(mine("import time; time.sleep(99)"), {}, Limits(construction=2.0))
-    assert time.monotonic() - start < 30.0
 
 
 def test_a_planner_that_takes_too_much_memory_is_killed(mine):

@@ -28,7 +28,7 @@ from crowdbench.scenario.cases import Cases
 SAME = ("episodes.csv", "commands.parquet")
 
 
-def go(out, cases="30", planner=None, scenario="circle_crossing_5", **settings):
+def go(out, cases="12", planner=None, scenario="circle_crossing_5", **settings):
     settings = {"metrics": METRICS, "about": {"options": {}}, "record": "commands"} | settings
     name, made = load_planner("orca") if planner is None else ("mine", planner)
     return run(Driver(made, name), load_scenario(scenario), Cases.parse(cases), out, **settings)
@@ -44,7 +44,7 @@ def whole(tmp_path):
     return tmp_path / "whole"
 
 
-@pytest.mark.parametrize("batch", [1, 7, 10])
+@pytest.mark.parametrize("batch", [1, 5])
 def test_a_run_in_parts_is_that_in_one_go(batch, whole, tmp_path):
     finished = go(tmp_path / "a", batch=batch)
     assert digests(tmp_path / "a") == digests(whole)
@@ -72,7 +72,7 @@ def test_shards_of_several_machines_are_merged(whole, tmp_path):
     merge(made, tmp_path / "a")
     assert digests(tmp_path / "a") == digests(whole)
     assert parts.finished(folders[1:]) == ([], False)
-    other = go(tmp_path / "b", batch=4, cases="20", shard=Shard(1, 2)).folder
+    other = go(tmp_path / "b", batch=4, cases="8", shard=Shard(1, 2)).folder
     with pytest.raises(InputError, match=r"hold parts of different runs: their request\.json differ$"):
         parts.finished([folders[0], other])
 
@@ -94,20 +94,20 @@ class Stops(Planner):
 
 def test_what_was_interrupted_goes_on(tmp_path):
     go(tmp_path / "whole", planner=Stops(99))
-    for _ in range(3):
+    for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            go(tmp_path / "a", planner=Stops(2), batch=4)
+            go(tmp_path / "a", planner=Stops(2), batch=2)
     [folder] = tmp_path.glob("a.parts-*")
-    assert parts.finished([folder]) == ([folder / f"test-{start}-{start + 4}" for start in range(0, 24, 4)], False)
+    assert parts.finished([folder]) == ([folder / f"test-{start}-{start + 2}" for start in range(0, 8, 2)], False)
     told = []
-    go(tmp_path / "a", planner=Stops(2), batch=4, progress=told.append)
-    assert sum(told) == pytest.approx(30.0)
+    go(tmp_path / "a", planner=Stops(2), batch=2, progress=told.append)
+    assert sum(told) == pytest.approx(12.0)
     assert digests(tmp_path / "a") == digests(tmp_path / "whole")
 
 
 def test_processes_that_are_given_the_same_command_share_the_work(whole, tmp_path):
     out = tmp_path / "shared"
-    command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orca", "--cases", "30", "--batch", "1"]
+    command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orca", "--cases", "12", "--batch", "1"]
     command += ["--record", "commands", "--out", str(out)]
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     ended = [process.communicate(timeout=120) for process in processes]
@@ -147,8 +147,8 @@ def test_a_run_that_is_killed_again_and_again_is_the_whole_in_the_end(whole, tmp
         "class Slow(ORCAPlanner):\n    def reset(self, rows):\n        time.sleep(0.05)\n"
         "def planner():\n    return Slow()\n"
     )
-    command = [sys.executable, "-m", "crowdbench", "run", "--planner", str(tmp_path / "slow.py"), "--cases", "30"]
-    command += ["--batch", "2", "--record", "commands", "--out", str(tmp_path / "killed")]
+    command = [sys.executable, "-m", "crowdbench", "run", "--planner", str(tmp_path / "slow.py"), "--cases", "12"]
+    command += ["--batch", "1", "--record", "commands", "--out", str(tmp_path / "killed")]
     before = 0
     for _ in range(3):
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -168,18 +168,18 @@ def test_a_run_that_is_killed_again_and_again_is_the_whole_in_the_end(whole, tmp
 
 def test_recordings_are_merged_too(tmp_path):
     go(tmp_path / "one", record="failures")
-    go(tmp_path / "a", record="failures", batch=8)
+    go(tmp_path / "a", record="failures", batch=5)
     one, merged = (read(tmp_path / name / "run.rrd") for name in ("one", "a"))
-    assert (merged.planner, merged.cases) == (one.planner, 30)
+    assert (merged.planner, merged.cases) == (one.planner, 12)
     np.testing.assert_array_equal(merged.trace.case, one.trace.case)
     np.testing.assert_array_equal(merged.trace.position, one.trace.position)
 
 
 def test_of_very_many_failures_only_the_first_parts_are_recorded(tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.evaluate.merge.MOST_FAILURES", 12)
-    go(tmp_path / "a", record="failures", batch=10, planner=Stops(99))
-    assert read(tmp_path / "a" / "run.rrd").trace.case.tolist() == list(range(20))
-    assert json.loads((tmp_path / "a" / "result.json").read_text())["recorded"] == 20
+    monkeypatch.setattr("crowdbench.evaluate.merge.MOST_FAILURES", 6)
+    go(tmp_path / "a", record="failures", batch=4, planner=Stops(99))
+    assert read(tmp_path / "a" / "run.rrd").trace.case.tolist() == list(range(8))
+    assert json.loads((tmp_path / "a" / "result.json").read_text())["recorded"] == 8
 
 
 @pytest.mark.parametrize("text", ["", "1", "0/2", "3/2", "1/0", "a/b", "-1/2", "1/2/3"])

@@ -64,13 +64,6 @@ def test_episodes_read_back_to_the_last_bit(tmp_path):
     assert first.split(",")[1] in {outcome.label for outcome in Outcome}
 
 
-def test_batches_leave_the_same_bytes(tmp_path):
-    for batch in (1, 7, 30):
-        go(tmp_path / str(batch), batch=batch)
-    files = {(tmp_path / str(batch) / "episodes.csv").read_bytes() for batch in (1, 7, 30)}
-    assert len(files) == 1
-
-
 def test_an_earlier_run_is_not_overwritten_unasked(tmp_path):
     go(tmp_path / "a", cases="3")
     with pytest.raises(InputError, match="--overwrite"):
