@@ -22,6 +22,14 @@ def test_rates_tell_the_outcome(outcome):
     ]
 
 
+def test_success_is_weighted_by_the_time_of_the_straight_way():
+    # 1 m at 1 m/s, of which the last 0.3 m lie within the goal: three steps at least, and four were driven.
+    assert value("sct", trace(STRAIGHT, goal=[[1.0, 0], [9, 9]])) == 0.75
+    assert value("sct", trace(STRAIGHT, goal=[[1.3, 0], [9, 9]])) == 1.0
+    assert value("sct", trace(STRAIGHT, goal=[[0.0, 0], [9, 9]])) == 0.25
+    assert value("sct", trace(STRAIGHT, Outcome.TIMEOUT, goal=[[1.3, 0], [9, 9]])) == 0.0
+
+
 def test_times_of_success_and_failure():
     assert value("navigation_time", trace(STRAIGHT)) == 1.0
     assert value("navigation_time_or_limit", trace(STRAIGHT)) == 1.0

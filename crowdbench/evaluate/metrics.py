@@ -68,6 +68,17 @@ def spl(trace: Trace) -> Float[np.ndarray, "world"]:
     return success_rate(trace) * share
 
 
+def sct(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Success weighted by completion time: least over real time, 0 for a failure [1].
+
+    Yokoyama et al. (2021). The least time is that of the straight way to the rim of the goal, whose radius is the
+    vehicle's, at the preferred speed, in whole steps.
+    """
+    way = np.maximum(norm(trace.goal[:, 0, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0, 0], 0.0)
+    least = np.ceil(way / (trace.preferred_speed[:, 0] * trace.rules.dt))
+    return success_rate(trace) * np.maximum(least, 1.0) / np.maximum(trace.steps, np.maximum(least, 1.0))
+
+
 def max_velocity_change(trace: Trace) -> Float[np.ndarray, "world"]:
     """Largest change of velocity from one step to the next, the start from rest included [m/s].
 
@@ -194,6 +205,7 @@ METRICS: dict[str, Metric] = {
         navigation_time_or_limit,
         path_length,
         spl,
+        sct,
         minimum_gap,
         discomfort,
         discomfort_frequency,
@@ -213,7 +225,7 @@ METRICS: dict[str, Metric] = {
 }
 """The built-in metrics by name."""
 
-OVER_ALL = frozenset({"navigation_time_or_limit", "spl", "discounted_return"})
+OVER_ALL = frozenset({"navigation_time_or_limit", "spl", "sct", "discounted_return"})
 """Metrics that count failures. Two planners are compared in all cases, not only in those that both solve."""
 
 POOLED = frozenset({"discomfort_frequency"})

@@ -1,0 +1,188 @@
+"""What a rank means: which entries of a board are better than which, beyond what chance explains.
+
+Two entries are compared on the cases that both drove, by success first, then by collisions, then by success weighted by
+completion time. All comparisons of a board are tested together, so that with probability 0.95 or more none of them
+finds a difference where there is none (Holm 1979). An entry's rank is 1 plus the number of entries that are better.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.errors import InputError
+from crowdbench.evaluate.compare import mcnemar
+
+ALPHA = 0.05
+"""The probability, over all comparisons of a board, with which any of them finds a difference that is none."""
+
+CRITERIA: Mapping[str, int] = {"success_rate": 1, "collision_rate": -1, "sct": 1}
+"""The metrics that rank, in this order, and whether more of each is better (1) or worse (-1)."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two entries, compared.
+
+    Attributes:
+        better: Index of the entry that is better; None where no difference is significant.
+        worse: Index of the other one; None likewise.
+        criterion: The first metric in which they differ significantly; empty where there is none.
+        entries: The indices of both.
+        differences: By metric, the mean of the first entry minus that of the second.
+        p: By metric, the two-sided p-value, corrected for all comparisons of the board.
+    """
+
+    better: int | None
+    worse: int | None
+    criterion: str
+    entries: tuple[int, int]
+    differences: Mapping[str, float]
+    p: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Rank:
+    """The rank of an entry.
+
+    Attributes:
+        rank: 1 plus the number of entries that are better.
+        last: The number of entries minus those that are worse: with more cases the rank could be any from `rank` on to
+            this one.
+    """
+
+    rank: int
+    last: int
+
+
+def compare_all(
+    columns: Sequence[Mapping[str, Float[np.ndarray, "case"]]], weights: Float[np.ndarray, "case"]
+) -> list[Comparison]:
+    """Compare each entry with each other one.
+
+    Args:
+        columns: For each entry, the metrics of `CRITERIA` in the same cases.
+        weights: How much each case counts, which is the same for all entries.
+
+    Returns:
+        A comparison for each pair of entries.
+
+    Raises:
+        InputError: An entry has no value of a metric in a case.
+    """
+    for metric in CRITERIA:
+        if any(np.isnan(entry[metric]).any() for entry in columns):
+            raise InputError(f"entries cannot be compared: {metric} has no value in some case")
+    pairs = list(itertools.combinations(range(len(columns)), 2))
+    raw = [p_value(columns[a][metric], columns[b][metric], weights) for a, b in pairs for metric in CRITERIA]
+    corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA))
+    return [_comparison(columns, pair, weights, p) for pair, p in zip(pairs, corrected, strict=True)]
+
+
+def _comparison(
+    columns: Sequence[Mapping[str, Float[np.ndarray, "case"]]],
+    pair: tuple[int, int],
+    weights: Float[np.ndarray, "case"],
+    p: Float[np.ndarray, "metric"],
+) -> Comparison:
+    a, b = pair
+    differences = {
+        metric: float(np.average(columns[a][metric] - columns[b][metric], weights=weights)) for metric in CRITERIA
+    }
+    by_metric = dict(zip(CRITERIA, p.tolist(), strict=True))
+    criterion = next((metric for metric in CRITERIA if by_metric[metric] < ALPHA), "")
+    if not criterion:
+        return Comparison(None, None, "", pair, differences, by_metric)
+    is_first = differences[criterion] * CRITERIA[criterion] > 0.0
+    return Comparison(*((a, b) if is_first else (b, a)), criterion, pair, differences, by_metric)
+
+
+def p_value(a: Float[np.ndarray, "case"], b: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"]) -> float:
+    """The two-sided p-value of the hypothesis that two entries have the same mean, paired by case.
+
+    McNemar's exact test (1947) where the values are 0 or 1 and all cases count alike; otherwise Student's t test on the
+    weighted differences.
+
+    Args:
+        a: A metric of one entry.
+        b: The same of the other one.
+        weights: How much each case counts.
+
+    Returns:
+        The p-value; 1 where no case differs.
+    """
+    from scipy.stats import t as student
+
+    differences = a - b
+    if not differences.any():
+        return 1.0
+    if np.isin((a, b), (0.0, 1.0)).all() and (weights == weights[0]).all():
+        return mcnemar(a.astype(bool), b.astype(bool))
+    weighted = weights * differences / weights.sum()
+    mean = weighted.sum()
+    # The variance of a weighted mean of independent cases, with the correction of the sample variance.
+    rest = weights * (differences - mean) / weights.sum()
+    error = np.sqrt((rest**2).sum() * len(a) / (len(a) - 1)) if len(a) > 1 else np.inf
+    if error == 0.0:
+        return 0.0
+    return float(2.0 * student.sf(abs(mean) / error, len(a) - 1))
+
+
+def holm(p: Float[np.ndarray, "test"]) -> Float[np.ndarray, "test"]:
+    """The p-values corrected by Holm (1979) for the number of tests.
+
+    Each of them below `ALPHA` is significant.
+    """
+    order = np.argsort(p, kind="stable")
+    factors = len(p) - np.arange(len(p))
+    corrected = np.empty_like(p)
+    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
+    return corrected
+
+
+def ranks(entries: int, comparisons: Sequence[Comparison]) -> list[Rank]:
+    """The rank of each entry.
+
+    Args:
+        entries: The number of entries.
+        comparisons: Those of all pairs.
+
+    Returns:
+        Their ranks, in the order of the entries.
+    """
+    better = np.bincount([one.worse for one in comparisons if one.worse is not None], minlength=entries)
+    worse = np.bincount([one.better for one in comparisons if one.better is not None], minlength=entries)
+    return [Rank(1 + int(above), entries - int(below)) for above, below in zip(better, worse, strict=True)]
+
+
+def smallest_difference(cases: int, entries: int) -> float:
+    """The smallest difference in success that a board can tell apart, as a share of its cases.
+
+    It is that of two entries of which only one fails in these cases, and is found where no other comparison of the
+    board is significant. Where both fail in cases of their own, the difference must be larger.
+
+    Args:
+        cases: The number of cases, which all count alike.
+        entries: The number of entries that are ranked.
+
+    Returns:
+        The share; above 1 where nothing can be told apart.
+    """
+    tests = len(CRITERIA) * entries * (entries - 1) / 2
+    # Of d cases that all speak for one of two equal entries, the exact test says p = 2 / 2^d.
+    return float(np.floor(1.0 + np.log2(max(tests, 1.0) / ALPHA)) + 1.0) / cases
+
+
+def pareto(costs: Float[np.ndarray, "entry cost"]) -> Bool[np.ndarray, "entry"]:
+    """Which entries no other one beats in one cost without being worse in another.
+
+    Args:
+        costs: What is to be small, such as failures and time.
+    """
+    not_worse = (costs[:, None] <= costs).all(axis=2)
+    smaller = (costs[:, None] < costs).any(axis=2)
+    return ~(not_worse & smaller).any(axis=0)
