@@ -185,4 +185,4 @@ def pareto(costs: Float[np.ndarray, "entry cost"]) -> Bool[np.ndarray, "entry"]:
     """
     not_worse = (costs[:, None] <= costs).all(axis=2)
     smaller = (costs[:, None] < costs).any(axis=2)
-    return ~(not_worse & smaller).any(axis=0)
+    return np.logical_not((not_worse & smaller).any(axis=0))

@@ -1,0 +1,136 @@
+"""A board: the cases that its entries drive, the rules, and how much each case counts."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.boards.schema import BoardSpec
+from crowdbench.catalog import load_scenario
+from crowdbench.errors import InputError
+from crowdbench.evaluate.replanning import Replanning
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.toml_file import Location, parsed, read_toml
+
+FILE = "board.toml"
+
+
+@dataclass(frozen=True)
+class BoardScenario:
+    """One of the scenarios of a board.
+
+    Attributes:
+        family: The family that it belongs to.
+        name: Its name.
+        weight: How much each of its cases counts: all families count alike, and in a family all scenarios.
+    """
+
+    family: str
+    name: str
+    weight: float
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board.
+
+    Attributes:
+        name: The name of its folder.
+        spec: What its `board.toml` says.
+    """
+
+    name: str
+    spec: BoardSpec
+
+    @property
+    def digest(self) -> str:
+        """The sha256 of all that its figures depend on. The title, the description and the season are not in it."""
+        rules = self.spec.complete()
+        for key in ("title", "description", "season"):
+            del rules[key]
+        return hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def cases(self) -> Cases:
+        """The cases that an entry drives in each scenario."""
+        return Cases("test", 0, self.spec.cases)
+
+    @property
+    def replanning(self) -> Replanning:
+        """When entries observe."""
+        return Replanning(self.spec.replan_every, self.spec.look_first)
+
+    @property
+    def scenarios(self) -> list[BoardScenario]:
+        """Its scenarios, family by family."""
+        families = self.spec.families
+        return [
+            BoardScenario(family, name, 1.0 / (len(families) * len(names) * self.spec.cases))
+            for family, names in families.items()
+            for name in names
+        ]
+
+    @property
+    def weights(self) -> Float[np.ndarray, "case"]:
+        """How much each case counts, scenario after scenario; they add up to 1."""
+        return np.repeat([scenario.weight for scenario in self.scenarios], self.spec.cases)
+
+    def overrides(self, seed: int | None) -> dict[str, Any]:
+        """What the board changes in each of its scenarios.
+
+        Args:
+            seed: The seed of the cases; None for the public cases, on which entries are developed.
+        """
+        rules: dict[str, Any] = {"collision": self.spec.collision}
+        return rules if seed is None else {**rules, "seed": seed, "crowdnav_cases": 0}
+
+    def load(self, seed: int | None) -> Iterator[tuple[BoardScenario, Scenario]]:
+        """Its scenarios with its rules. Raises InputError where one of them does not exist."""
+        for scenario in self.scenarios:
+            yield scenario, load_scenario(scenario.name, self.overrides(seed))
+
+
+def read_board(folder: Path) -> Board:
+    """Read a board.
+
+    Args:
+        folder: The folder of the board.
+
+    Returns:
+        The board.
+
+    Raises:
+        InputError: Its `board.toml` is missing, or something in it is wrong. A scenario that does not exist is.
+    """
+    file = Location(f"{folder.name}/{FILE}")
+    spec = parsed(BoardSpec, read_toml(folder / FILE, "board"), file)
+    names = [name for family in spec.families.values() for name in family]
+    if double := [name for i, name in enumerate(names) if name in names[:i]]:
+        raise InputError(f"{file.file}: the scenario {double[0]} is in two families")
+    board = Board(folder.name, spec)
+    with file.at("families").named():
+        for _ in board.load(None):
+            pass
+    return board
+
+
+def season_seed(entries: Iterable[str], randomness: str) -> int:
+    """The seed of a season's cases, which nobody can know before the beacon's round, nor choose.
+
+    Args:
+        entries: The digests of all entries of the season, which are frozen before the round.
+        randomness: What the round has published.
+
+    Returns:
+        A seed of 63 bits.
+    """
+    text = "\n".join([*sorted(entries), randomness])
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
