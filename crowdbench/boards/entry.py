@@ -1,0 +1,189 @@
+"""An entry of a board: one planner's files, its card, its runs, and what others have found of it.
+
+entries/<name>/entry.json          what follows, with the sha256 of every other file
+entries/<name>/card.toml           what its authors say of it
+entries/<name>/planner/            the planner's files, unless it is built in or an installed package
+entries/<name>/runs/<scenario>/    a run on the public cases of each scenario
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+
+from crowdbench import files
+from crowdbench.boards.schema import CardSpec
+from crowdbench.errors import InputError
+from crowdbench.toml_file import Location, parsed, read_toml
+
+ENTRY = "entry.json"
+CARD = "card.toml"
+PLANNER = "planner"
+RUNS = "runs"
+
+SCHEMA = 1
+"""Version of what `entry.json` holds."""
+
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+Figures = dict[str, dict[str, float | None]]
+"""By scenario and metric, the mean over the cases."""
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class Verification(_Record):
+    """What somebody found who ran an entry again.
+
+    Attributes:
+        by: Who.
+        on: The day, such as 2027-01-31.
+        season: The season whose seed it was; empty for another one.
+        seed: The seed of the cases.
+        code: The digest of crowdbench's code.
+        level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
+        verdict: One of the verdicts of `crowdbench.boards.verify`.
+        reason: A sentence.
+        figures: What was measured.
+    """
+
+    by: str
+    on: str
+    season: str
+    seed: int
+    code: Sha256
+    level: str
+    verdict: str
+    reason: str
+    figures: Figures
+
+
+class EntrySpec(_Record):
+    """The contents of `entry.json`.
+
+    Attributes:
+        format: Version of the format, `SCHEMA`.
+        board: Name of the board.
+        board_version: Its version.
+        board_digest: Its digest, see `crowdbench.boards.board.Board.digest`.
+        submitted_by: Who has submitted it.
+        planner: As `crowdbench run --planner` takes it, relative to the entry.
+        package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
+        options: The planner's options; files are relative to the entry.
+        privileged: Whether the planner uses what no vehicle could see.
+        environment: Versions of packages, and the machine, of the run on the public cases.
+        files: The sha256 of every other file of the entry, by its path in it.
+        reported: What its authors measured on the public cases.
+        verifications: What others measured, the oldest first.
+    """
+
+    format: int
+    board: str
+    board_version: int
+    board_digest: Sha256
+    submitted_by: str
+    planner: str
+    package: str
+    options: dict[str, JsonValue]
+    privileged: bool
+    environment: dict[str, str]
+    files: dict[str, Sha256]
+    reported: Figures
+    verifications: list[Verification]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry as it is on disk.
+
+    Attributes:
+        directory: Its directory, whose name is its own.
+        spec: The contents of its `entry.json`.
+        card: What its authors say of it.
+    """
+
+    directory: Path
+    spec: EntrySpec
+    card: CardSpec
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.directory.name
+
+    @property
+    def digest(self) -> str:
+        """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
+        spec = self.spec
+        frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{RUNS}/")}
+        text = json.dumps([spec.board, self.name, spec.planner, spec.package, spec.options, frozen], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_entry(directory: Path) -> Entry:
+    """Read an entry and check that its files are those that it names.
+
+    Args:
+        directory: Its directory.
+
+    Returns:
+        The entry.
+
+    Raises:
+        InputError: A file is missing, was changed or is not named, or `entry.json` or `card.toml` are not as they must
+            be.
+    """
+    path = directory / ENTRY
+    try:
+        table = files.read_json(path)
+    except OSError as error:
+        raise InputError(f"{directory} is no entry: {path} cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON: {error}") from None
+    spec = _parsed(table, path)
+    _check_files(directory, spec.files)
+    card = parsed(CardSpec, read_toml(directory / CARD, "card"), Location(f"{directory.name}/{CARD}"))
+    return Entry(directory, spec, card)
+
+
+def _parsed(table: Any, path: Path) -> EntrySpec:
+    if isinstance(table, dict) and table.get("format") != SCHEMA:
+        raise InputError(f"{path} has the format {table.get('format')!r}, but this version reads format {SCHEMA}")
+    try:
+        return EntrySpec.model_validate(table)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"])) or "the whole file"
+        raise InputError(f"{path} is no entry of crowdbench: {place}: {first['msg']}") from None
+
+
+def file_digests(directory: Path) -> dict[str, str]:
+    """The sha256 of every file of an entry but `entry.json`, by its path in it."""
+    found = sorted(path for path in directory.rglob("*") if path.is_file() and path != directory / ENTRY)
+    return {path.relative_to(directory).as_posix(): files.sha256(path) for path in found}
+
+
+def _check_files(directory: Path, named: Mapping[str, str]) -> None:
+    found = file_digests(directory)
+    if missing := sorted(named.keys() - found.keys()):
+        raise InputError(f"{directory / missing[0]}, which {ENTRY} names, is missing")
+    if more := sorted(found.keys() - named.keys()):
+        raise InputError(f"{directory / more[0]} is not a file of this entry: {ENTRY} does not name it; remove it")
+    for path, digest in named.items():
+        if found[path] != digest:
+            raise InputError(f"{directory / path} was changed: its sha256 differs from {ENTRY}")
+    if CARD not in named:
+        raise InputError(f"{directory} has no {CARD}, which says what its authors declare")
+
+
+def write_entry(directory: Path, spec: EntrySpec) -> None:
+    """Write `entry.json`, whole."""
+    with files.whole(directory / ENTRY) as partial:
+        partial.write_text(json.dumps(spec.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
