@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench import plugins
 from crowdbench.boards.schema import BoardSpec
 from crowdbench.catalog import load_scenario
 from crowdbench.errors import InputError
@@ -21,6 +22,9 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.toml_file import Location, parsed, read_toml
 
 FILE = "board.toml"
+
+ROOT = plugins.ROOT / "leaderboards"
+"""The folder of the boards that ship."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +56,21 @@ class Board:
 
     @property
     def digest(self) -> str:
-        """The sha256 of all that its figures depend on. The title, the description and the season are not in it."""
+        """The sha256 of all that its figures depend on. Texts and the position are not in it."""
         rules = self.spec.complete()
-        for key in ("title", "description", "season"):
+        for key in ("title", "description", "position"):
             del rules[key]
         return hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
 
     @property
     def cases(self) -> Cases:
-        """The cases that an entry drives in each scenario."""
+        """The cases of each scenario of which a season's figures are."""
         return Cases("test", 0, self.spec.cases)
+
+    @property
+    def public_cases(self) -> Cases:
+        """The cases of each scenario that authors run themselves."""
+        return Cases("test", 0, self.spec.public_cases)
 
     @property
     def replanning(self) -> Replanning:
@@ -122,15 +131,30 @@ def read_board(folder: Path) -> Board:
     return board
 
 
-def season_seed(entries: Iterable[str], randomness: str) -> int:
-    """The seed of a season's cases, which nobody can know before the beacon's round, nor choose.
+def find_board(name: str, root: Path = ROOT) -> Board:
+    """A board by its name.
 
     Args:
-        entries: The digests of all entries of the season, which are frozen before the round.
-        randomness: What the round has published.
+        name: Its name, or the path of its folder.
+        root: The folder of boards.
 
     Returns:
-        A seed of 63 bits.
+        The board.
+
+    Raises:
+        InputError: There is none, or something in it is wrong.
     """
-    text = "\n".join([*sorted(entries), randomness])
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
+    if "/" in name:
+        return read_board(Path(name))
+    if not (root / name / FILE).is_file():
+        known = ", ".join(board.name for board in read_boards(root))
+        raise InputError(f"no board is called {name!r}; there are {known}, or give the path of its folder")
+    return read_board(root / name)
+
+
+def read_boards(root: Path = ROOT) -> list[Board]:
+    """The boards of a folder, in the order of their `position`. Raises InputError where there is none."""
+    boards = [read_board(path.parent) for path in root.glob(f"*/{FILE}")]
+    if not boards:
+        raise InputError(f"{root} is no folder of boards: no folder in it has a {FILE}")
+    return sorted(boards, key=lambda board: (board.spec.position, board.name))

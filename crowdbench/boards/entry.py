@@ -3,11 +3,13 @@
 entries/<name>/entry.json          what follows, with the sha256 of every other file
 entries/<name>/card.toml           what its authors say of it
 entries/<name>/planner/            the planner's files, unless it is built in or an installed package
-entries/<name>/runs/<scenario>/    a run on the public cases of each scenario
+entries/<name>/public/<scenario>/  a run on the public cases of each scenario, with all commands
+entries/<name>/seasons/<season>/   the runs on the cases of a season
 """
 
 from __future__ import annotations
 
+import enum
 import hashlib
 import json
 from collections.abc import Mapping
@@ -25,7 +27,8 @@ from crowdbench.toml_file import Location, parsed, read_toml
 ENTRY = "entry.json"
 CARD = "card.toml"
 PLANNER = "planner"
-RUNS = "runs"
+PUBLIC = "public"
+SEASONS = "seasons"
 
 SCHEMA = 1
 """Version of what `entry.json` holds."""
@@ -39,19 +42,51 @@ class _Record(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
 
 
+class Verdict(enum.StrEnum):
+    """What somebody found who ran an entry again."""
+
+    RERUN = "re-run"
+    """The recorded commands lead to the reported figures, and the planner does about as well on unknown cases."""
+    NOT_REPRODUCED = "not reproduced"
+    """The recorded commands do not lead to what the entry's public runs say."""
+    LOWER = "lower than claimed"
+    """On unknown cases the planner is worse than chance explains."""
+    REFUSED = "refused"
+    """The planner breaks its contract or a limit."""
+
+
+class DecisionTime(_Record):
+    """How long a planner took for its decisions in one world alone, on one core: see `decision_time`.
+
+    Attributes:
+        p99_ms: The 99th percentile over decisions, in milliseconds.
+        kernel: Name of the calibration kernel.
+        kernel_ms: What the kernel took on the same core, in milliseconds.
+        calibrated_p99_ms: What the 99th percentile would be on the machine of reference.
+        is_real_time: Whether that is at most the time step.
+    """
+
+    p99_ms: float
+    kernel: str
+    kernel_ms: float
+    calibrated_p99_ms: float
+    is_real_time: bool
+
+
 class Verification(_Record):
     """What somebody found who ran an entry again.
 
     Attributes:
         by: Who.
         on: The day, such as 2027-01-31.
-        season: The season whose seed it was; empty for another one.
+        season: The season whose seed it was; empty for a seed that was drawn for this verification alone.
         seed: The seed of the cases.
         code: The digest of crowdbench's code.
         level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
-        verdict: One of the verdicts of `crowdbench.boards.verify`.
-        reason: A sentence.
-        figures: What was measured.
+        verdict: The verdict.
+        reason: Why, in a sentence.
+        figures: What was measured on these cases; empty where the planner did not come so far.
+        decision_time: How long decisions took; None where the planner did not come so far.
     """
 
     by: str
@@ -60,9 +95,10 @@ class Verification(_Record):
     seed: int
     code: Sha256
     level: str
-    verdict: str
+    verdict: Annotated[Verdict, Field(strict=False)]
     reason: str
     figures: Figures
+    decision_time: DecisionTime | None
 
 
 class EntrySpec(_Record):
@@ -122,7 +158,7 @@ class Entry:
     def digest(self) -> str:
         """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
         spec = self.spec
-        frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{RUNS}/")}
+        frozen = {path: digest for path, digest in spec.files.items() if path.split("/")[0] not in (PUBLIC, SEASONS)}
         text = json.dumps([spec.board, self.name, spec.planner, spec.package, spec.options, frozen], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

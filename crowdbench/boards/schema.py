@@ -1,4 +1,4 @@
-"""What `board.toml` and `card.toml` may hold: their keys, and the default of each key."""
+"""What `board.toml`, `season.toml` and `card.toml` may hold: their keys, and the default of each key."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ class FlagsSpec(TomlTable):
 
 
 class SeasonSpec(TomlTable):
-    """`season`: when entries are frozen, and the public beacon from which the seed of their cases then follows.
+    """The whole of `season.toml`: when entries are frozen, and what the seed of their cases then follows from.
 
-    `round` is a round of drand's default chain after `closes`, and `randomness` what it has published, empty before.
+    `round` is a round of drand's default chain (League of Entropy) after `closes`, and `randomness` what it has
+    published, empty before. `rehearsal` is for a season whose round was known before it closed.
     """
 
     name: Name
@@ -49,22 +50,28 @@ class SeasonSpec(TomlTable):
         str,
         Field(pattern="^([0-9a-f]{64})?$", description="64 hexadecimal digits, or empty before the round"),
     ] = ""
+    rehearsal: Flag = False
 
 
 class BoardSpec(TomlTable):
-    """The whole of `board.toml`. A change of the rules is a new `version`."""
+    """The whole of `board.toml`. A change of the rules is a new `version`.
+
+    `position` orders boards where several are listed. Authors run `public_cases` of each scenario, which everybody
+    knows. A season's figures are of `cases` of each.
+    """
 
     title: Name
     description: Name
     version: int = integer(least=1, most=10**6)
+    position: int = integer(1000, least=1, most=1000)
     families: Families
     cases: int = integer(2000, least=1, most=10**6)
+    public_cases: int = integer(500, least=1, most=10**6)
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     collision: str = choice(("swept", "crowdnav"), default="swept")
     ranks_flagged: Flag = False
     flags: Annotated[FlagsSpec, Field(description="a table [flags] with intimate_zone and jerk")]
-    season: Annotated[SeasonSpec | None, Field(description="a table [season]")] = None
 
 
 class CardSpec(TomlTable):

@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from crowdbench import interrupts
-from crowdbench.cli import bench, check, evaluate_predictor, listing, results, run, streams, study, train
+from crowdbench.cli import bench, boards, check, evaluate_predictor, listing, results, run, streams, study, train
 from crowdbench.cli.console import say
 from crowdbench.cli.failures import DEBUG, NOTHING_KEPT, failure
 from crowdbench.cli.options import INTERRUPTED
@@ -32,6 +32,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "score": results.score,
     "evaluate-predictor": evaluate_predictor.evaluate_predictor,
     "bench": bench.bench,
+    "new-planner": boards.new_planner,
+    "submit": boards.submit,
+    "verify": boards.verify,
 }
 """The commands in the order of --help."""
 
@@ -42,6 +45,7 @@ app = typer.Typer(
 )
 for name, command in COMMANDS.items():
     app.command(name)(command)
+app.add_typer(boards.app, name="leaderboard")
 
 
 def _version(wanted: bool | None) -> None:

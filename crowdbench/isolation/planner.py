@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,16 +66,26 @@ class IsolatedPlanner(Planner):
             `crowdbench.isolation.protocol`.
         options: Arguments of the planner's function, as they are written in TOML.
         limits: What it may take.
+        hidden: Folders that it must not read: see `crowdbench.isolation.sandbox`.
+        shown: Folders inside those that it may read all the same.
 
     Raises:
         InputError: The planner cannot be made, or takes longer or more memory than it may.
     """
 
-    def __init__(self, spec: str, options: Mapping[str, Any], limits: Limits = LIMITS) -> None:
+    def __init__(
+        self,
+        spec: str,
+        options: Mapping[str, Any],
+        limits: Limits = LIMITS,
+        *,
+        hidden: Iterable[Path] = (),
+        shown: Iterable[Path] = (),
+    ) -> None:
         self.name = called(spec)
         self.limits = limits
         self.usage: dict[str, Any] = {"level": sandbox.level()}
-        self.process = Process(sandbox.command(plugins.program(spec)), limits.memory)
+        self.process = Process(sandbox.command(plugins.program(spec), hidden, shown), limits.memory)
         try:
             says = self._start(spec, options)
         except BaseException:

@@ -109,6 +109,12 @@ class Process:
             yield process
             yield from process.children(recursive=True)
 
+    def pin(self) -> None:
+        """Have it, and all that it has started, use one core alone. macOS cannot do that."""
+        for process in list(self._everybody()):
+            with contextlib.suppress(psutil.Error, AttributeError):
+                process.cpu_affinity(process.cpu_affinity()[:1])
+
     def end(self) -> None:
         """Kill it, with all that it has started. It may have ended before."""
         for process in list(self._everybody()):

@@ -6,6 +6,7 @@ import functools
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 CLIENT = (sys.executable, "-P", "-m", "crowdbench.isolation.client")
@@ -15,14 +16,16 @@ BUBBLEWRAP = "bubblewrap"
 PROCESS = "process"
 
 
-def command(program: Path | None) -> tuple[str, ...]:
+def command(program: Path | None, hidden: Iterable[Path] = (), shown: Iterable[Path] = ()) -> tuple[str, ...]:
     """The command that starts a planner's process.
 
     Args:
         program: A planner that is a program of its own, or None for one that crowdbench can load.
+        hidden: Folders that the planner must not read. Without bubblewrap it can.
+        shown: Folders inside those that it may read all the same.
     """
     started = CLIENT if program is None else (str(program.resolve()),)
-    return started if level() == PROCESS else (*_bubblewrap(), *started)
+    return started if level() == PROCESS else (*_bubblewrap(hidden, shown), *started)
 
 
 @functools.cache
@@ -35,7 +38,16 @@ def level() -> str:
     return BUBBLEWRAP if tried.returncode == 0 else PROCESS
 
 
-def _bubblewrap() -> tuple[str, ...]:
+def _bubblewrap(hidden: Iterable[Path] = (), shown: Iterable[Path] = ()) -> tuple[str, ...]:
     """No network, no other process to be seen, every file read-only but for temporary ones that nobody else sees."""
-    options = "--die-with-parent --unshare-all --ro-bind / / --dev /dev --proc /proc --tmpfs /var/tmp"
-    return ("bwrap", *options.split(), "--setenv", "TMPDIR", "/var/tmp", "--chdir", str(Path.cwd()), "--")
+    options: list[str] = []
+    current = Path.cwd()
+    for folder in map(Path.resolve, hidden):
+        if folder.is_dir():
+            options += ["--tmpfs", str(folder)]
+            current = Path("/") if current.is_relative_to(folder) else current
+    for folder in map(Path.resolve, shown):
+        options += ["--ro-bind", str(folder), str(folder)]
+    always = "--die-with-parent --unshare-all --ro-bind / / --dev /dev --proc /proc --tmpfs /var/tmp"
+    last = "--setenv", "TMPDIR", "/var/tmp", "--chdir", str(current), "--"
+    return ("bwrap", *always.split(), *options, *last)

@@ -1,0 +1,226 @@
+"""An entry's planner drives the scenarios of a board, in a process of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from crowdbench import plugins
+from crowdbench.boards.board import Board
+from crowdbench.boards.decision_time import decision_time
+from crowdbench.boards.entry import PLANNER, DecisionTime, Figures, file_digests
+from crowdbench.errors import InputError
+from crowdbench.evaluate import run as runs
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.parts import is_made
+from crowdbench.evaluate.results import EPISODES, Episodes, read_result
+from crowdbench.evaluate.seal import code
+from crowdbench.isolation.planner import IsolatedPlanner
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+
+SHOWN = (
+    "success_rate",
+    "collision_rate",
+    "timeout_rate",
+    "navigation_time",
+    "sct",
+    "minimum_gap",
+    "intimate_zone",
+    "max_velocity_change",
+    "jerk",
+)
+"""The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
+
+BOARD_METRICS = {name: METRICS[name] for name in SHOWN}
+
+Progress = Callable[[float], None]
+
+
+class InUse(InputError):
+    """Another process is making the same runs."""
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """The planner of an entry.
+
+    Attributes:
+        folder: The folder of the entry.
+        planner: As `crowdbench run --planner` takes it; a file is relative to the folder.
+        options: Its options; files are relative to the folder.
+    """
+
+    folder: Path
+    planner: str
+    options: Mapping[str, Any]
+
+    @contextlib.contextmanager
+    def started(self, hidden: Sequence[Path] = ()) -> Iterator[IsolatedPlanner]:
+        """The planner in a process of its own.
+
+        Args:
+            hidden: Folders that it must not read; its own it may.
+
+        Raises:
+            InputError: It cannot be made.
+        """
+        options = {name: _located(self.folder, value) for name, value in self.options.items()}
+        spec = _located(self.folder, self.planner)
+        apart = IsolatedPlanner(spec, options, hidden=hidden, shown=[self.folder])
+        with contextlib.closing(apart):
+            yield apart
+
+
+def _located(folder: Path, value: Any) -> Any:
+    """A value of an option whose files are relative to a folder, with their full paths."""
+    if isinstance(value, Mapping):
+        return {name: _located(folder, each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_located(folder, each) for each in value]
+    if not isinstance(value, str):
+        return value
+    file, function = plugins.file_and_function(value)
+    path = folder.resolve() / (file or value)
+    if "/" not in value or not path.is_file():
+        return value
+    return f"{path}:{function}" if function else str(path)
+
+
+def drive(
+    board: Board,
+    entrant: Entrant,
+    out: Path,
+    *,
+    cases: Cases,
+    seed: int | None,
+    hidden: Sequence[Path] = (),
+    progress: Progress | None = None,
+) -> dict[str, str]:
+    """Make the runs of an entry, a directory for each scenario of its board. Those that are there are not made again.
+
+    Args:
+        board: The board.
+        entrant: The planner.
+        out: The folder of the runs.
+        cases: The cases of each scenario.
+        seed: The seed of the cases; None for the public ones, of which the commands are kept.
+        hidden: Folders that the planner must not read.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Returns:
+        Scenarios that have no run, because the planner breaks its contract or a limit in them, with the reason.
+
+    Raises:
+        InputError: This is so in all scenarios, or `out` cannot be written.
+        KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
+    """
+    failed: dict[str, InputError] = {}
+    for _, scenario in board.load(seed):
+        directory = out / scenario.name
+        if is_made(directory):
+            if progress is not None:
+                progress(len(cases))
+            continue
+        try:
+            with entrant.started([*hidden, out]) as planner:
+                _run(board, entrant, planner, scenario, cases, directory, seed, progress)
+        except InputError as error:
+            failed[scenario.name] = error
+    if len(failed) == len(board.scenarios):
+        raise next(iter(failed.values()))
+    return {name: str(error) for name, error in failed.items()}
+
+
+def _run(
+    board: Board,
+    entrant: Entrant,
+    planner: IsolatedPlanner,
+    scenario: Scenario,
+    cases: Cases,
+    directory: Path,
+    seed: int | None,
+    progress: Progress | None,
+) -> None:
+    runs.run(
+        Driver(planner, planner.name),
+        scenario,
+        cases,
+        directory,
+        metrics=BOARD_METRICS,
+        about={"options": dict(entrant.options), "overrides": board.overrides(seed)},
+        asked={"board": board.name, "version": board.spec.version},
+        replanning=board.replanning,
+        record="commands" if seed is None else "none",
+        progress=progress,
+    )
+
+
+def run_digest(board: Board, entrant: Entrant) -> str:
+    """Twelve hexadecimal digits that change with all that the runs of an entry depend on, but for their seed.
+
+    Args:
+        board: The board.
+        entrant: The planner.
+    """
+    files = file_digests(entrant.folder / PLANNER)
+    text = json.dumps([board.digest, entrant.planner, entrant.options, files, code()], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+@contextlib.contextmanager
+def locked(kept: Path) -> Iterator[None]:
+    """Keep other processes from making the same runs.
+
+    Args:
+        kept: The folder of the runs.
+
+    Raises:
+        InputError: Another process is making them.
+    """
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(kept.with_name(f".{kept.name}.lock"), timeout=0):
+            yield
+    except Timeout:
+        raise InUse(f"another process is making the runs of {kept}") from None
+
+
+def timed(board: Board, entrant: Entrant, scenario: Scenario) -> DecisionTime:
+    """Time the decisions of an entry's planner.
+
+    Args:
+        board: The board.
+        entrant: The planner.
+        scenario: One of the board's scenarios.
+
+    Raises:
+        InputError: The planner breaks its contract or a limit.
+    """
+    with entrant.started() as planner:
+        planner.process.pin()
+        return decision_time(planner, planner.name, scenario, board.replanning)
+
+
+def figures(board: Board, out: Path) -> Figures:
+    """The means of the metrics of runs, by scenario. Raises InputError where a run is damaged."""
+    results = {name: read_result(out / name)["metrics"] for name in made(board, out)}
+    return {name: {metric: each["mean"] for metric, each in metrics.items()} for name, metrics in results.items()}
+
+
+def episodes(board: Board, out: Path) -> dict[str, Episodes]:
+    """The episodes of runs, by scenario. Raises InputError where a run is damaged."""
+    return {name: Episodes.read(out / name / EPISODES) for name in made(board, out)}
+
+
+def made(board: Board, out: Path) -> list[str]:
+    """The scenarios of a board of which there is a run."""
+    return [scenario.name for scenario in board.scenarios if (out / scenario.name).is_dir()]

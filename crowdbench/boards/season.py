@@ -1,0 +1,116 @@
+"""A season: entries are frozen, and a public beacon that comes later says which cases they drive.
+
+Nobody can know the cases before the round of the beacon, and nobody can choose them: the seed follows from what the
+round publishes and from the digests of all entries.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from crowdbench import files
+from crowdbench.boards.schema import SeasonSpec
+from crowdbench.errors import InputError
+from crowdbench.toml_file import Location, parsed, read_toml
+
+SEASON = "season.toml"
+FROZEN = "frozen.json"
+
+Frozen = Mapping[str, Mapping[str, str]]
+"""By board and entry, the entry's digest."""
+
+
+@dataclass(frozen=True)
+class Season:
+    """The present season.
+
+    Attributes:
+        spec: What `season.toml` says.
+        frozen: The entries that take part; empty before they are frozen.
+    """
+
+    spec: SeasonSpec
+    frozen: Frozen
+
+    def seed(self, board: str) -> int:
+        """The seed of the cases of a board, of 63 bits.
+
+        Raises InputError where entries are not frozen yet, or the randomness of the round is not known.
+        """
+        if not self.frozen:
+            raise InputError(f"the entries of the season {self.spec.name} are not frozen yet: {FROZEN} is missing")
+        if not self.spec.randomness:
+            raise InputError(
+                f"{SEASON} does not say the randomness of round {self.spec.round} yet: fetch it from drand after "
+                f"{self.spec.closes} and write it there"
+            )
+        text = "\n".join([*sorted(self.frozen.get(board, {}).values()), self.spec.randomness])
+        return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
+
+    def takes_part(self, board: str, entry: str, digest: str) -> bool:
+        """Whether an entry of a board is one of those that were frozen, as it was then.
+
+        Args:
+            board: The board's name.
+            entry: The entry's name.
+            digest: The entry's digest.
+        """
+        return self.frozen.get(board, {}).get(entry) == digest
+
+
+def read_season(root: Path) -> Season:
+    """Read the season of a folder of boards.
+
+    Args:
+        root: The folder.
+
+    Returns:
+        The season.
+
+    Raises:
+        InputError: One of its files is missing or wrong.
+    """
+    spec = parsed(SeasonSpec, read_toml(root / SEASON, "season"), Location(SEASON))
+    path = root / FROZEN
+    if not path.exists():
+        return Season(spec, {})
+    try:
+        table = files.read_json(path)
+        frozen = {
+            str(board): {str(name): str(digest) for name, digest in entries.items()}
+            for board, entries in table["entries"].items()
+        }
+        season = str(table["season"])
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"{path} must hold the name of a season and the digests of its entries") from None
+    return Season(spec, frozen if season == spec.name else {})
+
+
+def freeze(root: Path, entries: Frozen) -> Season:
+    """Freeze the entries of the season.
+
+    Args:
+        root: The folder of boards.
+        entries: The entries that take part.
+
+    Returns:
+        The season.
+
+    Raises:
+        InputError: Entries of this season are frozen already, or there is none.
+    """
+    season = read_season(root)
+    if season.frozen:
+        raise InputError(f"the entries of the season {season.spec.name} are frozen already: see {root / FROZEN}")
+    if not any(entries.values()):
+        raise InputError(f"{root} has no entries to freeze")
+    table = {"season": season.spec.name, "entries": entries}
+    with files.whole(root / FROZEN) as partial:
+        partial.write_text(json.dumps(table, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    return Season(season.spec, entries)

@@ -1,0 +1,122 @@
+"""Enters every planner that ships on every board that it can run on, and verifies all of them.
+
+Which planners these are is in `leaderboards/shipped.toml`, what their authors say of them in `leaderboards/cards/`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from crowdbench.boards.board import Board, read_boards
+from crowdbench.boards.driving import Progress
+from crowdbench.boards.entry import Entry
+from crowdbench.boards.season import Season, freeze, read_season
+from crowdbench.boards.standings import MAINTAINERS, read_entries
+from crowdbench.boards.submission import ENTRIES, Submission, submit
+from crowdbench.boards.verification import verify
+from crowdbench.toml_file import Location, Name, TomlTable, parsed, read_toml
+
+SHIPPED = "shipped.toml"
+CARDS = "cards"
+
+
+class ShippedSpec(TomlTable):
+    """One of `shipped` in `shipped.toml`: the name of the entry and of its card, and what it runs.
+
+    `not_on` lists the boards that it cannot run on.
+    """
+
+    name: Name
+    planner: Name
+    options: Annotated[dict[str, Any], Field(description="a table of options")] = Field(default_factory=dict)
+    not_on: Annotated[list[Name], Field(description="a list of boards")] = Field(default_factory=list)
+
+
+class ShippedFile(TomlTable):
+    """The whole of `shipped.toml`."""
+
+    shipped: Annotated[list[ShippedSpec], Field(min_length=1, description="tables [[shipped]]")]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A piece of work of `fill`.
+
+    Attributes:
+        title: What it is, for people.
+        cases: How many cases it drives or replays.
+        do: Does it.
+    """
+
+    title: str
+    cases: int
+    do: Callable[[Progress], object]
+
+
+def read_shipped(root: Path) -> list[ShippedSpec]:
+    """The planners that ship. Raises InputError where `shipped.toml` is missing or wrong."""
+    return parsed(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped
+
+
+def to_submit(root: Path, work: Path) -> list[Job]:
+    """Entries of planners that ship which are not there yet.
+
+    Args:
+        root: The folder of boards.
+        work: The folder that keeps finished runs until an entry is made.
+    """
+    return [
+        _submission(board, spec, root, work)
+        for board in read_boards(root)
+        for spec in read_shipped(root)
+        if board.name not in spec.not_on and not (root / board.name / ENTRIES / spec.name).exists()
+    ]
+
+
+def _submission(board: Board, spec: ShippedSpec, root: Path, work: Path) -> Job:
+    wanted = Submission(board, spec.name, spec.planner, spec.options, root / CARDS / f"{spec.name}.toml", MAINTAINERS)
+    cases = len(board.public_cases) * len(board.scenarios)
+    return Job(f"{spec.name} on {board.name}", cases, lambda tell: submit(wanted, root, work, tell))
+
+
+def freeze_all(root: Path) -> Season:
+    """Freeze all entries of all boards, if those of the season are not frozen yet.
+
+    Args:
+        root: The folder of boards.
+
+    Returns:
+        The season.
+    """
+    season = read_season(root)
+    if season.frozen:
+        return season
+    entries = {board.name: read_entries(board, root) for board in read_boards(root)}
+    return freeze(root, {name: {each.name: each.digest for each in found} for name, found in entries.items()})
+
+
+def to_verify(root: Path, work: Path, season: Season) -> Iterator[Job]:
+    """Entries of the season that were not verified in it yet.
+
+    Args:
+        root: The folder of boards.
+        work: The folder that keeps finished runs until the verdict.
+        season: The season.
+    """
+    for board in read_boards(root):
+        for entry in read_entries(board, root):
+            is_verified = any(each.season == season.spec.name for each in entry.spec.verifications)
+            if is_verified or not season.takes_part(board.name, entry.name, entry.digest):
+                continue
+            cases = (board.spec.cases + board.spec.public_cases) * len(board.scenarios)
+
+            yield Job(f"{entry.name} on {board.name}", cases, _verification(entry, board, work, season))
+
+
+def _verification(entry: Entry, board: Board, work: Path, season: Season) -> Callable[[Progress], object]:
+    return lambda tell: verify(entry, board, by=MAINTAINERS, work=work, season=season, progress=tell)

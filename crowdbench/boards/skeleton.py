@@ -1,0 +1,112 @@
+"""The folder of a planner that somebody begins: it drives, it has a test, and a card for leaderboards."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from crowdbench.boards.submission import NAMES
+from crowdbench.errors import InputError
+from crowdbench.evaluate.directory import new_directory
+
+PLANNER = '''"""{title}: drives straight to the goal, and slowly where a pedestrian is near."""
+
+import numpy as np
+from crowdbench import Planner
+
+
+class {title}(Planner):
+    """Keeps a slow speed near pedestrians.
+
+    Args:
+        near: Distance in metres below which a pedestrian is near.
+        slow: Share of the preferred speed that is kept then.
+    """
+
+    def __init__(self, near, slow):
+        self.near = near
+        self.slow = slow
+
+    def plan(self, obs):  # -> [world, 2], m/s
+        to_goal = obs.vehicle.goal - obs.vehicle.position
+        distance = np.linalg.norm(obs.pedestrians.position - obs.vehicle.position[:, None], axis=2)
+        near = ((distance < self.near) & obs.pedestrians.seen).any(axis=1)
+        speed = obs.vehicle.preferred_speed * np.where(near, self.slow, 1.0)
+        return to_goal * (speed / np.linalg.norm(to_goal, axis=1))[:, None]
+
+
+def planner(near: float = 1.5, slow: float = 0.3):
+    """Make the planner.
+
+    Args:
+        near: Distance in metres below which a pedestrian is near.
+        slow: Share of the preferred speed that is kept then.
+    """
+    return {title}(near, slow)
+'''
+
+TEST = '''"""The planner keeps its contract and drives. Run with pytest."""
+
+import json
+import subprocess
+from pathlib import Path
+
+PLANNER = Path(__file__).parent / "{name}.py"
+
+
+def crowdbench(*arguments):
+    return subprocess.run(["crowdbench", *map(str, arguments)], capture_output=True, text=True)
+
+
+def test_it_keeps_its_contract():
+    done = crowdbench("check", PLANNER)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_it_reaches_its_goal_where_nobody_is_in_the_way(tmp_path):
+    empty = ("--set", "pedestrians.number=0", "--cases", "val:10", "--out", tmp_path / "run", "--json")
+    done = crowdbench("run", "--planner", PLANNER, *empty)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["metrics"]["success_rate"]["mean"] == 1.0
+'''
+
+CARD = """# What this planner is. `crowdbench submit` puts it into the entry; a field that is missing is an error.
+title = "{title}"
+authors = ["Your Name"]
+contact = "you@example.org"
+method = "{name}"  # entries of the same method can be compared with others as a method
+licence = "MIT"
+description = "Drives straight to the goal, and slowly where a pedestrian is near."
+paper = ""  # a DOI or an arXiv number
+code = ""  # where the code is
+training_data = []  # recorded data that the planner or a part of it was trained on
+training_scenarios = []  # scenarios that it was trained in
+privileged_training = false  # whether training used what no vehicle can see
+crowd_model = "none"  # the model of pedestrians inside the planner, such as "ORCA"
+validation_runs = 1  # how many variants were tried before this one was chosen
+training_seeds = 0  # how many times it was trained with other seeds
+"""
+
+
+def write_skeleton(name: str, out: Path) -> Path:
+    """Make the folder of a new planner.
+
+    Args:
+        name: The planner's name, which is the name of the folder.
+        out: The folder to make it in.
+
+    Returns:
+        Its folder.
+
+    Raises:
+        InputError: The name cannot be one, or the folder exists already or cannot be written.
+    """
+    if not NAMES.fullmatch(name) or not name[0].isalpha():
+        raise InputError(f"{name!r} cannot be the name of a planner: take lower-case letters, digits and underscores")
+    title = "".join(part.capitalize() for part in name.split("_"))
+    folder = out / name
+    if folder.exists():
+        raise InputError(f"{folder} exists already: choose another name, or another folder with --out")
+    with new_directory(folder, overwrite=False) as made:
+        for file, text in {f"{name}.py": PLANNER, f"test_{name}.py": TEST, "card.toml": CARD}.items():
+            (made / file).write_text(text.replace("{title}", title).replace("{name}", name), encoding="utf-8")
+    return folder

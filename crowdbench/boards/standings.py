@@ -1,0 +1,254 @@
+"""The standings of a board: its entries with their ranks, or why they have none."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Shaped
+
+from crowdbench.boards.board import Board
+from crowdbench.boards.driving import SHOWN, episodes, made
+from crowdbench.boards.entry import ENTRY, PUBLIC, SEASONS, Entry, Verdict, Verification, read_entry
+from crowdbench.boards.ranking import (
+    CRITERIA,
+    Comparison,
+    Rank,
+    compare_all,
+    pareto,
+    ranks,
+    smallest_difference,
+)
+from crowdbench.boards.submission import ENTRIES
+from crowdbench.errors import InputError
+from crowdbench.evaluate.results import Episodes, read_result
+from crowdbench.evaluate.summary import NOTHING, Estimate
+
+MAINTAINERS = "crowdbench"
+"""Who submits the planners that ship, of which any number is ranked."""
+
+MOST_RANKED = 2
+"""The most ranked entries of one submitter on a board."""
+
+Columns = Mapping[str, Shaped[np.ndarray, "case"]]
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One entry on its board.
+
+    Attributes:
+        entry: The entry.
+        season: What was found in the season; None where it was not verified in it.
+        columns: The metrics case by case, scenario after scenario, of the season's cases or else of the public ones.
+        scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
+        figures: The means over the board, with intervals.
+        flags: "intrusive" and "jerky", where it is beyond the bounds of the board.
+        reason: Why it has no rank; empty where it has one.
+        rank: Its rank.
+        is_pareto: Whether no ranked entry succeeds more often and is quicker.
+    """
+
+    entry: Entry
+    season: Verification | None
+    columns: Columns
+    scenarios: Mapping[str, Mapping[str, Estimate]]
+    figures: Mapping[str, Estimate]
+    flags: Sequence[str]
+    reason: str
+    rank: Rank | None = None
+    is_pareto: bool = False
+
+    @property
+    def worst(self) -> float:
+        """The smallest success in a scenario of the board, 0 where the planner cannot drive one."""
+        return min(each["success_rate"].mean if each else 0.0 for each in self.scenarios.values())
+
+
+@dataclass(frozen=True)
+class Standings:
+    """All entries of a board.
+
+    Attributes:
+        board: The board.
+        season: The name of the season.
+        ranked: The ranked entries, the best first.
+        others: The others, by name.
+        comparisons: The ranked entries compared with each other; indices are those of `ranked`.
+        smallest_difference: The smallest difference in success that the board can tell apart.
+    """
+
+    board: Board
+    season: str
+    ranked: Sequence[Standing]
+    others: Sequence[Standing]
+    comparisons: Sequence[Comparison]
+    smallest_difference: float
+
+
+def read_entries(board: Board, root: Path) -> list[Entry]:
+    """The entries of a board, by name.
+
+    Args:
+        board: The board.
+        root: The folder of boards.
+
+    Raises:
+        InputError: One of them is not as it must be, or somebody has more ranked entries than allowed.
+    """
+    folders = sorted((root / board.name / ENTRIES).glob(f"*/{ENTRY}"))
+    entries = [read_entry(path.parent) for path in folders]
+    for entry in entries:
+        if entry.spec.board != board.name:
+            raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")
+    ranked = Counter(entry.spec.submitted_by for entry in entries if not _unranked(entry))
+    for submitter, number in ranked.items():
+        if number > MOST_RANKED and submitter != MAINTAINERS:
+            raise InputError(
+                f"{submitter} has {number} ranked entries on the board {board.name}, but {MOST_RANKED} are allowed: "
+                'say "ablation = true" in the cards of the others'
+            )
+    return entries
+
+
+def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
+    """Rank the entries of a board.
+
+    Args:
+        board: The board.
+        entries: Its entries.
+        season: The name of the season whose verifications rank.
+
+    Returns:
+        The standings.
+
+    Raises:
+        InputError: The runs of an entry are damaged.
+    """
+    each = [_standing(board, entry, season) for entry in entries]
+    candidates = [one for one in each if not one.reason]
+    comparisons = compare_all([one.columns for one in candidates], board.weights)
+    found = ranks(len(candidates), comparisons)
+    costs = [(-one.figures["success_rate"].mean, one.figures["navigation_time"].mean) for one in candidates]
+    # A time that is undefined, because nobody arrives, is the longest.
+    best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf))
+    order = sorted(range(len(candidates)), key=lambda i: _order(candidates[i], found[i]))
+    place = {index: number for number, index in enumerate(order)}
+    return Standings(
+        board=board,
+        season=season,
+        ranked=[_with_rank(candidates[i], found[i], bool(best[i])) for i in order],
+        others=sorted((one for one in each if one.reason), key=lambda one: one.entry.name),
+        comparisons=[_renumbered(one, place) for one in comparisons],
+        smallest_difference=smallest_difference(len(board.weights), len(candidates)),
+    )
+
+
+def _unranked(entry: Entry) -> str:
+    """Why an entry cannot have a rank whatever it achieves; empty if it can."""
+    return "privileged" if entry.spec.privileged else "ablation" if entry.card.ablation else ""
+
+
+def _standing(board: Board, entry: Entry, season: str) -> Standing:
+    verified = next((each for each in entry.spec.verifications if each.season == season), None)
+    is_measured = verified is not None and bool(verified.figures)
+    runs = entry.directory / (f"{SEASONS}/{season}" if is_measured else PUBLIC)
+    own, there = episodes(board, runs), made(board, runs)
+    length = board.spec.cases if is_measured else board.spec.public_cases
+    columns = {
+        metric: np.concatenate([_column(own.get(scenario.name), metric, length) for scenario in board.scenarios])
+        for metric in SHOWN
+    }
+    scenarios = {each.name: _estimates(runs / each.name) if each.name in there else {} for each in board.scenarios}
+    flags = _flags(board, columns)
+    bad = [] if board.spec.ranks_flagged else flags
+    reason = _unranked(entry) or _unverified(entry, board, verified) or ", ".join(bad)
+    figures = {metric: over_board(board, [each.get(metric) for each in scenarios.values()]) for metric in SHOWN}
+    return Standing(entry, verified, columns, scenarios, figures, flags, reason)
+
+
+def _unverified(entry: Entry, board: Board, verified: Verification | None) -> str:
+    if entry.spec.board_digest != board.digest:
+        return f"of version {entry.spec.board_version}"
+    if verified is None:
+        return "reported only"
+    return "" if verified.verdict == Verdict.RERUN else str(verified.verdict)
+
+
+def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray, "case"]:
+    """A metric's values in the cases of a scenario; without a run, success and collisions are 0, the rest undefined.
+
+    Args:
+        run: The episodes.
+        metric: The metric.
+        cases: How many cases there are.
+    """
+    if run is not None:
+        return run.columns[metric].astype(float)
+    return np.full(cases, 0.0 if metric in CRITERIA else np.nan)
+
+
+def _estimates(directory: Path) -> dict[str, Estimate]:
+    """The means of a run with their intervals."""
+    metrics = read_result(directory)["metrics"]
+    return {
+        name: Estimate(*(np.nan if each[key] is None else each[key] for key in ("mean", "low", "high", "n", "max")))
+        for name, each in metrics.items()
+        if name in SHOWN
+    }
+
+
+def over_board(board: Board, each: Sequence[Estimate | None]) -> Estimate:
+    """The mean over the scenarios of a board, each with its share, and its interval by Zou and Donner (2008).
+
+    Args:
+        board: The board.
+        each: The estimate in each scenario; None counts as 0.
+
+    Returns:
+        The estimate, undefined where one of them is.
+    """
+    shares = np.array([scenario.weight * board.spec.cases for scenario in board.scenarios])
+    known = [Estimate(0.0, 0.0, 0.0, 0, 0.0) if one is None else one for one in each]
+    mean = float(shares @ [one.mean for one in known])
+    if np.isnan(mean):
+        return NOTHING
+    below = np.array([one.mean - one.low for one in known])
+    above = np.array([one.high - one.mean for one in known])
+    return Estimate(
+        mean,
+        mean - float(np.sqrt(np.sum((shares * below) ** 2))),
+        mean + float(np.sqrt(np.sum((shares * above) ** 2))),
+        sum(one.n for one in known),
+        max(one.max for one in known),
+    )
+
+
+def _flags(board: Board, columns: Columns) -> list[str]:
+    """What is beyond the bounds of a board."""
+    bounds = board.spec.flags
+    near = float(np.nanmean(columns["intimate_zone"])) if not np.isnan(columns["intimate_zone"]).all() else 0.0
+    jerk = float(np.nanpercentile(columns["jerk"], 95)) if not np.isnan(columns["jerk"]).all() else 0.0
+    beyond = {"intrusive": near > bounds.intimate_zone, "jerky": jerk > bounds.jerk}
+    return [flag for flag, is_beyond in beyond.items() if is_beyond]
+
+
+def _order(standing: Standing, rank: Rank) -> tuple[float, ...]:
+    """Entries with the same rank stand in the order of the metrics that rank, which says nothing more."""
+    means = (standing.figures[metric].mean * -sign for metric, sign in CRITERIA.items())
+    return (rank.rank, rank.last, *means)
+
+
+def _with_rank(standing: Standing, rank: Rank, is_pareto: bool) -> Standing:
+    return dataclasses.replace(standing, rank=rank, is_pareto=is_pareto)
+
+
+def _renumbered(comparison: Comparison, place: Mapping[int, int]) -> Comparison:
+    a, b = (place[index] for index in comparison.entries)
+    better = None if comparison.better is None else place[comparison.better]
+    worse = None if comparison.worse is None else place[comparison.worse]
+    return dataclasses.replace(comparison, better=better, worse=worse, entries=(a, b))

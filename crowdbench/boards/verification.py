@@ -1,0 +1,208 @@
+"""Runs an entry again and says whether it holds.
+
+First every public case is simulated again from its recorded commands, in this process, which never loads the planner.
+Then the planner drives cases that it cannot know, in a process of its own. What no replay can see is in
+`docs/boards.md`.
+"""
+
+from __future__ import annotations
+
+import datetime
+import secrets
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from crowdbench.boards.believable import unbelievable
+from crowdbench.boards.board import FILE, ROOT, Board
+from crowdbench.boards.driving import (
+    BOARD_METRICS,
+    Entrant,
+    Progress,
+    drive,
+    episodes,
+    figures,
+    locked,
+    run_digest,
+    timed,
+)
+from crowdbench.boards.entry import (
+    PUBLIC,
+    SEASONS,
+    DecisionTime,
+    Entry,
+    Figures,
+    Verdict,
+    Verification,
+    file_digests,
+    read_entry,
+    write_entry,
+)
+from crowdbench.boards.season import Season
+from crowdbench.errors import InputError
+from crowdbench.evaluate.replay import RunFiles, replay
+from crowdbench.evaluate.seal import code
+from crowdbench.isolation import sandbox
+from crowdbench.scenario.cases import Cases
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a verification has found so far.
+
+    Attributes:
+        verdict: The verdict.
+        reason: Why, in a sentence.
+        figures: What was measured.
+        decision_time: How long decisions took.
+    """
+
+    verdict: Verdict
+    reason: str
+    figures: Figures
+    decision_time: DecisionTime | None = None
+
+
+def verify(
+    entry: Entry,
+    board: Board,
+    *,
+    by: str,
+    work: Path,
+    season: Season | None = None,
+    cases: Cases | None = None,
+    progress: Progress | None = None,
+) -> Verification:
+    """Run an entry again.
+
+    Args:
+        entry: The entry.
+        board: Its board.
+        by: Who runs it.
+        work: The folder that keeps finished runs until the verdict.
+        season: The season whose cases it drives, of which the verdict is recorded in the entry; None for cases of a
+            seed that is drawn now, of which nothing is recorded.
+        cases: The cases of each scenario, if not those of the board.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Returns:
+        What was found.
+
+    Raises:
+        InputError: The entry is not one of this board, or takes no part in the season, or was verified in it before.
+        KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
+    """
+    _check_possible(entry, board, season)
+    seed = season.seed(board.name) if season else secrets.randbits(63)
+    entrant = Entrant(entry.directory, entry.spec.planner, entry.spec.options)
+    kept = work / f"verify-{board.name}-{entry.name}-{run_digest(board, entrant)}-{seed:016x}"
+    with locked(kept):
+        found = _found(entry, board, entrant, seed, cases or board.cases, kept, progress)
+        verification = Verification(
+            by=by,
+            on=datetime.datetime.now(datetime.UTC).date().isoformat(),
+            season=season.spec.name if season else "",
+            seed=seed,
+            code=code(),
+            level=sandbox.level(),
+            verdict=found.verdict,
+            reason=found.reason,
+            figures=found.figures,
+            decision_time=found.decision_time,
+        )
+        if season:
+            _record(entry, verification, kept)
+    shutil.rmtree(kept, ignore_errors=True)
+    return verification
+
+
+def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
+    spec = entry.spec
+    if spec.board != board.name:
+        raise InputError(f"{entry.directory} is an entry of the board {spec.board}, not of {board.name}")
+    if spec.board_digest != board.digest:
+        raise InputError(
+            f"{entry.directory} was made for version {spec.board_version} of the board {board.name}, whose rules are "
+            f"others now (version {board.spec.version}): submit it again"
+        )
+    if season is None:
+        return
+    if not season.takes_part(board.name, entry.name, entry.digest):
+        raise InputError(
+            f"{entry.directory} takes no part in the season {season.spec.name}: it was not among the entries that were "
+            "frozen, or was changed since"
+        )
+    if any(each.season == season.spec.name for each in spec.verifications):
+        raise InputError(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
+
+
+def _found(
+    entry: Entry, board: Board, entrant: Entrant, seed: int, cases: Cases, kept: Path, progress: Progress | None
+) -> Found:
+    """Replay the public runs, run the planner on other cases, and compare."""
+    differs = next(_differences(entry, board, progress), None)
+    if differs:
+        return Found(Verdict.NOT_REPRODUCED, differs, {})
+    try:
+        failed = drive(board, entrant, kept, cases=cases, seed=seed, hidden=_hidden(entry, kept), progress=progress)
+        if unexpected := [name for name in failed if name in entry.spec.reported]:
+            return Found(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}", {})
+        speed = timed(board, entrant, next(scenario for _, scenario in board.load(None)))
+    except InputError as error:
+        return Found(Verdict.REFUSED, str(error), {})
+    measured = figures(board, kept)
+    public, other = episodes(board, entry.directory / PUBLIC), episodes(board, kept)
+    if doubts := unbelievable(public, {name: other[name] for name in public}):
+        return Found(Verdict.LOWER, "; ".join(doubts), measured, speed)
+    level = {sandbox.BUBBLEWRAP: "in a sandbox without network and without our files"}
+    how = level.get(sandbox.level(), "in a process of its own, which could read files and the network")
+    reason = f"the recorded commands lead to the reported figures; ran {how}"
+    return Found(Verdict.RERUN, reason, measured, speed)
+
+
+def _hidden(entry: Entry, kept: Path) -> list[Path]:
+    """What an entry's planner must not read: the boards with their seeds, other entries, and the runs."""
+    around = entry.directory.resolve().parents
+    roots = [ROOT, around[2]] if len(around) > 2 and (around[2] / entry.spec.board / FILE).exists() else [ROOT]
+    return [*roots, kept.parent]
+
+
+def _differences(entry: Entry, board: Board, progress: Progress | None) -> Iterator[str]:
+    """What the public runs of an entry say and their commands do not lead to, sentence by sentence."""
+    for _, scenario in board.load(None):
+        directory = entry.directory / PUBLIC / scenario.name
+        if not directory.exists():
+            continue
+        try:
+            files = RunFiles.read(directory)
+            asked = {"cases": str(board.public_cases), "replan_every": board.replanning.every}
+            for key, value in {**asked, **board.replanning.settings}.items():
+                if files.result.get(key) != value:
+                    yield f"{scenario.name}: {key} is {files.result.get(key)!r}, but the board asks for {value!r}"
+            found = replay(files, scenario, BOARD_METRICS, progress)
+        except InputError as error:
+            yield f"{scenario.name}: {error}"
+            continue
+        yield from (f"{scenario.name}: {difference}" for difference in found.differences)
+    try:
+        if entry.spec.reported != figures(board, entry.directory / PUBLIC):
+            yield "the reported figures of entry.json are not those of its runs"
+    except InputError as error:
+        yield str(error)
+
+
+def _record(entry: Entry, verification: Verification, kept: Path) -> None:
+    """Write a verification and its runs into an entry."""
+    runs = entry.directory / SEASONS / verification.season
+    shutil.rmtree(runs, ignore_errors=True)
+    if verification.figures:
+        shutil.copytree(kept, runs)
+    spec = entry.spec.model_copy(
+        update={
+            "files": file_digests(entry.directory),
+            "verifications": [*entry.spec.verifications, verification],
+        }
+    )
+    write_entry(entry.directory, spec)
+    read_entry(entry.directory)

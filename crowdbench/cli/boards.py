@@ -1,0 +1,227 @@
+"""The commands of the leaderboards: write a planner, enter it, verify entries, build the pages."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdbench.cli.options import INTERRUPTED, JsonOption, OptionOption, ThreadsOption, assignments, use_threads
+from crowdbench.errors import InputError
+
+if TYPE_CHECKING:
+    from crowdbench.boards.shipped import Job
+    from crowdbench.boards.submission import Submission
+
+RootOption = Annotated[Path, typer.Option(help="The folder of boards.")]
+WorkOption = Annotated[Path, typer.Option(help="Folder that keeps finished runs until an entry or a verdict is made.")]
+ROOT = Path("leaderboards")
+WORK = Path("runs/boards")
+
+app = typer.Typer(help="Make the entries and the pages of the leaderboards.", no_args_is_help=True)
+
+
+def new_planner(
+    name: Annotated[str, typer.Argument(help="A name of lower-case letters, digits and underscores.")],
+    out: Annotated[Path, typer.Option(help="Folder in which it gets a folder.")] = Path(),
+) -> None:
+    """Make the folder of a planner of your own: a planner that works, its test, and its card for leaderboards."""
+    from crowdbench.boards.skeleton import write_skeleton
+    from crowdbench.cli.console import say
+
+    folder = write_skeleton(name, out)
+    file = folder / f"{name}.py"
+    say(
+        f"made {folder}: {name}.py drives, test_{name}.py tests it, card.toml says what it is\n"
+        f"  crowdbench check {file}\n"
+        f"  crowdbench run --planner {file}\n"
+        f"  crowdbench submit {file} --board five"
+    )
+
+
+def submit(
+    planner: Annotated[
+        str, typer.Argument(help="Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.")
+    ],
+    board: Annotated[str, typer.Option(help="The name of a board, or its folder.")],
+    card: Annotated[
+        Path | None,
+        typer.Option(help="The card that says what the planner is.", show_default="card.toml beside the planner"),
+    ] = None,
+    by: Annotated[
+        str | None, typer.Option(help="Who submits it.", show_default="the first author that the card names")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="The name of the entry.", show_default="the planner's name")] = None,
+    option: OptionOption = None,
+    root: RootOption = ROOT,
+    work: WorkOption = WORK,
+    threads: ThreadsOption = None,
+) -> None:
+    """Make an entry of a leaderboard: check the planner, copy its files, run the public cases with the copy."""
+    use_threads(threads)
+    from crowdbench.boards.board import find_board
+    from crowdbench.boards.submission import Submission, read_card
+    from crowdbench.boards.submission import submit as make
+    from crowdbench.cli.console import announce_compilation, progress, say
+    from crowdbench.isolation.planner import called
+
+    asked = find_board(board)
+    options = assignments(option or [], "--option")
+    card = card or Path(planner).parent / "card.toml"
+    submitter = by or read_card(card).authors[0]
+    wanted = Submission(asked, name or called(planner), planner, options, card, submitter)
+    announce_compilation()
+    _check(wanted)
+    cases = len(asked.public_cases) * len(asked.scenarios)
+    with progress(cases, f"of {cases} public cases") as tell:
+        entry = make(wanted, root, work, tell)
+    for scenario, metrics in entry.spec.reported.items():
+        say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {asked.spec.public_cases} cases")
+    say(
+        f"made {entry.directory}. Next:\n"
+        f"  crowdbench verify {entry.directory}   runs it again on cases that nobody knows\n"
+        "  then open a pull request with this folder: see docs/boards.md"
+    )
+
+
+def _check(wanted: Submission) -> None:
+    """Refuse a planner that breaks its contract. One that is a program, or built in, is not loaded here."""
+    from crowdbench import catalog, plugins
+    from crowdbench.evaluate.check import check_planner
+    from crowdbench.scenario.cases import Cases
+    from crowdbench.settings import DECISION_LIMIT
+
+    if plugins.file_and_function(wanted.planner)[0] is None:
+        return
+    name, _ = catalog.load_planner(wanted.planner, wanted.options)
+    scenario = next(scenario for _, scenario in wanted.board.load(None))
+    points = check_planner(
+        lambda: catalog.load_planner(wanted.planner, wanted.options)[1],
+        name,
+        scenario,
+        Cases("val", 0, 20),
+        DECISION_LIMIT,
+    )
+    for point in points:
+        if point.kept is False:
+            raise InputError(f"planner {name} breaks its contract: {point.name}: {point.seen}")
+
+
+def verify(
+    entry: Annotated[Path, typer.Argument(help="The folder of an entry.")],
+    by: Annotated[str, typer.Option(help="Who verifies it.")] = "",
+    season: Annotated[
+        bool, typer.Option("--season", help="Drive the cases of the season and record the verdict in the entry.")
+    ] = False,
+    cases: Annotated[int | None, typer.Option(min=1, help="Fewer cases than the board has, without --season.")] = None,
+    work: WorkOption = WORK,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Verify an entry: replay its public cases, then run its planner, isolated, on cases that it cannot know."""
+    use_threads(threads)
+    from crowdbench.boards.board import FILE, find_board, read_board
+    from crowdbench.boards.entry import Verdict, read_entry
+    from crowdbench.boards.season import read_season
+    from crowdbench.boards.verification import verify as find
+    from crowdbench.cli.console import announce_compilation, progress
+    from crowdbench.scenario.cases import Cases
+
+    if season and cases:
+        raise InputError("--cases does not go with --season, whose cases the board says")
+    if season and not by:
+        raise InputError("--season records who has verified the entry: give --by")
+    found = read_entry(entry)
+    folder = entry.resolve().parent.parent
+    board = read_board(folder) if (folder / FILE).exists() else find_board(found.spec.board)
+    announce_compilation()
+    driven = Cases("test", 0, cases) if cases else board.cases
+    total = (len(driven) + board.spec.public_cases) * len(board.scenarios)
+    with progress(total, f"of {total} cases") as tell:
+        asked = read_season(folder.parent) if season else None
+        result = find(found, board, by=by, work=work, season=asked, cases=driven, progress=tell)
+    if as_json:
+        print(json.dumps(result.model_dump(mode="json"), indent=2))
+    else:
+        who = f" by {result.by}" if result.by else ""
+        print(f"{found.name} on {board.name}: {result.verdict}{who} on seed {result.seed}: {result.reason}")
+        for scenario, metrics in result.figures.items():
+            reported = found.spec.reported.get(scenario, {}).get("success_rate")
+            print(
+                f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.2f} %, reported "
+                f"{100 * (reported or 0.0):.2f} %"
+            )
+        if result.decision_time:
+            speed = result.decision_time
+            timely = "real-time" if speed.is_real_time else "slower than real time"
+            print(f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms, {timely}")
+        print("This does not tell whether the planner knew more than a vehicle can see while it was trained.")
+    if result.verdict != Verdict.RERUN:
+        raise typer.Exit(1)
+
+
+@app.command()
+def build(
+    out: Annotated[Path, typer.Option(help="Folder for the pages.")],
+    root: RootOption = ROOT,
+) -> None:
+    """Build the pages of all boards: plain files that need no server and no network."""
+    from crowdbench.boards.site import build_site
+    from crowdbench.cli.console import say
+
+    pages = build_site(root, out)
+    say(f"{pages} pages; open {out / 'index.html'}")
+
+
+@app.command()
+def readme(root: RootOption = ROOT) -> None:
+    """Write README.md of the folder of boards, with the standings of each board."""
+    from crowdbench.boards.markdown import write_readme
+    from crowdbench.cli.console import say
+
+    say(f"wrote {write_readme(root)}")
+
+
+@app.command()
+def fill(root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOption = None) -> None:
+    """Enter every planner that ships on every board, freeze the entries, and verify them in the season.
+
+    Finished work is kept, and the same command goes on after it. Several processes can do this at once.
+    """
+    use_threads(threads)
+    from crowdbench.boards.shipped import freeze_all, to_submit, to_verify
+    from crowdbench.cli.console import announce_compilation, say
+
+    announce_compilation()
+    try:
+        if not _all_done(lambda: to_submit(root, work), "entry"):
+            say("other processes are making the last entries: give the same command again when they are done")
+            return
+        season = freeze_all(root)
+        _all_done(lambda: to_verify(root, work, season), "verification")
+    except KeyboardInterrupt:
+        say(f"crowdbench: interrupted: the same command goes on with what is kept in {root} and {work}")
+        sys.exit(INTERRUPTED)
+
+
+def _all_done(wanted: Callable[[], Iterable[Job]], what: str) -> bool:
+    """Do all work that no other process does; False where others are still at it."""
+    from crowdbench.boards.driving import InUse
+    from crowdbench.cli.console import progress, say
+
+    skipped: set[str] = set()
+    while True:
+        jobs = [job for job in wanted() if job.title not in skipped]
+        if not jobs:
+            return not skipped
+        job = jobs[0]
+        say(f"{what}: {job.title}, {len(jobs) - 1} others are missing")
+        try:
+            with progress(job.cases, f"of {job.cases} cases") as tell:
+                job.do(tell)
+        except InUse:
+            skipped.add(job.title)
