@@ -36,7 +36,7 @@ def unbelievable(public: Mapping[str, Episodes], other: Mapping[str, Episodes]) 
         f"{_mean(other[name], metric):.4g} in {len(other[name])} other cases (p = {p:.1e})"
         for name in public
         for metric, sign in CRITERIA.items()
-        if (p := p_value(public[name].columns[metric] * sign, other[name].columns[metric] * sign)) < limit
+        if (p := p_value(*(float(sign) * run[name].columns[metric] for run in (public, other)))) < limit
     ]
 
 

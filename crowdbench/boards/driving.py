@@ -64,7 +64,7 @@ class Entrant:
     options: Mapping[str, Any]
 
     @contextlib.contextmanager
-    def started(self, hidden: Sequence[Path] = ()) -> Iterator[IsolatedPlanner]:
+    def started(self, hidden: Sequence[Path]) -> Iterator[IsolatedPlanner]:
         """The planner in a process of its own.
 
         Args:
@@ -194,18 +194,19 @@ def locked(kept: Path) -> Iterator[None]:
         raise InUse(f"another process is making the runs of {kept}") from None
 
 
-def timed(board: Board, entrant: Entrant, scenario: Scenario) -> DecisionTime:
+def timed(board: Board, entrant: Entrant, scenario: Scenario, hidden: Sequence[Path]) -> DecisionTime:
     """Time the decisions of an entry's planner.
 
     Args:
         board: The board.
         entrant: The planner.
         scenario: One of the board's scenarios.
+        hidden: Folders that the planner must not read.
 
     Raises:
         InputError: The planner breaks its contract or a limit.
     """
-    with entrant.started() as planner:
+    with entrant.started(hidden) as planner:
         planner.process.pin()
         return decision_time(planner, planner.name, scenario, board.replanning)
 

@@ -144,11 +144,12 @@ def _found(
     differs = next(_differences(entry, board, progress), None)
     if differs:
         return Found(Verdict.NOT_REPRODUCED, differs, {})
+    hidden = _hidden(entry, kept)
     try:
-        failed = drive(board, entrant, kept, cases=cases, seed=seed, hidden=_hidden(entry, kept), progress=progress)
+        failed = drive(board, entrant, kept, cases=cases, seed=seed, hidden=hidden, progress=progress)
         if unexpected := [name for name in failed if name in entry.spec.reported]:
             return Found(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}", {})
-        speed = timed(board, entrant, next(scenario for _, scenario in board.load(None)))
+        speed = timed(board, entrant, next(scenario for _, scenario in board.load(None)), hidden)
     except InputError as error:
         return Found(Verdict.REFUSED, str(error), {})
     measured = figures(board, kept)

@@ -1,0 +1,122 @@
+"""`leaderboards/README.md`: the standings of every board as Markdown."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from crowdbench import files
+from crowdbench.boards.board import read_boards
+from crowdbench.boards.season import Season, read_season
+from crowdbench.boards.standings import Standing, Standings, read_entries, standings
+from crowdbench.evaluate.summary import Estimate
+
+README = "README.md"
+
+HEAD = ("rank", "entry", "success", "collisions", "SCT", "time", "time within 0.45 m", "jerk", "decision", "")
+
+INTRODUCTION = """# Leaderboards
+
+Made by `crowdbench leaderboard readme` from the entries in these folders; `crowdbench leaderboard build --out DIR`
+makes pages with figures from them. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank
+means.
+
+A rank is 1 plus the number of entries that are significantly better (paired by case, all pairs of a board tested
+together by Holm's method); in brackets are the ranks that the data allow. Success and SCT (success weighted by
+completion time) have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world on one
+core. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+"""
+
+
+def write_readme(root: Path) -> Path:
+    """Write the standings of all boards.
+
+    Args:
+        root: The folder of boards.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: A board or an entry is not as it must be.
+    """
+    season = read_season(root)
+    parts = [INTRODUCTION + _season(season)]
+    for board in read_boards(root):
+        parts.append(section(standings(board, read_entries(board, root), season.spec.name)))
+    with files.whole(root / README) as partial:
+        partial.write_text("\n".join(parts), encoding="utf-8")
+    return root / README
+
+
+def _season(season: Season) -> str:
+    spec = season.spec
+    rehearsal = ", a rehearsal: its round was known before it closed" if spec.rehearsal else ""
+    return (
+        f'\nSeason "{spec.name}"{rehearsal}. Entries were frozen on {spec.closes}; the seed of the cases follows from '
+        f"their digests and from round {spec.round} of drand.\n"
+    )
+
+
+def section(found: Standings) -> str:
+    """The standings of one board.
+
+    Args:
+        found: The standings.
+
+    Returns:
+        Markdown.
+    """
+    spec = found.board.spec
+    lines = [f"## {spec.title}", "", spec.description, ""]
+    if not found.ranked and not found.others:
+        return "\n".join([*lines, "No entries yet.", ""])
+    worst = len(found.board.scenarios) > 1
+    head = [*HEAD[:3], "worst scenario", *HEAD[3:]] if worst else list(HEAD)
+    lines += [_row(head), _row(["---"] * len(head))]
+    lines += [_row(_cells(one, worst)) for one in (*found.ranked, *found.others)]
+    cases = spec.cases * len(found.board.scenarios)
+    if found.smallest_difference <= 1.0 and len(found.ranked) > 1:
+        lines += [
+            "",
+            f"{cases} cases. Among {len(found.ranked)} entries they tell apart a difference in success of "
+            f"{100 * found.smallest_difference:.2f} percentage points at best.",
+        ]
+    return "\n".join([*lines, ""])
+
+
+def _row(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _cells(one: Standing, worst: bool) -> list[str]:
+    rank = "" if one.rank is None else f"{one.rank.rank} ({one.rank.rank} to {one.rank.last})"
+    name = one.entry.name + (" \\*" if one.is_pareto else "")
+    figures = one.figures
+    speed = one.season.decision_time if one.season else None
+    slow = "" if speed is None or speed.is_real_time else ", not real-time"
+    cells = [
+        rank,
+        f"{name}, {one.entry.spec.submitted_by}",
+        _percent(figures["success_rate"]),
+        _number(100 * figures["collision_rate"].mean, 1, " %"),
+        _with_interval(figures["sct"], 3),
+        _number(figures["navigation_time"].mean, 2, " s"),
+        _number(100 * figures["intimate_zone"].mean, 0, " %"),
+        _number(figures["jerk"].mean, 1, ""),
+        "" if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}",
+        one.reason or ", ".join(one.flags),
+    ]
+    return [*cells[:3], f"{100 * one.worst:.1f} %", *cells[3:]] if worst else cells
+
+
+def _percent(estimate: Estimate) -> str:
+    return f"{100 * estimate.mean:.2f} % ({100 * estimate.low:.2f} to {100 * estimate.high:.2f})"
+
+
+def _with_interval(estimate: Estimate, digits: int) -> str:
+    return f"{estimate.mean:.{digits}f} ({estimate.low:.{digits}f} to {estimate.high:.{digits}f})"
+
+
+def _number(value: float, digits: int, unit: str) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}f}{unit}"

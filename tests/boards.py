@@ -1,0 +1,75 @@
+"""A small folder of boards with two entries, one of a file and one that ships, made once for all tests."""
+
+import shutil
+from pathlib import Path
+
+from filelock import FileLock
+
+from crowdbench.boards.board import read_board
+from crowdbench.boards.shipped import freeze_all
+from crowdbench.boards.skeleton import write_skeleton
+from crowdbench.boards.standings import read_entries
+from crowdbench.boards.submission import Submission, submit
+from crowdbench.boards.verification import verify
+
+BOARD = """
+title = "Small"
+description = "Five pedestrians"
+version = 1
+cases = 10
+public_cases = 8
+ranks_flagged = true
+[families]
+circle = ["circle_crossing_5"]
+[flags]
+intimate_zone = 0.9
+jerk = 90.0
+"""
+
+SEASON = f"""
+name = "first"
+closes = 2027-01-31
+round = 5000000
+randomness = "{"ab" * 32}"
+"""
+
+
+def card(**changes):
+    """The text of a card."""
+    fields = {"title": '"A <b>planner</b>"', "authors": '["Ada"]', "contact": '"ada@example.org"', "method": '"mine"'}
+    fields |= {"licence": '"MIT"', "description": '"Drives."', "training_data": "[]", "training_scenarios": "[]"}
+    fields |= {"privileged_training": "false", "crowd_model": '"none"', "validation_runs": "1", "training_seeds": "0"}
+    return "".join(f"{key} = {value}\n" for key, value in (fields | changes).items())
+
+
+def write_board(root, name="small", text=BOARD):
+    """A board in a folder of boards."""
+    (root / name).mkdir(parents=True, exist_ok=True)
+    (root / name / "board.toml").write_text(text)
+    return read_board(root / name)
+
+
+def verified_root(tmp_path_factory):
+    """A folder of boards whose two entries, `careful` and `orca`, were verified in a season."""
+    shared = tmp_path_factory.getbasetemp().parent  # of all workers
+    with FileLock(shared / "boards.lock"):
+        if not (shared / "boards").exists():
+            partial = tmp_path_factory.mktemp("boards")
+            _make(partial)
+            shutil.copytree(partial, shared / "boards-made")
+            (shared / "boards-made").rename(shared / "boards")
+    return shared / "boards"
+
+
+def _make(folder: Path):
+    root, work = folder / "leaderboards", folder / "work"
+    board = write_board(root)
+    (root / "season.toml").write_text(SEASON)
+    (folder / "card.toml").write_text(card())
+    planner = write_skeleton("careful", folder)
+    submit(Submission(board, "careful", str(planner / "careful.py"), {}, folder / "card.toml", "Ada"), root, work)
+    submit(Submission(board, "orca", "orca", {}, folder / "card.toml", "crowdbench"), root, work)
+    season = freeze_all(root)
+    for entry in read_entries(board, root):
+        verify(entry, board, by="the tests", work=work, season=season)
+    assert not any(path.is_dir() for path in work.iterdir())

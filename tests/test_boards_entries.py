@@ -1,0 +1,275 @@
+import json
+import re
+import shutil
+
+import pytest
+from boards import BOARD, SEASON, card, verified_root, write_board
+
+from crowdbench.boards.board import find_board, read_board, read_boards
+from crowdbench.boards.entry import Verdict, read_entry
+from crowdbench.boards.markdown import write_readme
+from crowdbench.boards.season import freeze, read_season
+from crowdbench.boards.standings import read_entries, standings
+from crowdbench.boards.submission import Submission, submit
+from crowdbench.boards.verification import verify
+from crowdbench.errors import InputError
+from crowdbench.evaluate.seal import MANIFEST
+from crowdbench.files import sha256
+from crowdbench.isolation import sandbox
+
+CHEAT = """
+import crowdbench, numpy as np
+
+class Cheat(crowdbench.Planner):
+    seen = None
+    def plan(self, obs):
+        if self.seen is None:
+            self.seen = known(obs)
+        way = obs.vehicle.goal - obs.vehicle.position
+        distance = np.linalg.norm(obs.pedestrians.position - obs.vehicle.position[:, None], axis=2)
+        slow = (distance < 1.5).any(axis=1) & self.seen[obs.row]
+        return way * (np.where(slow, 0.3, 1.0) / np.hypot(*way.T))[:, None]
+
+def planner():
+    return Cheat()
+"""
+"""Careful in the worlds that it knows, which takes it to the goal in a third of all cases, and to no goal elsewhere."""
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    return verified_root(tmp_path_factory)
+
+
+@pytest.fixture
+def root(made, tmp_path):
+    """A copy of the folder of boards, which a test may change."""
+    shutil.copytree(made / "leaderboards", tmp_path / "leaderboards")
+    return tmp_path / "leaderboards"
+
+
+def entry_of(root, name="careful"):
+    return read_entry(root / "small" / "entries" / name)
+
+
+def seal_again(directory):
+    """Write the digests of an entry's files anew, as a forger would."""
+    for run in (directory / "public").iterdir():
+        manifest = json.loads((run / MANIFEST).read_text())
+        manifest["files"] = {name: sha256(run / name) for name in manifest["files"]}
+        (run / MANIFEST).write_text(json.dumps(manifest))
+    table = json.loads((directory / "entry.json").read_text())
+    table["files"] = {name: sha256(directory / name) for name in table["files"]}
+    (directory / "entry.json").write_text(json.dumps(table))
+
+
+def test_entries_are_verified_in_a_season_and_ranked(root):
+    board = read_board(root / "small")
+    found = standings(board, read_entries(board, root), "first")
+    assert [one.season.verdict for one in found.ranked] == [Verdict.RERUN, Verdict.RERUN]
+    assert not found.others
+    assert all(len(one.columns["sct"]) == 10 for one in found.ranked)
+    assert [one.rank.last for one in found.ranked][-1] == 2
+
+
+def test_an_entry_holds_what_its_planner_consists_of(root):
+    entry = entry_of(root)
+    assert entry.spec.planner == "planner/careful.py"
+    assert {"card.toml", "planner/careful.py"} < set(entry.spec.files)
+    assert entry_of(root, "orca").spec.package.startswith("crowdbench==")
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda folder: (folder / "planner" / "careful.py").write_text("#"), "careful.py was changed"),
+        (lambda folder: (folder / "planner" / "more.py").write_text("#"), "is not a file of this entry"),
+        (lambda folder: (folder / "card.toml").unlink(), "card.toml, which entry.json names, is missing"),
+        (lambda folder: (folder / "entry.json").unlink(), "is no entry: .* cannot be read"),
+        (lambda folder: (folder / "entry.json").write_text("{"), "is not valid JSON"),
+        (lambda folder: (folder / "entry.json").write_text('{"format": 7}'), "has the format 7"),
+        (lambda folder: (folder / "entry.json").write_text('{"format": 1}'), "is no entry of crowdbench: board: "),
+    ],
+)
+def test_an_entry_with_other_files_is_refused(root, change, sentence):
+    folder = root / "small" / "entries" / "careful"
+    change(folder)
+    with pytest.raises(InputError, match=sentence):
+        read_entry(folder)
+
+
+def test_the_digest_is_of_the_planner_and_not_of_its_runs(root):
+    before = entry_of(root).digest
+    for run in (root / "small" / "entries" / "careful").glob("*/*/episodes.csv"):
+        run.write_text(run.read_text() + "\n")
+    seal_again(root / "small" / "entries" / "careful")
+    assert entry_of(root).digest == before
+    (root / "small" / "entries" / "careful" / "card.toml").write_text(card(title='"Other"'))
+    seal_again(root / "small" / "entries" / "careful")
+    assert entry_of(root).digest != before
+
+
+def test_a_forged_outcome_is_not_reproduced(root, tmp_path):
+    folder = root / "small" / "entries" / "careful"
+    table = folder / "public" / "circle_crossing_5" / "episodes.csv"
+    text = table.read_text()
+    assert "collision" in text
+    row = next(line for line in text.splitlines() if "collision," in line)
+    table.write_text(text.replace(row, row.replace("collision", "success").replace("false,true", "true,false")))
+    seal_again(folder)
+    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.NOT_REPRODUCED
+    assert re.match("circle_crossing_5: .*", found.reason)
+
+
+def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path):
+    folder = root / "small" / "entries" / "careful"
+    table = json.loads((folder / "entry.json").read_text())
+    table["reported"]["circle_crossing_5"]["success_rate"] = 1.0
+    (folder / "entry.json").write_text(json.dumps(table))
+    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    assert (found.verdict, found.reason) == (
+        Verdict.NOT_REPRODUCED,
+        "the reported figures of entry.json are not those of its runs",
+    )
+
+
+def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
+    before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
+    found = verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN
+    assert (root / "small" / "entries" / "careful" / "entry.json").read_bytes() == before
+
+
+def test_an_entry_is_verified_once_in_a_season(root, tmp_path):
+    with pytest.raises(InputError, match="was verified in the season first before, which is done once"):
+        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path, season=read_season(root))
+
+
+def test_an_entry_that_came_later_takes_no_part(root, tmp_path):
+    (root / "frozen.json").write_text(json.dumps({"season": "first", "entries": {"small": {"orca": "0" * 64}}}))
+    with pytest.raises(InputError, match="takes no part in the season first"):
+        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path, season=read_season(root))
+
+
+def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(root, tmp_path):
+    board = write_board(root, text=BOARD.replace("cases = 10", "cases = 12"))
+    with pytest.raises(InputError, match=r"made for version 1 of the board small, whose rules are others now"):
+        verify(entry_of(root), board, by="me", work=tmp_path)
+    found = standings(board, read_entries(board, root), "first")
+    assert [one.reason for one in found.others] == ["of version 1", "of version 1"]
+
+
+def submit_cheat(root, tmp_path, known, board):
+    (tmp_path / "cheat.py").write_text(CHEAT + known)
+    (tmp_path / "card.toml").write_text(card())
+    return submit(
+        Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, tmp_path / "card.toml", "Eve"), root, tmp_path
+    )
+
+
+def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
+    text = BOARD.replace("public_cases = 8", "public_cases = 40").replace("cases = 10", "cases = 60")
+    board = write_board(tmp_path / "boards", text=text)
+    known = "def known(obs):\n    return np.full(len(obs.row), len(obs.row) == 40)"
+    entry = submit_cheat(tmp_path / "boards", tmp_path, known, board)
+    assert entry.spec.reported["circle_crossing_5"]["success_rate"] > 0.2
+    found = verify(entry, board, by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.LOWER
+    assert "success in circle_crossing_5 was 0.3" in found.reason
+
+
+def test_a_planner_that_fails_on_unknown_cases_is_refused(tmp_path):
+    board = write_board(tmp_path / "boards")
+    known = "def known(obs):\n    return np.ones(len(obs.row), bool) if len(obs.row) == 8 else None"
+    entry = submit_cheat(tmp_path / "boards", tmp_path, known, board)
+    found = verify(entry, board, by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.REFUSED
+    assert "raised TypeError" in found.reason
+
+
+@pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
+def test_a_planner_cannot_read_the_season_but_its_own_files(tmp_path):
+    root = tmp_path / "boards"
+    board = write_board(root)
+    (root / "season.toml").write_text(SEASON)
+    looks = f"""
+import os
+def known(obs):
+    hidden = len(obs.row) == 8 or not os.path.exists({str(root / "season.toml")!r})
+    return np.full(len(obs.row), hidden and os.path.exists(__file__)) if hidden else None
+"""
+    entry = submit_cheat(root, tmp_path, looks, board)
+    found = verify(entry, board, by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN, found.reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"name": "My Planner"}, "cannot be the name of an entry"),
+        ({"name": "orca"}, "exists already: choose another name"),
+        ({"planner": "nonesuch"}, "no planner is called 'nonesuch'"),
+        ({"by": " "}, "needs the name of who submits it"),
+        ({"card": "missing.toml"}, "cannot be read"),
+    ],
+)
+def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, changes, sentence):
+    (tmp_path / "card.toml").write_text(card())
+    wanted = {"name": "mine", "planner": "orca", "by": "Ada", "card": "card.toml"} | changes
+    before = sorted((root / "small" / "entries").iterdir())
+    with pytest.raises(InputError, match=sentence):
+        submit(
+            Submission(
+                read_board(root / "small"),
+                wanted["name"],
+                wanted["planner"],
+                {},
+                tmp_path / wanted["card"],
+                wanted["by"],
+            ),
+            root,
+            tmp_path / "work",
+        )
+    assert sorted((root / "small" / "entries").iterdir()) == before
+
+
+def test_more_than_two_ranked_entries_of_a_submitter_are_refused(root):
+    entries = root / "small" / "entries"
+    for name in ("second", "third"):
+        shutil.copytree(entries / "careful", entries / name)
+    with pytest.raises(InputError, match="Ada has 3 ranked entries on the board small, but 2 are allowed"):
+        read_entries(read_board(root / "small"), root)
+
+
+def test_the_seed_of_a_season_needs_frozen_entries_and_the_round(root):
+    season = read_season(root)
+    seed = season.seed("small")
+    assert 0 <= seed < 2**63
+    frozen = json.loads((root / "frozen.json").read_text())
+    frozen["entries"]["small"]["orca"] = "0" * 64
+    (root / "frozen.json").write_text(json.dumps(frozen))
+    assert read_season(root).seed("small") != seed
+    with pytest.raises(InputError, match="frozen already"):
+        freeze(root, {"small": {"a": "0" * 64}})
+    (root / "season.toml").write_text((root / "season.toml").read_text().replace("ab" * 32, ""))
+    with pytest.raises(InputError, match="does not say the randomness of round 5000000"):
+        read_season(root).seed("small")
+    (root / "frozen.json").unlink()
+    with pytest.raises(InputError, match="are not frozen yet"):
+        read_season(root).seed("small")
+
+
+def test_the_readme_has_the_standings(root):
+    text = write_readme(root).read_text()
+    assert "## Small" in text
+    assert re.search(r"\| \d \(\d to \d\) \| orca.*, crowdbench \| \d+\.\d\d % ", text)
+    assert re.search(r"\| \d \(\d to \d\) \| careful.*, Ada \|", text)
+
+
+def test_the_boards_that_ship_are_in_order_and_have_all_their_scenarios():
+    assert [board.name for board in read_boards()][:3] == ["five", "ten", "eight_at_once"]
+    with pytest.raises(InputError, match="no board is called 'six'; there are five, ten, "):
+        find_board("six")
