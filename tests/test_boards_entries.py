@@ -16,6 +16,7 @@ from crowdbench.errors import InputError
 from crowdbench.evaluate.seal import MANIFEST
 from crowdbench.files import sha256
 from crowdbench.isolation import sandbox
+from crowdbench.scenario.cases import Cases
 
 CHEAT = """
 import crowdbench, numpy as np
@@ -39,6 +40,11 @@ def planner():
 @pytest.fixture(scope="session")
 def made(tmp_path_factory):
     return verified_root(tmp_path_factory)
+
+
+@pytest.fixture(autouse=True)
+def _few_timed(monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
 
 
 @pytest.fixture
@@ -171,6 +177,7 @@ def submit_cheat(root, tmp_path, known, board):
 
 def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
+    monkeypatch.setattr("secrets.randbits", lambda bits: 7)  # with some seeds chance alone would explain it
     text = BOARD.replace("public_cases = 8", "public_cases = 40").replace("cases = 10", "cases = 60")
     board = write_board(tmp_path / "boards", text=text)
     known = "def known(obs):\n    return np.full(len(obs.row), len(obs.row) == 40)"
@@ -178,7 +185,7 @@ def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_p
     assert entry.spec.reported["circle_crossing_5"]["success_rate"] > 0.2
     found = verify(entry, board, by="", work=tmp_path / "work")
     assert found.verdict == Verdict.LOWER
-    assert "success in circle_crossing_5 was 0.3" in found.reason
+    assert "success in circle_crossing_5 was 0.4 as reported and is 0." in found.reason
 
 
 def test_a_planner_that_fails_on_unknown_cases_is_refused(tmp_path):

@@ -23,7 +23,7 @@ FORMAT = 1
 """Version of what a manifest holds."""
 
 _PACKAGE = Path(__file__).parent.parent
-_APART = tuple(_PACKAGE / name for name in ("agents", "bench", "cli", "envs", "study", "train"))
+_APART = tuple(_PACKAGE / name for name in ("agents", "bench", "boards", "cli", "envs", "study", "train"))
 """Parts of the package on which no run depends, and the planners, whose files count one by one."""
 
 
