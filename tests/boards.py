@@ -69,8 +69,8 @@ def _make(folder: Path):
     (root / "season.toml").write_text(SEASON)
     (folder / "card.toml").write_text(card())
     planner = write_skeleton("careful", folder)
-    submit(Submission(board, "careful", str(planner / "careful.py"), {}, folder / "card.toml", "Ada"), root, work)
-    submit(Submission(board, "orca", "orca", {}, folder / "card.toml", "crowdbench"), root, work)
+    submit(Submission(board, "careful", str(planner / "careful.py"), {}, [], folder / "card.toml", "Ada"), root, work)
+    submit(Submission(board, "orca", "orca", {}, [], folder / "card.toml", "crowdbench"), root, work)
     season = freeze_all(root)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))

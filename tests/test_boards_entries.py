@@ -171,7 +171,7 @@ def submit_cheat(root, tmp_path, known, board):
     (tmp_path / "cheat.py").write_text(CHEAT + known)
     (tmp_path / "card.toml").write_text(card())
     return submit(
-        Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, tmp_path / "card.toml", "Eve"), root, tmp_path
+        Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml", "Eve"), root, tmp_path
     )
 
 
@@ -234,6 +234,7 @@ def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, 
                 wanted["name"],
                 wanted["planner"],
                 {},
+                [],
                 tmp_path / wanted["card"],
                 wanted["by"],
             ),

@@ -73,6 +73,28 @@ class DecisionTime(_Record):
     is_real_time: bool
 
 
+class Range(_Record):
+    """A mean with its 95 % interval."""
+
+    mean: float
+    low: float
+    high: float
+
+
+class Method(_Record):
+    """What holds of a method: the means over networks that were trained with other seeds.
+
+    Attributes:
+        networks: How many networks there are, that of the entry included.
+        cases: How many cases each of them drives.
+        metrics: The means by metric, with intervals for other networks on other cases.
+    """
+
+    networks: int
+    cases: int
+    metrics: dict[str, Range]
+
+
 class Verification(_Record):
     """What somebody found who ran an entry again.
 
@@ -87,6 +109,7 @@ class Verification(_Record):
         reason: Why, in a sentence.
         figures: What was measured on these cases; empty where the planner did not come so far.
         decision_time: How long decisions took; None where the planner did not come so far.
+        method: What holds of its method; None where the entry has too few networks to claim something.
     """
 
     by: str
@@ -99,6 +122,7 @@ class Verification(_Record):
     reason: str
     figures: Figures
     decision_time: DecisionTime | None
+    method: Method | None = None
 
 
 class EntrySpec(_Record):
@@ -113,6 +137,7 @@ class EntrySpec(_Record):
         planner: As `crowdbench run --planner` takes it, relative to the entry.
         package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
         options: The planner's options; files are relative to the entry.
+        networks: The options in which other networks of the same method differ, trained with other seeds.
         privileged: Whether the planner uses what no vehicle could see.
         environment: Versions of packages, and the machine, of the run on the public cases.
         files: The sha256 of every other file of the entry, by its path in it.
@@ -128,6 +153,7 @@ class EntrySpec(_Record):
     planner: str
     package: str
     options: dict[str, JsonValue]
+    networks: list[dict[str, JsonValue]]
     privileged: bool
     environment: dict[str, str]
     files: dict[str, Sha256]
@@ -159,7 +185,9 @@ class Entry:
         """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
         spec = self.spec
         frozen = {path: digest for path, digest in spec.files.items() if path.split("/")[0] not in (PUBLIC, SEASONS)}
-        text = json.dumps([spec.board, self.name, spec.planner, spec.package, spec.options, frozen], sort_keys=True)
+        text = json.dumps(
+            [spec.board, self.name, spec.planner, spec.package, spec.options, spec.networks, frozen], sort_keys=True
+        )
         return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -13,7 +13,7 @@ from crowdbench.evaluate.summary import Estimate
 
 README = "README.md"
 
-HEAD = ("rank", "entry", "success", "collisions", "SCT", "time", "time within 0.45 m", "jerk", "decision", "")
+HEAD = ("rank", "entry", "success", "method", "collisions", "SCT", "time", "time within 0.45 m", "jerk", "decision", "")
 
 INTRODUCTION = """# Leaderboards
 
@@ -24,7 +24,8 @@ means.
 A rank is 1 plus the number of entries that are significantly better (paired by case, all pairs of a board tested
 together by Holm's method); in brackets are the ranks that the data allow. Success and SCT (success weighted by
 completion time) have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world on one
-core. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+core. "method" is the mean success over networks that were trained with other seeds, with an interval for other networks
+and other cases. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
 """
 
 
@@ -99,6 +100,7 @@ def _cells(one: Standing, worst: bool) -> list[str]:
         rank,
         f"{name}, {one.entry.spec.submitted_by}",
         _percent(figures["success_rate"]),
+        _method(one),
         _number(100 * figures["collision_rate"].mean, 1, " %"),
         _with_interval(figures["sct"], 3),
         _number(figures["navigation_time"].mean, 2, " s"),
@@ -108,6 +110,14 @@ def _cells(one: Standing, worst: bool) -> list[str]:
         one.reason or ", ".join(one.flags),
     ]
     return [*cells[:3], f"{100 * one.worst:.1f} %", *cells[3:]] if worst else cells
+
+
+def _method(one: Standing) -> str:
+    found = one.season.method if one.season else None
+    if found is None:
+        return ""
+    success = found.metrics["success_rate"]
+    return f"{100 * success.mean:.1f} % ({100 * success.low:.1f} to {100 * success.high:.1f}), {found.networks} networks"
 
 
 def _percent(estimate: Estimate) -> str:

@@ -18,7 +18,7 @@ from crowdbench.boards.entry import Entry
 from crowdbench.boards.season import Season, freeze, read_season
 from crowdbench.boards.standings import MAINTAINERS, read_entries
 from crowdbench.boards.submission import ENTRIES, Submission, submit
-from crowdbench.boards.verification import verify
+from crowdbench.boards.verification import cases_of, verify
 from crowdbench.toml_file import Location, Name, TomlTable, parsed, read_toml
 
 SHIPPED = "shipped.toml"
@@ -28,12 +28,15 @@ CARDS = "cards"
 class ShippedSpec(TomlTable):
     """One of `shipped` in `shipped.toml`: the name of the entry and of its card, and what it runs.
 
-    `not_on` lists the boards that it cannot run on.
+    `weights` are other networks of the same method, which its method is judged by on the boards `method_on`. `not_on`
+    lists the boards that it cannot run on.
     """
 
     name: Name
     planner: Name
     options: Annotated[dict[str, Any], Field(description="a table of options")] = Field(default_factory=dict)
+    weights: Annotated[list[Name], Field(description="a list of weights")] = Field(default_factory=list)
+    method_on: Annotated[list[Name], Field(description="a list of boards")] = Field(default_factory=list)
     not_on: Annotated[list[Name], Field(description="a list of boards")] = Field(default_factory=list)
 
 
@@ -79,7 +82,9 @@ def to_submit(root: Path, work: Path) -> list[Job]:
 
 
 def _submission(board: Board, spec: ShippedSpec, root: Path, work: Path) -> Job:
-    wanted = Submission(board, spec.name, spec.planner, spec.options, root / CARDS / f"{spec.name}.toml", MAINTAINERS)
+    networks = [{"weights": name} for name in spec.weights] if board.name in spec.method_on else []
+    card = root / CARDS / f"{spec.name}.toml"
+    wanted = Submission(board, spec.name, spec.planner, spec.options, networks, card, MAINTAINERS)
     cases = len(board.public_cases) * len(board.scenarios)
     return Job(f"{spec.name} on {board.name}", cases, lambda tell: submit(wanted, root, work, tell))
 
@@ -113,9 +118,10 @@ def to_verify(root: Path, work: Path, season: Season) -> Iterator[Job]:
             is_verified = any(each.season == season.spec.name for each in entry.spec.verifications)
             if is_verified or not season.takes_part(board.name, entry.name, entry.digest):
                 continue
-            cases = (board.spec.cases + board.spec.public_cases) * len(board.scenarios)
 
-            yield Job(f"{entry.name} on {board.name}", cases, _verification(entry, board, work, season))
+            yield Job(
+                f"{entry.name} on {board.name}", cases_of(entry, board), _verification(entry, board, work, season)
+            )
 
 
 def _verification(entry: Entry, board: Board, work: Path, season: Season) -> Callable[[Progress], object]:

@@ -196,7 +196,7 @@ def _estimates(directory: Path) -> dict[str, Estimate]:
     """The means of a run with their intervals."""
     metrics = read_result(directory)["metrics"]
     return {
-        name: Estimate(*(np.nan if each[key] is None else each[key] for key in ("mean", "low", "high", "n", "max")))
+        name: Estimate(**{key: np.nan if value is None else value for key, value in each.items()})  # type: ignore[arg-type]
         for name, each in metrics.items()
         if name in SHOWN
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,7 @@ class Submission:
         name: The name of the entry.
         planner: As `crowdbench run --planner` takes it.
         options: The planner's options.
+        networks: The options in which other networks of the same method differ.
         card: The file of the card.
         by: Who submits it.
     """
@@ -57,6 +58,7 @@ class Submission:
     name: str
     planner: str
     options: Mapping[str, Any]
+    networks: Sequence[Mapping[str, Any]]
     card: Path
     by: str
 
@@ -93,11 +95,12 @@ def submit(submission: Submission, root: Path, work: Path, progress: Progress | 
     directory.parent.mkdir(parents=True, exist_ok=True)
     with new_directory(directory, overwrite=False) as folder:
         entrant = _copied(submission, folder)
+        networks = [_copied_value(options, folder / PLANNER) for options in submission.networks]
         kept = work / f"submit-{board.name}-{submission.name}-{run_digest(board, entrant)}"
         with locked(kept):
             drive(board, entrant, kept, cases=board.public_cases, seed=None, progress=progress)
             shutil.copytree(kept, folder / PUBLIC)
-            write_entry(folder, _spec(submission, entrant))
+            write_entry(folder, _spec(submission, entrant, networks))
     shutil.rmtree(kept)
     return read_entry(directory)
 
@@ -168,8 +171,14 @@ def _beside(path: Path) -> list[str]:
     return [path.name, card.name] if path.suffix == ".safetensors" and card.is_file() else [path.name]
 
 
-def _spec(submission: Submission, entrant: Entrant) -> EntrySpec:
-    """The contents of `entry.json` for an entry whose other files are there."""
+def _spec(submission: Submission, entrant: Entrant, networks: list[dict[str, Any]]) -> EntrySpec:
+    """The contents of `entry.json` for an entry whose other files are there.
+
+    Args:
+        submission: What is entered.
+        entrant: The planner as the entry has it.
+        networks: The other networks as the entry has them.
+    """
     board, folder = submission.board, entrant.folder
     first = read_result(folder / PUBLIC / board.scenarios[0].name)
     return EntrySpec(
@@ -181,6 +190,7 @@ def _spec(submission: Submission, entrant: Entrant) -> EntrySpec:
         planner=entrant.planner,
         package="" if (folder / PLANNER).exists() else _package(entrant.planner),
         options=dict(entrant.options),
+        networks=networks,
         privileged=bool(first.get("privileged")),
         environment=versions(),
         files=file_digests(folder),

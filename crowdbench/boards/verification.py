@@ -33,12 +33,14 @@ from crowdbench.boards.entry import (
     DecisionTime,
     Entry,
     Figures,
+    Method,
     Verdict,
     Verification,
     file_digests,
     read_entry,
     write_entry,
 )
+from crowdbench.boards.method import claims, measured, method_cases
 from crowdbench.boards.season import Season
 from crowdbench.errors import InputError
 from crowdbench.evaluate.replay import RunFiles, replay
@@ -56,12 +58,14 @@ class Found:
         reason: Why, in a sentence.
         figures: What was measured.
         decision_time: How long decisions took.
+        method: What holds of its method.
     """
 
     verdict: Verdict
     reason: str
     figures: Figures
     decision_time: DecisionTime | None = None
+    method: Method | None = None
 
 
 def verify(
@@ -110,11 +114,25 @@ def verify(
             reason=found.reason,
             figures=found.figures,
             decision_time=found.decision_time,
+            method=found.method,
         )
         if season:
             _record(entry, verification, kept)
     shutil.rmtree(kept, ignore_errors=True)
     return verification
+
+
+def cases_of(entry: Entry, board: Board, cases: Cases | None = None) -> int:
+    """How many cases a verification replays and drives.
+
+    Args:
+        entry: The entry.
+        board: Its board.
+        cases: The cases of each scenario, if not those of the board.
+    """
+    own = (len(cases or board.cases) + board.spec.public_cases) * len(board.scenarios)
+    others = len(entry.spec.networks) if claims(board, entry.spec.networks) else 0
+    return own + others * len(method_cases(board))
 
 
 def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
@@ -149,17 +167,20 @@ def _found(
         failed = drive(board, entrant, kept, cases=cases, seed=seed, hidden=hidden, progress=progress)
         if unexpected := [name for name in failed if name in entry.spec.reported]:
             return Found(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}", {})
+        method = None
+        if claims(board, entry.spec.networks):
+            method = measured(board, entrant, entry.spec.networks, kept, seed=seed, hidden=hidden, progress=progress)
         speed = timed(board, entrant, next(scenario for _, scenario in board.load(None)), hidden)
     except InputError as error:
         return Found(Verdict.REFUSED, str(error), {})
-    measured = figures(board, kept)
+    there = figures(board, kept)
     public, other = episodes(board, entry.directory / PUBLIC), episodes(board, kept)
     if doubts := unbelievable(public, {name: other[name] for name in public}):
-        return Found(Verdict.LOWER, "; ".join(doubts), measured, speed)
+        return Found(Verdict.LOWER, "; ".join(doubts), there, speed, method)
     level = {sandbox.BUBBLEWRAP: "in a sandbox without network and without our files"}
     how = level.get(sandbox.level(), "in a process of its own, which could read files and the network")
     reason = f"the recorded commands lead to the reported figures; ran {how}"
-    return Found(Verdict.RERUN, reason, measured, speed)
+    return Found(Verdict.RERUN, reason, there, speed, method)
 
 
 def _hidden(entry: Entry, kept: Path) -> list[Path]:
@@ -198,7 +219,7 @@ def _record(entry: Entry, verification: Verification, kept: Path) -> None:
     runs = entry.directory / SEASONS / verification.season
     shutil.rmtree(runs, ignore_errors=True)
     if verification.figures:
-        shutil.copytree(kept, runs)
+        shutil.copytree(kept, runs, ignore=shutil.ignore_patterns("networks"))
     spec = entry.spec.model_copy(
         update={
             "files": file_digests(entry.directory),

@@ -57,6 +57,10 @@ def submit(
     ] = None,
     name: Annotated[str | None, typer.Option(help="The name of the entry.", show_default="the planner's name")] = None,
     option: OptionOption = None,
+    network: Annotated[
+        list[str] | None,
+        typer.Option(help="Another network of the same method: key=value, such as weights=b.safetensors. Repeatable."),
+    ] = None,
     root: RootOption = ROOT,
     work: WorkOption = WORK,
     threads: ThreadsOption = None,
@@ -73,7 +77,8 @@ def submit(
     options = assignments(option or [], "--option")
     card = card or Path(planner).parent / "card.toml"
     submitter = by or read_card(card).authors[0]
-    wanted = Submission(asked, name or called(planner), planner, options, card, submitter)
+    networks = [assignments([each], "--network") for each in network or []]
+    wanted = Submission(asked, name or called(planner), planner, options, networks, card, submitter)
     announce_compilation()
     _check(wanted)
     cases = len(asked.public_cases) * len(asked.scenarios)
@@ -127,6 +132,7 @@ def verify(
     from crowdbench.boards.board import FILE, find_board, read_board
     from crowdbench.boards.entry import Verdict, read_entry
     from crowdbench.boards.season import read_season
+    from crowdbench.boards.verification import cases_of
     from crowdbench.boards.verification import verify as find
     from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.scenario.cases import Cases
@@ -140,7 +146,7 @@ def verify(
     board = read_board(folder) if (folder / FILE).exists() else find_board(found.spec.board)
     announce_compilation()
     driven = Cases("test", 0, cases) if cases else board.cases
-    total = (len(driven) + board.spec.public_cases) * len(board.scenarios)
+    total = cases_of(found, board, driven)
     with progress(total, f"of {total} cases") as tell:
         asked = read_season(folder.parent) if season else None
         result = find(found, board, by=by, work=work, season=asked, cases=driven, progress=tell)

@@ -1,0 +1,82 @@
+"""What holds of a method, and not of one network alone: its mean over networks that were trained with other seeds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crowdbench.boards.board import Board
+from crowdbench.boards.driving import Entrant, Progress, drive, episodes
+from crowdbench.boards.entry import Method, Range
+from crowdbench.boards.ranking import CRITERIA
+from crowdbench.scenario.cases import Cases
+from crowdbench.study.intervals import mean_over_networks
+
+LEAST = 5
+"""Fewer networks say nothing of their method."""
+
+MOST_CASES = 500
+"""Cases that each network drives."""
+
+
+def method_cases(board: Board) -> Cases:
+    """The cases of a board's scenario that each network drives."""
+    return Cases("test", 0, min(MOST_CASES, board.spec.cases))
+
+
+def claims(board: Board, networks: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether an entry with these other networks claims something of its method: on boards of one scenario only.
+
+    Args:
+        board: The board.
+        networks: The options of each other network.
+    """
+    return len(networks) + 1 >= LEAST and len(board.scenarios) == 1
+
+
+def measured(
+    board: Board,
+    entrant: Entrant,
+    networks: Sequence[Mapping[str, Any]],
+    kept: Path,
+    *,
+    seed: int,
+    hidden: Sequence[Path],
+    progress: Progress | None = None,
+) -> Method:
+    """Drive the other networks of a method through the first cases of a board.
+
+    Args:
+        board: The board, of one scenario.
+        entrant: The planner of the entry, whose own run is in `kept`.
+        networks: The options in which each other network differs.
+        kept: The folder of runs.
+        seed: The seed of the cases.
+        hidden: Folders that the planner must not read.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Returns:
+        The means over all networks, with intervals for other networks on other cases.
+
+    Raises:
+        InputError: The planner breaks its contract or a limit.
+        KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
+    """
+    cases = method_cases(board)
+    folders = [kept]
+    for number, options in enumerate(networks):
+        folders.append(kept / "networks" / str(number))
+        other = dataclasses.replace(entrant, options={**entrant.options, **options})
+        drive(board, other, folders[-1], cases=cases, seed=seed, hidden=hidden, progress=progress)
+    (scenario,) = board.scenarios
+    runs = [episodes(board, folder)[scenario.name].columns for folder in folders]
+    found = {}
+    for metric in CRITERIA:
+        values = np.array([run[metric][: len(cases)] for run in runs], float)
+        estimate = mean_over_networks(values)
+        found[metric] = Range(mean=estimate.mean, low=estimate.low, high=estimate.high)
+    return Method(networks=len(folders), cases=len(cases), metrics=found)
