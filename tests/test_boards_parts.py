@@ -1,0 +1,136 @@
+"""The parts of boards that need no planner's process."""
+
+import numpy as np
+import pytest
+from boards import card, write_board
+
+from crowdbench.boards.believable import ALPHA, p_value, unbelievable
+from crowdbench.boards.decision_time import KERNEL, decision_time
+from crowdbench.boards.ranking import CRITERIA
+from crowdbench.boards.skeleton import write_skeleton
+from crowdbench.boards.standings import over_board
+from crowdbench.boards.submission import read_card
+from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.errors import InputError
+from crowdbench.evaluate.replanning import EVERY_STEP
+from crowdbench.evaluate.results import Episodes
+from crowdbench.evaluate.summary import Estimate
+from crowdbench.planners.base import Planner
+from crowdbench.scenario.cases import Cases
+
+FAMILIES = """
+title = "Two"
+description = "Two families"
+version = 1
+[families]
+circle = ["circle_crossing_5", "circle_crossing_10"]
+square = ["square_crossing_5"]
+[flags]
+intimate_zone = 0.9
+jerk = 90.0
+"""
+
+
+def episodes(success, rng):
+    """Episodes with these successes, in which all failures are collisions."""
+    columns = {"success_rate": success, "collision_rate": ~success, "sct": success * rng.normal(0.7, 0.1, len(success))}
+    assert columns.keys() == CRITERIA.keys()
+    each = np.arange(len(success))
+    return Episodes(each, each, each, columns)
+
+
+def test_an_honest_planner_is_hardly_ever_lower_than_claimed():
+    rng = np.random.default_rng(1)
+    called = 0
+    for rate in (0.3, 0.9, 0.99, 0.998):
+        for _ in range(100):
+            public, other = (episodes(rng.random(n) < rate, rng) for n in (500, 2000))
+            called += bool(unbelievable({"a": public}, {"a": other}))
+    assert called <= 400 * ALPHA + 3
+
+
+@pytest.mark.parametrize(("claimed", "real"), [(1.0, 0.975), (0.95, 0.88), (0.5, 0.38)])
+def test_a_planner_that_is_worse_is_lower_than_claimed(claimed, real):
+    rng = np.random.default_rng(1)
+    public, other = (episodes(rng.permutation(n) < round(n * rate), rng) for n, rate in ((500, claimed), (2000, real)))
+    (success, *_) = unbelievable({"circle": public}, {"circle": other})
+    assert success.startswith(f"success in circle was {claimed:.4g} as reported and is {real:.4g} in 2000 other cases")
+
+
+def test_a_better_planner_is_never_lower_than_claimed():
+    rng = np.random.default_rng(1)
+    public, other = (episodes(rng.permutation(n) < round(n * rate), rng) for n, rate in ((500, 0.5), (2000, 0.9)))
+    assert unbelievable({"a": public}, {"a": other}) == []
+
+
+def test_equal_values_tell_nothing():
+    assert p_value(np.ones(8), np.ones(20)) == 1.0
+
+
+def test_a_skeleton_keeps_its_contract_and_has_a_valid_card(tmp_path):
+    folder = write_skeleton("my_first", tmp_path)
+    assert sorted(path.name for path in folder.iterdir()) == ["card.toml", "my_first.py", "test_my_first.py"]
+    name, planner = load_planner(str(folder / "my_first.py"), {"near": 2.0})
+    assert (name, planner.near, type(planner).__name__) == ("my_first", 2.0, "MyFirst")
+    assert read_card(folder / "card.toml").method == "my_first"
+    compile((folder / "test_my_first.py").read_text(), "test", "exec")
+    with pytest.raises(InputError, match="exists already"):
+        write_skeleton("my_first", tmp_path)
+    for name in ("My", "7up", "a b", "../up"):
+        with pytest.raises(InputError, match="cannot be the name of a planner"):
+            write_skeleton(name, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"licence": '""'}, r"card\.toml: licence is '', but must be a text in quotes, not an empty one"),
+        ({"validation_runs": "-1"}, r"card\.toml: validation_runs is -1, but must be a whole number from 0 to"),
+        ({"colour": '"red"'}, r"card\.toml: unknown key colour; the keys here are title, authors, contact, "),
+    ],
+)
+def test_what_is_wrong_in_a_card_gets_one_sentence(changes, sentence, tmp_path):
+    (tmp_path / "card.toml").write_text(card(**changes))
+    with pytest.raises(InputError, match=sentence):
+        read_card(tmp_path / "card.toml")
+
+
+class Slow(Planner):
+    """Stands still; its decisions take `seconds` by the given clock."""
+
+    def __init__(self, clock, seconds):
+        self.clock = clock
+        self.seconds = seconds
+
+    def plan(self, obs):
+        self.clock.now += self.seconds
+        return np.zeros((len(obs), 2))
+
+
+class Clock:
+    now = 0.0
+
+    def perf_counter(self):
+        return self.now
+
+
+@pytest.mark.parametrize(("seconds", "is_real_time"), [(0.02, True), (0.3, False)])
+def test_decisions_are_timed_in_one_world_alone(seconds, is_real_time, monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr("crowdbench.boards.decision_time.time", clock)
+    monkeypatch.setattr("crowdbench.boards.decision_time.kernel_seconds", lambda: 0.025)
+    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    scenario = load_scenario("circle_crossing_5", {"time_limit": 3.0})
+    found = decision_time(Slow(clock, seconds), "slow", scenario, EVERY_STEP)
+    assert found.p99_ms == pytest.approx(1e3 * seconds)
+    assert found.calibrated_p99_ms == pytest.approx(1e3 * seconds)
+    assert (found.kernel, found.is_real_time) == (KERNEL, is_real_time)
+
+
+def test_a_scenario_that_is_missing_counts_as_nothing(tmp_path):
+    board = write_board(tmp_path, text=FAMILIES)
+    perfect = Estimate(1.0, 0.9, 1.0, 500, 1.0)
+    found = over_board(board, [perfect, perfect, None])
+    assert (found.mean, found.high) == (0.5, 0.5)
+    assert found.low == pytest.approx(0.5 - np.hypot(0.025, 0.025))
+    assert np.isnan(over_board(board, [perfect, perfect, Estimate(np.nan, np.nan, np.nan, 0, np.nan)]).mean)
