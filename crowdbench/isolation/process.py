@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import random
 import select
 import signal
 import subprocess
@@ -110,10 +111,10 @@ class Process:
             yield from process.children(recursive=True)
 
     def pin(self) -> None:
-        """Have it, and all that it has started, use one core alone. macOS cannot do that."""
+        """Have it, and all that it has started, use one core alone, any of them. macOS cannot do that."""
         for process in list(self._everybody()):
             with contextlib.suppress(psutil.Error, AttributeError):
-                process.cpu_affinity(process.cpu_affinity()[:1])
+                process.cpu_affinity([random.choice(process.cpu_affinity())])
 
     def end(self) -> None:
         """Kill it, with all that it has started. It may have ended before."""
