@@ -117,7 +117,8 @@ def _method(one: Standing) -> str:
     if found is None:
         return ""
     success = found.metrics["success_rate"]
-    return f"{100 * success.mean:.1f} % ({100 * success.low:.1f} to {100 * success.high:.1f}), {found.networks} networks"
+    interval = f"{100 * success.low:.1f} to {100 * success.high:.1f}"
+    return f"{100 * success.mean:.1f} % ({interval}), {found.networks} networks"
 
 
 def _percent(estimate: Estimate) -> str:
