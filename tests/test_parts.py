@@ -19,8 +19,9 @@ from crowdbench.evaluate import parts
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.merge import merge
 from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.parts import Shard
+from crowdbench.evaluate.parts import Parts
 from crowdbench.evaluate.run import run
+from crowdbench.evaluate.shard import Shard
 from crowdbench.planners.base import Planner
 from crowdbench.record.read import read
 from crowdbench.scenario.cases import Cases
@@ -132,10 +133,11 @@ def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
         go_on.set()
 
     cases = Cases("test", 0, 4)
-    other = threading.Thread(target=parts.make, args=(slow, cases, tmp_path / "a", {}), kwargs={"batch": 2})
+    wanted = Parts.of(cases, tmp_path / "a", {}, batch=2)
+    other = threading.Thread(target=parts.make, args=(slow, wanted))
     other.start()
     assert begun.wait(30.0)
-    made = parts.make(quick, cases, tmp_path / "a", {}, batch=2)
+    made = parts.make(quick, wanted)
     other.join()
     assert made.is_whole
     assert sorted(driven) == [("quick", 2), ("slow", 0)]

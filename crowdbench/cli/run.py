@@ -83,8 +83,8 @@ def run(
     from crowdbench import catalog, plugins
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.evaluate import run as runs
-    from crowdbench.evaluate.parts import WHOLE, Shard
     from crowdbench.evaluate.results import planner_label
+    from crowdbench.evaluate.shard import WHOLE, Shard
     from crowdbench.scenario.cases import Cases
 
     if record not in RECORD:

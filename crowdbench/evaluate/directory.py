@@ -91,7 +91,7 @@ def _partial(path: Path) -> Iterator[Path]:
     try:
         # First, because FileLock would wait where the file cannot be made.
         lock.touch()
-        with _held(lock):
+        with held(lock, PATIENCE):
             try:
                 partial.mkdir()
                 yield partial
@@ -102,9 +102,17 @@ def _partial(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def _held(path: Path) -> Iterator[None]:
-    """Hold a lock. On a file system without locks there is none."""
-    lock = FileLock(path, timeout=PATIENCE)
+def held(path: Path, patience: float = -1) -> Iterator[None]:
+    """Hold a lock. On a file system without locks there is none.
+
+    Args:
+        path: The lock's file.
+        patience: Seconds to wait for a process that holds it; below 0, as long as it takes.
+
+    Raises:
+        Timeout: Another process still holds it.
+    """
+    lock = FileLock(path, timeout=patience)
     with contextlib.suppress(NotImplementedError):
         lock.acquire()
     try:

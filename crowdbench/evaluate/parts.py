@@ -12,7 +12,6 @@ import glob
 import hashlib
 import itertools
 import json
-import re
 import secrets
 import shutil
 import time
@@ -21,13 +20,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
 from crowdbench import files
 from crowdbench.errors import InputError
-from crowdbench.evaluate.directory import check_free, parent_of
+from crowdbench.evaluate.directory import check_free, held, new_directory, parent_of
 from crowdbench.evaluate.merge import merge
 from crowdbench.evaluate.seal import MANIFEST, checked
+from crowdbench.evaluate.shard import WHOLE, Shard
 from crowdbench.scenario.cases import Cases
 
 ENDING = ".parts-"
@@ -43,31 +43,91 @@ Drive = Callable[[Cases, Path], None]
 
 
 @dataclass(frozen=True)
-class Shard:
-    """One of several equal shares of a run's parts, written `2/8`.
+class Parts:
+    """The parts of a run.
 
     Attributes:
-        number: Which one, counted from 1.
-        count: How many there are.
+        out: The directory of the run.
+        folder: The folder that has a directory for each of them until all are there.
+        request: The text of the file that says what they are parts of.
+        cases: Their cases, in order.
     """
 
-    number: int = 1
-    count: int = 1
+    out: Path
+    folder: Path
+    request: str
+    cases: tuple[Cases, ...]
 
     @classmethod
-    def parse(cls, text: str) -> Shard:
-        """Read `2/8`. Raises InputError where the text has another form, or there is no such shard."""
-        match = re.fullmatch("([0-9]{1,9})/([0-9]{1,9})", text)
-        if match and 1 <= int(match[1]) <= int(match[2]):
-            return cls(int(match[1]), int(match[2]))
-        raise InputError(f"{text!r} is no shard: write 2/8 for the second of eight")
+    def of(cls, cases: Cases, out: Path, request: Mapping[str, Any], batch: int) -> Parts:
+        """The parts of a run.
 
-    def own(self, parts: Sequence[Cases]) -> list[Cases]:
-        """Its share of the parts of a run."""
-        return list(parts[self.number - 1 :: self.count])
+        Args:
+            cases: The cases of the run.
+            out: The directory of the run.
+            request: All that its figures depend on.
+            batch: Cases of a part.
+        """
+        wanted = json.dumps({**request, "cases": str(cases), "batch": batch}, indent=2, sort_keys=True) + "\n"
+        folder = out.with_name(f"{out.name}{ENDING}{hashlib.sha256(wanted.encode()).hexdigest()[:8]}")
+        return cls(out, folder, wanted, tuple(cases.batches(batch)))
 
+    def directory(self, part: Cases) -> Path:
+        """Where a part lies."""
+        return self.folder / _name(part)
 
-WHOLE = Shard()
+    def made(self) -> list[Cases]:
+        """The parts that are there."""
+        return [part for part in self.cases if is_made(self.directory(part))]
+
+    @contextlib.contextmanager
+    def opened(self) -> Iterator[None]:
+        """Make the folder, and remove it again if it stays empty. Raises InputError where it cannot be written."""
+        with contextlib.ExitStack() as stack:
+            try:
+                stack.enter_context(parent_of(self.out))
+                self.folder.mkdir(exist_ok=True)
+                with files.whole(self.folder / REQUEST) as partial:
+                    partial.write_text(self.request, encoding="utf-8")
+            except OSError as error:
+                raise InputError(f"{self.out} cannot be written: {error.strerror or error}") from None
+            stack.callback(self._close)
+            yield
+
+    def _close(self) -> None:
+        is_empty = self.folder.exists() and not any(each.is_dir() for each in self.folder.iterdir())
+        if is_empty and _is_idle(self.folder):
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def told(self) -> Iterator[None]:
+        """Say in an InputError, and after an interrupt, what is kept."""
+        try:
+            yield
+        except (KeyboardInterrupt, InputError) as error:
+            cases = sum(map(len, self.made()))
+            if not cases:
+                raise
+            kept = f"{cases} of {sum(map(len, self.cases))} cases are kept in {self.folder}"
+            by_hand = f"`crowdbench merge {self.folder} --out DIR` makes a run of them"
+            goes_on = f"the same command goes on with them, and {by_hand}"
+            raise type(error)(f"{str(error) or 'interrupted'}: {kept}; {goes_on}") from error
+
+    @contextlib.contextmanager
+    def claimed(self, part: Cases) -> Iterator[bool]:
+        """Hold the lock of a part.
+
+        Args:
+            part: The part.
+
+        Yields:
+            Whether it has to be made; not where another process has made it, or has put all parts together.
+
+        Raises:
+            Timeout: Another process is making it.
+        """
+        with held(self.folder / f".{_name(part)}.making", 0):
+            yield (self.folder / REQUEST).exists() and not is_made(self.directory(part))
 
 
 @dataclass(frozen=True)
@@ -85,79 +145,90 @@ class Made:
     is_whole: bool
 
 
-class _PutTogether(Exception):
-    """Another process has put the parts together and removed them."""
-
-
 def make(
     drive: Drive,
-    cases: Cases,
-    out: Path,
-    request: Mapping[str, Any],
-    *,
-    batch: int,
+    parts: Parts,
     shard: Shard = WHOLE,
+    *,
     overwrite: bool = False,
+    wait: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Made:
     """Make a run, or a shard of it, going on from what is there. The run is put together once all parts are there.
 
     Args:
         drive: Makes a part.
-        cases: The cases of the run.
-        out: The directory of the run.
-        request: All that its figures depend on.
-        batch: Cases of a part.
+        parts: The parts of the run.
         shard: Which parts to make.
-        overwrite: Whether an earlier run in `out` is replaced.
+        overwrite: Whether an earlier run in its directory is replaced.
+        wait: Whether to wait for parts that other processes are making.
         progress: Called with the number of cases of parts that were there before.
 
     Returns:
         What is there now.
 
     Raises:
-        InputError: `out` is taken, or as `drive` raises it.
+        InputError: The run's directory is taken, or as `drive` raises it.
         KeyboardInterrupt: Somebody interrupted it. The parts that are finished are kept.
     """
-    check_free(out, overwrite)
-    wanted = json.dumps({**request, "cases": str(cases), "batch": batch}, indent=2, sort_keys=True) + "\n"
-    folder = out.with_name(f"{out.name}{ENDING}{hashlib.sha256(wanted.encode()).hexdigest()[:8]}")
-    parts = list(cases.batches(batch))
-    with parent_of(out), _kept(folder, wanted, parts):
+    check_free(parts.out, overwrite)
+    folder = parts.folder
+    with parts.opened(), parts.told():
+        _make_parts(drive, parts, shard.own(parts.cases), wait, progress)
+        if len(parts.made()) == len(parts.cases):
+            _put_together(parts, overwrite)
         # Another process that has the same command may put the parts together, and remove the folder, at any time.
-        with contextlib.suppress(_PutTogether):
-            _make_parts(drive, folder, shard.own(parts), progress)
-            if len(_made(folder, parts)) == len(parts):
-                _put_together(folder, parts, out, overwrite)
         if not (folder / REQUEST).exists():
             shutil.rmtree(folder, ignore_errors=True)  # locks are made with their folder
-            return Made(folder, len(cases), is_whole=True)
-        return Made(folder, sum(map(len, _made(folder, parts))), is_whole=False)
+            return Made(folder, sum(map(len, parts.cases)), is_whole=True)
+        return Made(folder, sum(map(len, parts.made())), is_whole=False)
 
 
-def _make_parts(drive: Drive, folder: Path, parts: Sequence[Cases], progress: Callable[[float], None] | None) -> None:
-    """Make all of these parts that nobody else makes, and wait for the others."""
-    waiting = parts
+def _make_parts(
+    drive: Drive, parts: Parts, own: Sequence[Cases], wait: bool, progress: Callable[[float], None] | None
+) -> None:
+    """Make all of these parts that nobody else makes, and perhaps wait for the others."""
+    waiting = own
     while waiting:
-        left = [part for part in waiting if not _make_part(drive, folder, part, progress)]
+        left = [part for part in waiting if not _make_part(drive, parts, part, progress)]
+        if not wait:
+            return
         if len(left) == len(waiting):
             time.sleep(PATIENCE)
         waiting = left
 
 
-def _made(folder: Path, parts: Sequence[Cases]) -> list[Cases]:
-    return [part for part in parts if is_made(folder / _name(part))]
+def _make_part(drive: Drive, parts: Parts, part: Cases, progress: Callable[[float], None] | None) -> bool:
+    """Make a part, unless it is there; False where another process is making it."""
+    try:
+        with parts.claimed(part) as is_missing:
+            if is_missing:
+                drive(part, parts.directory(part))
+            elif progress is not None:
+                progress(len(part))
+            return True
+    except Timeout:
+        return False
 
 
-def _put_together(folder: Path, parts: Sequence[Cases], out: Path, overwrite: bool) -> None:
+def _put_together(parts: Parts, overwrite: bool) -> None:
     """Merge the parts of a run, unless another process has done it, and remove them, and those of earlier tries."""
-    with FileLock(folder.with_name(f".{folder.name}.merging")) as lock:
-        if is_made(folder / _name(parts[0])):
-            merge([folder / _name(part) for part in parts], out, overwrite)
+    out, folder = parts.out, parts.folder
+    directories = [parts.directory(part) for part in parts.cases]
+    lock = folder.with_name(f".{folder.name}.merging")
+    with held(lock):
+        if is_made(directories[0]):
+            if len(directories) == 1:
+                with new_directory(out, overwrite) as directory:
+                    shutil.copytree(directories[0], directory, dirs_exist_ok=True)
+            else:
+                merge(directories, out, overwrite)
             for tried in out.parent.glob(f"{glob.escape(out.name)}{ENDING}{'[0-9a-f]' * 8}"):
-                if tried == folder or _is_idle(tried):
+                # What a longer run has kept outlives a shorter one of its name.
+                is_worthless = len(directories) > 1 or not any(tried.glob(f"*/{MANIFEST}"))
+                if tried == folder or (is_worthless and _is_idle(tried)):
                     _remove(tried)
-            Path(lock.lock_file).unlink(missing_ok=True)
+        lock.unlink(missing_ok=True)
 
 
 def _remove(folder: Path) -> None:
@@ -171,28 +242,11 @@ def _is_idle(folder: Path) -> bool:
     """Whether nobody is making a part in a folder."""
     try:
         for lock in folder.glob(".*.making"):
-            with FileLock(lock, timeout=0):
+            with held(lock, 0):
                 pass
     except (Timeout, OSError):
         return False
     return True
-
-
-def _make_part(drive: Drive, folder: Path, part: Cases, progress: Callable[[float], None] | None) -> bool:
-    """Make a part, unless it is there; False where another process is making it."""
-    directory = folder / _name(part)
-    try:
-        with FileLock(folder / f".{directory.name}.making", timeout=0):
-            if is_made(directory):
-                if progress is not None:
-                    progress(len(part))
-            elif (folder / REQUEST).exists():
-                drive(part, directory)
-            else:
-                raise _PutTogether
-            return True
-    except Timeout:
-        return False
 
 
 def _name(part: Cases) -> str:
@@ -203,29 +257,6 @@ def is_made(directory: Path) -> bool:
     """Whether a part is there, to its last case. Raises InputError where its manifest is damaged."""
     manifest = checked(directory, ()) if (directory / MANIFEST).exists() else None
     return manifest is not None and not manifest.interrupted
-
-
-@contextlib.contextmanager
-def _kept(folder: Path, request: str, parts: Sequence[Cases]) -> Iterator[None]:
-    """Make a folder of parts, and say what is in it where the run does not end. An empty one is removed again."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with files.whole(folder / REQUEST) as partial:
-            partial.write_text(request, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror or error}") from None
-    try:
-        yield
-    except (KeyboardInterrupt, InputError) as error:
-        cases = sum(map(len, _made(folder, parts)))
-        if not cases:
-            raise
-        kept = f"{cases} of {sum(map(len, parts))} cases are kept in {folder}"
-        goes_on = f"the same command goes on with them, and `crowdbench merge {folder} --out DIR` makes a run of them"
-        raise type(error)(f"{str(error) or 'interrupted'}: {kept}; {goes_on}") from error
-    finally:
-        if folder.exists() and not any(each.is_dir() for each in folder.iterdir()) and _is_idle(folder):
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:

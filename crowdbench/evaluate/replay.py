@@ -32,8 +32,8 @@ from crowdbench.evaluate.results import (
     to_json,
 )
 from crowdbench.evaluate.rollout import rollout
-from crowdbench.evaluate.run import fitting, versions
 from crowdbench.evaluate.seal import MANIFEST, checked
+from crowdbench.evaluate.wanted import fitting, versions
 from crowdbench.geometry import norm
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases

@@ -2,42 +2,26 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import json
-import platform
 import re
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from llvmlite.binding import get_host_cpu_name
-
 from crowdbench.errors import Interrupted
 from crowdbench.evaluate import parts
-from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
-from crowdbench.evaluate.parts import WHOLE, Shard
-from crowdbench.evaluate.recording import command_writer, recorder
+from crowdbench.evaluate.parts import Parts
 from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
-from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, to_json
-from crowdbench.evaluate.rollout import LogsTooLarge, rollout
-from crowdbench.evaluate.seal import code, seal
+from crowdbench.evaluate.results import RESULT
+from crowdbench.evaluate.seal import code
+from crowdbench.evaluate.shard import WHOLE, Shard
+from crowdbench.evaluate.wanted import Wanted
 from crowdbench.files import read_json
-from crowdbench.interrupts import Interrupts
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.settings import BATCH, WITH_EPISODES
-from crowdbench.types import Trace
-
-MEMORY = 256e6
-"""Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches.
-
-What planners log counts apart: see `rollout.LOG_MEMORY`.
-"""
+from crowdbench.settings import BATCH, RECORD
 
 
 @dataclass(frozen=True)
@@ -45,7 +29,7 @@ class Finished:
     """What a run has written.
 
     Attributes:
-        result: The contents of `result.json`; None where parts that other shards make are missing.
+        result: The contents of `result.json`; None where parts are missing that other processes make.
         cases: How many of its cases are there.
         folder: Where its parts are until all are there.
     """
@@ -65,7 +49,7 @@ def run(
     about: Mapping[str, Any],
     asked: Mapping[str, Any] | None = None,
     replanning: Replanning = EVERY_STEP,
-    record: str = "failures",
+    record: str = RECORD[0],
     batch: int = BATCH,
     shard: Shard = WHOLE,
     overwrite: bool = False,
@@ -76,8 +60,8 @@ def run(
     What is recorded are the commands of all cases in `commands.parquet`, and episodes in `run.rrd`. At the end,
     `manifest.json` gets the sha256 of all these files: see `crowdbench.evaluate.seal`.
 
-    A run of several batches is made part by part: see `crowdbench.evaluate.parts`. After an interrupt, the same call
-    goes on with what is missing.
+    A run is made part by part, a batch each: see `crowdbench.evaluate.parts`. After an interrupt, the same call goes
+    on with what is missing.
 
     Args:
         driver: Asks the planner for commands.
@@ -100,201 +84,52 @@ def run(
     Raises:
         InputError: Planner, scenario or a metric break their contract, or `out` cannot be written. Nothing is kept
             of the batch in which it happens.
-        KeyboardInterrupt: Interrupted. The batches that are finished are kept, unless there is only one.
+        KeyboardInterrupt: Interrupted. The batches that are finished are kept.
+    """
+    wanted = Wanted(driver, scenario, cases, metrics, about, asked or {}, replanning, record, batch)
+    return make(wanted, out, shard=shard, overwrite=overwrite, progress=progress)
+
+
+def make(
+    wanted: Wanted,
+    out: Path,
+    *,
+    shard: Shard = WHOLE,
+    overwrite: bool = False,
+    wait: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> Finished:
+    """Make a run, as `run` does.
+
+    Args:
+        wanted: What was asked for.
+        out: The directory to write.
+        shard: Which share of the batches is run.
+        overwrite: Whether an earlier run in `out` is replaced.
+        wait: Whether to wait for batches that other processes are making.
+        progress: As `run` calls it.
+
+    Returns:
+        What is there.
+
+    Raises:
+        InputError: As `run` raises it.
+        KeyboardInterrupt: As `run` raises it.
     """
     code()  # before somebody changes it
-    wanted = _Wanted(driver, scenario, cases, metrics, about, asked or {}, replanning, record, batch, progress)
-    if len(cases) <= batch and shard == WHOLE:
-        wanted.drive(cases, out, overwrite)
-        return Finished(read_json(out / RESULT), len(cases), out)
 
     def drive(part: Cases, directory: Path) -> None:
-        if wanted.drive(part, directory, overwrite=True):  # it came while the part was written
+        interrupted = wanted.drive(part, directory, progress)
+        if interrupted and part != wanted.cases:  # it came while the part was written, and others are left
             raise Interrupted
 
-    made = parts.make(
-        drive, cases, out, wanted.depends, batch=batch, shard=shard, overwrite=overwrite, progress=progress
-    )
+    made = parts.make(drive, parts_of(wanted, out), shard, overwrite=overwrite, wait=wait, progress=progress)
     return Finished(read_json(out / RESULT) if made.is_whole else None, made.cases, made.folder)
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """What `run` was asked for."""
-
-    driver: Driver
-    scenario: Scenario
-    cases: Cases
-    metrics: Mapping[str, Metric]
-    about: Mapping[str, Any]
-    asked: Mapping[str, Any]
-    replanning: Replanning
-    record: str
-    batch: int
-    progress: Callable[[float], None] | None
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """When the planner observes, as results say it."""
-        return {"replan_every": self.replanning.every, **self.replanning.settings}
-
-    @property
-    def request(self) -> dict[str, Any]:
-        """What a manifest says of what was asked for."""
-        asked = {"cases": str(self.cases), "metrics": list(self.metrics), **self.settings, "record": self.record}
-        return {**asked, "decision_limit": self.driver.decision_limit, **self.asked}
-
-    @property
-    def depends(self) -> dict[str, Any]:
-        """All that the figures depend on."""
-        planner = {"planner": self.driver.name, "privileged": self.driver.privileged, "facts": self.driver.facts}
-        # What an isolated planner has used differs from run to run.
-        about = {key: value for key, value in self.about.items() if key != "isolation"}
-        return {**planner, **self.request, **about, "scenario": self.scenario.digest, "code": code()}
-
-    def drive(self, part: Cases, directory: Path, overwrite: bool) -> bool:
-        """Make the run of some of the cases.
-
-        Args:
-            part: The cases.
-            directory: The directory to write.
-            overwrite: Whether an earlier run there is replaced.
-
-        Returns:
-            Whether somebody interrupted it when all was done but the writing.
-        """
-        start = time.perf_counter()
-        self.driver.seconds = 0.0
-        label = planner_label(self.driver.name, self.about.get("options", {}), self.replanning.settings)
-        with Interrupts() as interrupts, new_directory(directory, overwrite) as folder:
-            with (
-                recorder(self.record, folder / RECORDING, label, self.scenario, self.cases) as keep,
-                command_writer(self.record, folder) as keep_commands,
-            ):
-
-                def keep_all(trace: Trace, measured: Episodes) -> int:
-                    keep_commands(trace)
-                    return keep(trace, measured)
-
-                traces = _traces(self._rollout(interrupts), self.driver, part, fitting(self.batch, self.scenario))
-                episodes, recorded = _measured(traces, self.metrics, keep_all)
-            about = self.settings | dict(self.about)
-            result = _result(self.driver, self.scenario, part, episodes, about, recorded, start)
-            episodes.write(folder / EPISODES)
-            (folder / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-            seal(folder, _manifest(self.about, self.request))
-        return interrupts.asked
-
-    def _rollout(self, interrupts: Interrupts) -> Callable[[Cases], Trace]:
-        def drive(cases: Cases) -> Trace:
-            with interrupts.let_through():
-                return rollout(
-                    self.driver,
-                    self.scenario,
-                    cases,
-                    replanning=self.replanning,
-                    keep_logs=self.record in WITH_EPISODES,
-                    progress=self.progress,
-                )
-
-        return drive
-
-
-def _measured(
-    traces: Iterator[Trace], metrics: Mapping[str, Metric], keep: Callable[[Trace, Episodes], int]
-) -> tuple[Episodes, int]:
-    """Measure and record traces.
-
-    Args:
-        traces: The traces.
-        metrics: What is measured, by name.
-        keep: Records a trace with its measured episodes, and returns the number of those in the recording.
-
-    Returns:
-        The measured episodes, and how many of them are recorded.
-    """
-    measured: list[Episodes] = []
-    recorded = 0
-    for trace in traces:
-        measured.append(Episodes.of(trace, metrics))
-        recorded += keep(trace, measured[-1])
-        del trace  # two traces at a time would take twice the memory
-    return Episodes.joined(measured), recorded
-
-
-def _traces(drive: Callable[[Cases], Trace], driver: Driver, cases: Cases, batch: int) -> Iterator[Trace]:
-    """The traces of all cases, batch by batch, in smaller ones where the planner's logs would take too much memory.
-
-    Args:
-        drive: Drives some cases, as `rollout` does.
-        driver: The driver, whose time for a batch that was given up does not count.
-        cases: The cases.
-        batch: Cases that run in lock-step, at most.
-    """
-    start = cases.start
-    while start < cases.stop:
-        seconds = driver.seconds
-        try:
-            trace = drive(Cases(cases.split, start, min(start + batch, cases.stop)))
-        except LogsTooLarge as error:
-            batch, driver.seconds = error.fitting, seconds
-            continue
-        start += len(trace)
-        yield trace
-        del trace
-
-
-def _result(
-    driver: Driver,
-    scenario: Scenario,
-    cases: Cases,
-    episodes: Episodes,
-    about: Mapping[str, Any],
-    recorded: int,
-    start: float,
-) -> dict[str, Any]:
-    """The contents of `result.json`; `start` is when the run began, as `time.perf_counter` counts seconds."""
-    return {
-        "planner": driver.name,
-        "privileged": driver.privileged,
-        "planner_facts": driver.facts,
-        **about,
-        "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
-        "cases": str(cases),
-        "recorded": recorded,
-        "outcomes": episodes.counts(),
-        "metrics": to_json(episodes.summary()),
-        "rates": episodes.rates,
-        "timing": {
-            "decision_ms_per_step": 1e3 * driver.seconds / int(episodes.steps.sum()),
-            "seconds": time.perf_counter() - start,
-        },
-        "versions": versions(),
-    }
-
-
-def _manifest(about: Mapping[str, Any], asked: Mapping[str, Any]) -> dict[str, Any]:
-    """What `manifest.json` says beside the digests of the run's files.
-
-    Args:
-        about: What `result.json` says of options, overrides and the planner's files.
-        asked: What else was asked for.
-    """
-    torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
-    given = {name: about.get(name, {}) for name in ("options", "overrides")}
-    return {
-        "interrupted": False,
-        "asked": {**asked, **given},
-        "planner_files": about.get("planner_files", {}),
-        "versions": versions() | torch,
-    }
-
-
-def versions() -> dict[str, str]:
-    """What the last bits of a result depend on: versions of packages, and the kind of the machine."""
-    packages = {name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba", "scipy")}
-    machine = f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
-    return {"python": platform.python_version(), **packages, "machine": machine}
+def parts_of(wanted: Wanted, out: Path) -> Parts:
+    """The parts of a run whose directory is `out`."""
+    return Parts.of(wanted.cases, out, wanted.depends, wanted.batch)
 
 
 def directory_name(planner: str, scenario: str, cases: Cases, changes: Mapping[str, Any]) -> str:
@@ -311,10 +146,3 @@ def directory_name(planner: str, scenario: str, cases: Cases, changes: Mapping[s
     parts += [f"{key}={value}" for key, value in changes.items()]
     # File systems allow 255 bytes, and the directory has a longer name while it is written.
     return re.sub(r"[^A-Za-z0-9_.=-]+", "_", "-".join(parts))[:200]
-
-
-def fitting(batch: int, scenario: Scenario) -> int:
-    """How many cases run in lock-step: `batch`, or fewer where their traces would take too much memory."""
-    # Positions and velocities of every state, and as much again for what metrics make of them.
-    each = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
-    return max(1, min(batch, int(MEMORY / each)))
