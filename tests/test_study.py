@@ -86,7 +86,7 @@ def test_whatever_changes_a_number_makes_another_run(monkeypatch):
 
 def test_a_run_that_was_interrupted_is_not_taken_for_the_whole(tmp_path):
     one = read(CROWDS).runs[0]
-    run(one.driver, one.scenario, Cases.parse("5"), tmp_path / one.directory, metrics=METRICS, about=one.about)
+    run(one.driver, one.scenario, Cases.parse("5"), tmp_path / one.directory, metrics=METRICS, about=one.wanted.about)
     assert missing([one, one], tmp_path) == [one]
     one.make(tmp_path, lambda done: None)
     assert read_result(tmp_path / one.directory)["cases"] == "test:0:8"
@@ -245,3 +245,54 @@ def test_the_shipped_studies_can_be_made():
     assert len(crowds.runs) == 12 * len(catalog.scenarios())
     assert {run.planner for run in crowds.runs if run.privileged} == {"sarl"}
     assert {str(run.cases) for run in kce.runs} == {"val:2000:2200"}
+
+
+def test_shards_make_their_share_and_the_last_one_prints_the_tables(capsys):
+    study(CROWDS, "--out", "whole")
+    whole = capsys.readouterr().out
+    study(CROWDS, "--shard", "2/3")
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert re.findall(r"run \d of \d: (\w+ on \w+)", told.err) == ["orca_margin on circle_crossing_5"]
+    assert told.err.splitlines()[-1] == (
+        "crowdbench: 1 of 4 runs are in runs/study-tiny; the shard that ends last, or the same command without "
+        "--shard, prints the tables"
+    )
+    study(CROWDS, "--shard", "1/3")
+    assert "3 of 4 runs are in runs/study-tiny" in capsys.readouterr().err
+    study(CROWDS, "--shard", "3/3")
+    assert capsys.readouterr().out == whole
+    for name in made():
+        tables = [Path(folder, name, "episodes.csv").read_bytes() for folder in ("whole", "runs/study-tiny")]
+        assert tables[0] == tables[1]
+
+
+SLOW = """
+import os, time
+from pathlib import Path
+from crowdbench.planners.reactive import ORCAPlanner
+
+class Slow(ORCAPlanner):
+    def reset(self, rows):
+        Path(f"batch-{time.monotonic_ns()}-{os.getpid()}").touch()
+        while len(list(Path().glob("batch-*"))) < 2:
+            time.sleep(0.01)
+
+def planner():
+    return Slow()
+"""
+
+
+def test_processes_that_are_given_the_same_study_share_its_runs(capsys):
+    Path("slow.py").write_text(SLOW)
+    text = CROWDS.replace('"orca", "orca_margin"', '"orca", "./slow.py"')
+    Path("tiny.toml").write_text(text)
+    command = [sys.executable, "-m", "crowdbench", "study", "tiny.toml"]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    ended = [process.communicate(timeout=100) for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], ended
+    assert ended[0][0] == ended[1][0]
+    # Neither process goes on before each has a run of the slow planner, of which there are two.
+    assert len({path.name.rpartition("-")[2] for path in Path().glob("batch-*")}) == 2
+    assert len(list(Path().glob("batch-*"))) == 2
+    assert len(made()) == 4

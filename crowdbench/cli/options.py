@@ -47,7 +47,22 @@ LimitOption = Annotated[
     float, typer.Option(help="Longest time in seconds that the planner may take for one decision of a whole batch.")
 ]
 ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Number of threads.", show_default="one per core")]
+OnOption = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        help="ray: on the Ray cluster of RAY_ADDRESS, or Ray on this machine. --threads are then those of each batch.",
+        show_default="here",
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
+
+
+def is_on_ray(on: str | None) -> bool:
+    """What `--on` says. Raises InputError where it is something else than `ray`."""
+    if on not in (None, "ray"):
+        raise InputError(f"--on {on} is not known: write --on ray, or leave it out")
+    return on is not None
 
 
 def use_threads(threads: int | None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +17,7 @@ from crowdbench.cli.options import (
     JsonOption,
     LimitOption,
     MetricOption,
+    OnOption,
     OptionOption,
     PedestriansOption,
     PlannerOption,
@@ -24,6 +25,7 @@ from crowdbench.cli.options import (
     SetOption,
     ThreadsOption,
     assignments,
+    is_on_ray,
     print_table,
     use_threads,
 )
@@ -32,8 +34,10 @@ from crowdbench.evaluate.replanning import LOOK_FIRST, Replanning
 from crowdbench.settings import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
 if TYPE_CHECKING:
-    from crowdbench.evaluate.driver import Driver
     from crowdbench.evaluate.metrics import Metric
+    from crowdbench.evaluate.shard import Shard
+    from crowdbench.evaluate.wanted import Wanted
+    from crowdbench.spec import RunSpec
 
 RECORD_HELP = (
     f"What to record: episodes for the viewer (failures: {MOST_FAILURES} at most, and the first {FIRST_RECORDED} "
@@ -74,63 +78,75 @@ def run(
         str | None,
         typer.Option(help="Run one share of the batches, such as 2/8; whoever ends last puts all of them together."),
     ] = None,
+    on: OnOption = None,
     threads: ThreadsOption = None,
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:
     """Drive a planner through the cases of a scenario and score it."""
-    use_threads(threads)
-    from crowdbench import catalog, plugins
+    on_ray = is_on_ray(on)
+    use_threads(None if on_ray else threads)
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.evaluate import run as runs
     from crowdbench.evaluate.results import planner_label
     from crowdbench.evaluate.shard import WHOLE, Shard
     from crowdbench.scenario.cases import Cases
+    from crowdbench.spec import RunSpec
 
     if record not in RECORD:
         raise InputError(f"--record {record} is not one of {', '.join(RECORD)}")
     announce_compilation()
-    selected = Cases.parse(cases)
-    options = assignments(option or [], "--option")
-    settings = assignments(overrides or [], "--set")
-    loaded = catalog.load_scenario(scenario, settings, pedestrians)
-    changes = settings | ({"pedestrians": pedestrians} if pedestrians else {})
-    metrics = catalog.load_metrics(metric or [])
-    own_metrics = {spec: plugins.source(spec) for spec in metric or []}
-    replanning = Replanning(replan_every, look_first)
-    with (
-        _interrupts_told(),
-        _planner(planner, options, isolated, decision_limit) as (driver, about),
-        progress(len(selected), f"of {len(selected)} cases") as tell,
-    ):
-        name = driver.name
-        directory = out or Path("runs") / runs.directory_name(
-            name, loaded.name, selected, options | changes | replanning.settings
-        )
-        finished = runs.run(
-            driver,
-            loaded,
-            selected,
-            directory,
-            metrics=metrics,
-            about={"options": options, **about, "overrides": changes},
-            asked={"planner": planner, "scenario": scenario, "pedestrians": pedestrians, "own_metrics": own_metrics},
-            replanning=replanning,
-            record=record,
-            batch=batch,
-            shard=Shard.parse(shard) if shard else WHOLE,
-            overwrite=overwrite,
-            progress=tell,
-        )
+    spec = RunSpec(
+        planner,
+        scenario,
+        Cases.parse(cases),
+        assignments(option or [], "--option"),
+        assignments(overrides or [], "--set"),
+        pedestrians,
+        tuple(metric or []),
+        Replanning(replan_every, look_first),
+        record,
+        batch,
+        isolated,
+        decision_limit,
+    )
+    own = Shard.parse(shard) if shard else WHOLE
+    with _interrupts_told(), spec.loaded() as wanted, progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell:
+        changes = {**spec.options, **spec.changes, **spec.replanning.settings}
+        name = runs.directory_name(wanted.driver.name, wanted.scenario.name, spec.cases, changes)
+        directory = out or Path("runs") / name
+        if on_ray:
+            _make_on_ray(spec, wanted, directory, own, overwrite, threads, tell)
+        finished = runs.make(wanted, directory, shard=own, overwrite=overwrite, progress=None if on_ray else tell)
     if finished.result is None:
-        there = f"{finished.cases} of {len(selected)} cases are in {finished.folder}"
+        there = f"{finished.cases} of {len(spec.cases)} cases are in {finished.folder}"
         say(f"crowdbench: {there}; the shard that ends last puts all of them together")
     elif as_json:
         print(json.dumps(finished.result, indent=2))
     else:
-        changed = "".join(f", {key}={value}" for key, value in changes.items())
-        what = f"{planner_label(name, options, replanning.settings)} on {loaded.name}{changed}"
-        print_result(what, finished.result, metrics, directory)
+        changed = "".join(f", {key}={value}" for key, value in spec.changes.items())
+        label = planner_label(wanted.driver.name, spec.options, spec.replanning.settings)
+        print_result(f"{label} on {wanted.scenario.name}{changed}", finished.result, wanted.metrics, directory)
+
+
+def _make_on_ray(
+    spec: RunSpec,
+    wanted: Wanted,
+    directory: Path,
+    shard: Shard,
+    overwrite: bool,
+    threads: int | None,
+    tell: Callable[[float], None],
+) -> None:
+    """Have the workers of a Ray cluster make the parts of a run, or of a shard of it."""
+    from crowdbench import cluster
+    from crowdbench.evaluate.directory import check_free
+    from crowdbench.evaluate.run import parts_of
+
+    check_free(directory, overwrite)
+    parts = parts_of(wanted, directory)
+    with parts.told():
+        cluster.make_parts([cluster.Job(spec, parts, shard.own(parts.cases))], cpus=threads or 1, progress=tell)
 
 
 def merge(
@@ -170,25 +186,6 @@ def _interrupts_told() -> Iterator[None]:
             raise
         say(f"crowdbench: {error}")
         sys.exit(INTERRUPTED)
-
-
-@contextlib.contextmanager
-def _planner(
-    planner: str, options: Mapping[str, Any], isolated: bool, decision_limit: float
-) -> Iterator[tuple[Driver, dict[str, Any]]]:
-    """The driver of a planner, and what the result says of the planner's files and process."""
-    from crowdbench import catalog
-    from crowdbench.evaluate.driver import Driver
-
-    if not isolated:
-        name, made = catalog.load_planner(planner, options)
-        yield Driver(made, name, decision_limit), {"planner_files": catalog.planner_files(planner, options)}
-        return
-    from crowdbench.isolation.planner import IsolatedPlanner, Limits
-
-    with contextlib.closing(IsolatedPlanner(planner, options, Limits(decision=decision_limit))) as apart:
-        about = {"planner_files": catalog.planner_files(planner, options), "isolation": apart.usage}
-        yield Driver(apart, apart.name, decision_limit), about
 
 
 def print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path) -> None:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.options import INTERRUPTED, JsonOption, ThreadsOption, use_threads
+from crowdbench.cli.options import INTERRUPTED, JsonOption, OnOption, ThreadsOption, is_on_ray, use_threads
 
 if TYPE_CHECKING:
     from crowdbench.study.planned import PlannedRun
+
+ShardOption = Annotated[
+    str | None,
+    typer.Option(help="Make one share of the runs, such as 2/8; whoever ends last prints the tables."),
+]
 
 
 def study(
@@ -22,17 +26,20 @@ def study(
     out: Annotated[
         Path | None, typer.Option(help="Folder that keeps its runs.", show_default="runs/study-<name>")
     ] = None,
+    shard: ShardOption = None,
+    on: OnOption = None,
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make the runs of a study that are not there yet, and print its tables in Markdown."""
-    use_threads(threads)
+    use_threads(None if is_on_ray(on) else threads)
     from crowdbench.study.file import read_study
     from crowdbench.study.tables import page, plain
 
     asked = read_study(file)
-    with _made(asked.runs, out or Path("runs") / f"study-{asked.name}") as directory:
-        tables = [table.fill(directory) for table in asked.tables]
+    directory = out or Path("runs") / f"study-{asked.name}"
+    _make(asked.runs, directory, shard, on, threads)
+    tables = [table.fill(directory) for table in asked.tables]
     if as_json:
         print(json.dumps({"study": asked.name, "tables": plain(tables)}, indent=2))
     else:
@@ -43,6 +50,8 @@ def reproduce(
     table: Annotated[int | None, typer.Option(min=1, max=4, help="One of the paper's four tables alone.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A quick look: one network per row, few cases.")] = False,
     out: Annotated[Path, typer.Option(help="Folder that keeps the runs.")] = Path("runs/reproduce"),
+    shard: ShardOption = None,
+    on: OnOption = None,
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -52,31 +61,66 @@ def reproduce(
     minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command goes on
     after them.
     """
-    use_threads(threads)
+    use_threads(None if is_on_ray(on) else threads)
     from crowdbench.study import reproduction
     from crowdbench.study.tables import plain
 
     asked = reproduction.tables(table, quick)
-    with _made([run for each in asked for run in each.runs], out) as directory:
-        report = reproduction.report(asked, quick, directory)
+    _make([run for each in asked for run in each.runs], out, shard, on, threads)
+    report = reproduction.report(asked, quick, out)
     print(json.dumps(plain(report), indent=2) if as_json else report.markdown())
 
 
-@contextlib.contextmanager
-def _made(runs: Iterable[PlannedRun], out: Path) -> Iterator[Path]:
-    """Make the runs that the folder `out` lacks; exits after an interrupt."""
-    from crowdbench.cli.console import announce_compilation, progress, say
+def _make(runs: Sequence[PlannedRun], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:
+    """Make the runs that the folder `out` lacks; exits after an interrupt, and where other shards are missing."""
+    from crowdbench.cli.console import announce_compilation, say
+    from crowdbench.evaluate.shard import WHOLE, Shard
     from crowdbench.study.planned import missing
 
     announce_compilation()
+    lacking = missing(runs, out, Shard.parse(shard) if shard else WHOLE)
     try:
-        lacking = missing(runs, out)
-        for number, run in enumerate(lacking, 1):
-            say(f"run {number} of {len(lacking)}: {run.title}")
-            # The time left is that of this run: a case of another planner may take a hundred times as long.
-            with progress(len(run.cases), f"of {len(run.cases)} cases of run {number}") as tell:
-                run.make(out, tell)
-        yield out
+        left = _make_on_ray(lacking, out, threads or 1) if is_on_ray(on) and lacking else _make_here(lacking, out)
+        for run in left:
+            say(f"another process is making {run.title}")
+            run.make(out)
     except KeyboardInterrupt:
         say(f"crowdbench: interrupted: the same command goes on with the runs that are kept in {out}")
         sys.exit(INTERRUPTED)
+    if shard and (others := missing(runs, out)):
+        number = len({run.directory for run in runs})
+        there = f"{number - len(others)} of {number} runs are in {out}"
+        say(f"crowdbench: {there}; the shard that ends last, or the same command without --shard, prints the tables")
+        raise typer.Exit
+
+
+def _make_here(lacking: Sequence[PlannedRun], out: Path) -> list[PlannedRun]:
+    """Make runs, and return those that other processes are making."""
+    from crowdbench.cli.console import progress, say
+
+    left = []
+    for number, run in enumerate(lacking, 1):
+        say(f"run {number} of {len(lacking)}: {run.title}")
+        # The time left is that of this run: a case of another planner may take a hundred times as long.
+        with progress(len(run.cases), f"of {len(run.cases)} cases of run {number}") as tell:
+            if not run.make(out, tell, wait=False):
+                left.append(run)
+    return left
+
+
+def _make_on_ray(lacking: Sequence[PlannedRun], out: Path, cpus: int) -> list[PlannedRun]:
+    """Have the workers of a Ray cluster make runs, and return those that other processes are making."""
+    from crowdbench import cluster
+    from crowdbench.cli.console import progress
+
+    left = []
+
+    def put_together(number: int) -> None:
+        if not lacking[number].make(out, wait=False):
+            left.append(lacking[number])
+
+    jobs = [cluster.Job(run.spec, parts, parts.cases) for run in lacking for parts in [run.parts(out)]]
+    cases = sum(len(run.cases) for run in lacking)
+    with progress(cases, f"of {cases} cases of {len(lacking)} runs") as tell:
+        cluster.make_parts(jobs, cpus=cpus, made=put_together, progress=tell)
+    return left

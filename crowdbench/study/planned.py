@@ -6,20 +6,22 @@ import hashlib
 import importlib.metadata
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from crowdbench import catalog
 from crowdbench.evaluate import run as runs
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.kept import read_run
-from crowdbench.evaluate.metrics import METRICS
+from crowdbench.evaluate.parts import Parts
 from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.results import EPISODES, RESULT, Episodes, planner_label
 from crowdbench.evaluate.seal import MANIFEST, code
+from crowdbench.evaluate.shard import WHOLE, Shard
+from crowdbench.evaluate.wanted import Wanted
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.spec import RunSpec
 
 
 @dataclass(frozen=True)
@@ -27,20 +29,12 @@ class PlannedRun:
     """One run that a study needs: its planner and its scenario are loaded, its directory may not exist yet.
 
     Attributes:
-        driver: The planner.
-        scenario: The scenario, overrides included.
-        cases: The cases to run.
-        replanning: When the planner observes.
-        about: What the result says of options, overrides and the planner's files.
-        asked: How the study calls the planner and the scenario.
+        spec: The run as the study's file writes it.
+        wanted: The same, loaded.
     """
 
-    driver: Driver
-    scenario: Scenario
-    cases: Cases
-    replanning: Replanning
-    about: Mapping[str, Any]
-    asked: Mapping[str, Any]
+    spec: RunSpec
+    wanted: Wanted
 
     @classmethod
     def of(
@@ -66,11 +60,32 @@ class PlannedRun:
         Raises:
             InputError: The planner or the scenario does not exist, or does not take these options or overrides.
         """
-        name, made = catalog.load_planner(planner, options)
-        files = catalog.planner_files(planner, options)
-        about = {"options": options, "planner_files": files, "overrides": overrides or {}}
-        asked = {"planner": planner, "scenario": scenario}
-        return cls(Driver(made, name), catalog.load_scenario(scenario, overrides), cases, replanning, about, asked)
+        spec = RunSpec(planner, scenario, cases, options, overrides or {}, replanning=replanning, record="none")
+        return cls(spec, spec.load())
+
+    def on(self, cases: Cases) -> PlannedRun:
+        """The same on other cases."""
+        return PlannedRun(replace(self.spec, cases=cases), replace(self.wanted, cases=cases))
+
+    @property
+    def driver(self) -> Driver:
+        """What asks the planner."""
+        return self.wanted.driver
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario, overrides included."""
+        return self.wanted.scenario
+
+    @property
+    def cases(self) -> Cases:
+        """The cases to run."""
+        return self.spec.cases
+
+    @property
+    def replanning(self) -> Replanning:
+        """When the planner observes."""
+        return self.spec.replanning
 
     @property
     def planner(self) -> str:
@@ -85,8 +100,8 @@ class PlannedRun:
     @property
     def title(self) -> str:
         """What it is, for people."""
-        changes = "".join(f", {key}={value}" for key, value in self.about["overrides"].items())
-        planner = planner_label(self.planner, self.about["options"], self.replanning.settings)
+        changes = "".join(f", {key}={value}" for key, value in self.spec.overrides.items())
+        planner = planner_label(self.planner, self.spec.options, self.replanning.settings)
         return f"{planner} on {self.scenario.name}{changes}, cases {self.cases}"
 
     @property
@@ -98,9 +113,9 @@ class PlannedRun:
         text = json.dumps(
             {
                 "planner": self.planner,
-                "planner_files": self.about["planner_files"],
+                "planner_files": self.wanted.about["planner_files"],
                 "planner_facts": self.driver.facts,
-                "options": self.about["options"],
+                "options": self.spec.options,
                 "scenario": self.scenario.digest,
                 "cases": str(self.cases),
                 "replanning": self.replanning.settings,
@@ -109,7 +124,7 @@ class PlannedRun:
             },
             sort_keys=True,
         )
-        changes = {**self.about["options"], **self.about["overrides"], **self.replanning.settings}
+        changes = {**self.spec.options, **self.spec.overrides, **self.replanning.settings}
         name = runs.directory_name(self.planner, self.scenario.name, self.cases, changes)
         return f"{name[:180]}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
@@ -124,45 +139,45 @@ class PlannedRun:
         kept = read_run(directory)
         return kept.manifest is not None and kept.result["cases"] == str(self.cases)
 
-    def make(self, out: Path, progress: Callable[[float], None]) -> None:
+    def parts(self, out: Path) -> Parts:
+        """The parts that it is made of, in the folder `out`."""
+        return runs.parts_of(self.wanted, out / self.directory)
+
+    def make(self, out: Path, progress: Callable[[float], None] | None = None, *, wait: bool = True) -> bool:
         """Make the run. After an interrupt its finished parts are kept, and it goes on with them next time.
 
         Args:
             out: The folder in which it gets its directory.
             progress: Called as by `crowdbench.evaluate.run.run`.
+            wait: Whether to wait for other processes that are making parts of it.
+
+        Returns:
+            Whether it is there.
 
         Raises:
             InputError: As `crowdbench.evaluate.run.run` does.
             KeyboardInterrupt: Somebody interrupted it.
         """
-        runs.run(
-            self.driver,
-            self.scenario,
-            self.cases,
-            out / self.directory,
-            metrics=METRICS,
-            about=self.about,
-            asked=self.asked,
-            replanning=self.replanning,
-            record="none",
-            overwrite=True,
-            progress=progress,
-        )
+        if self.is_in(out):  # another process may have made it meanwhile
+            return True
+        finished = runs.make(self.wanted, out / self.directory, overwrite=True, wait=wait, progress=progress)
+        return finished.result is not None
 
     def episodes(self, out: Path) -> Episodes:
         """The episodes that it left in `out`. Raises InputError where it has not been made."""
         return Episodes.read(out / self.directory / EPISODES)
 
 
-def missing(wanted: Iterable[PlannedRun], out: Path) -> list[PlannedRun]:
+def missing(wanted: Iterable[PlannedRun], out: Path, shard: Shard = WHOLE) -> list[PlannedRun]:
     """The runs that still have to be made.
 
     Args:
         wanted: The runs that are needed, some perhaps twice.
         out: The folder of runs.
+        shard: Which share of the runs is looked at. It is the same whichever of them are there.
 
     Returns:
         The runs that are not in the folder, each once.
     """
-    each = {run.directory: run for run in wanted}
-    return [run for run in each.values() if not run.is_in(out)]
+    each = list({run.directory: run for run in wanted}.values())
+    return [run for run in shard.own(each) if not run.is_in(out)]

@@ -57,7 +57,7 @@ class PlannerRow:
 
     def first(self, cases: Cases) -> PlannerRow:
         """The first network alone, on other cases."""
-        run, *variant = (dataclasses.replace(run, cases=cases) for run in (self.runs[0], *self.variant[:1]))
+        run, *variant = (run.on(cases) for run in (self.runs[0], *self.variant[:1]))
         return PlannerRow(self.label, self.weights[:1], self.reported, [run], variant, None)
 
     def episodes(self, out: Path) -> dict[str, Episodes]:

@@ -1,0 +1,198 @@
+"""Parts of runs made by the workers of a Ray cluster, which may be one machine.
+
+A worker gets a run's specification, makes a part in a folder of its own, and sends the files back, so that it needs no
+folder in common with this process. A part whose worker is killed is made again by another one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import platform
+import signal
+import sys
+import tempfile
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from filelock import Timeout
+
+from crowdbench.errors import InputError, described
+from crowdbench.evaluate.directory import new_directory
+from crowdbench.evaluate.parts import Parts
+from crowdbench.evaluate.run import parts_of
+from crowdbench.evaluate.wanted import Wanted
+from crowdbench.scenario.cases import Cases
+from crowdbench.spec import RunSpec
+
+MOST_UNDER_WAY = 500
+"""Parts that are with the cluster at a time, at most: each keeps a lock, and processes may open about 1000 files."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What the workers make of a run.
+
+    Attributes:
+        spec: The run, as a worker loads it.
+        parts: Its parts, and where they are put.
+        own: Those to make.
+    """
+
+    spec: RunSpec
+    parts: Parts
+    own: Sequence[Cases]
+
+
+def make_parts(
+    jobs: Sequence[Job],
+    *,
+    cpus: int = 1,
+    made: Callable[[int], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Make parts of runs on a cluster: the one that `RAY_ADDRESS` names, or one that is started on this machine.
+
+    Args:
+        jobs: What to make. Parts that are there, and those that other processes are making, are left out.
+        cpus: CPUs that a part takes, and threads that its planner and simulator use.
+        made: Called with the number of a job when none of its parts is left to make.
+        progress: Called with the number of cases of each part that is there.
+
+    Raises:
+        InputError: Ray is not installed or not reachable, a worker has other code or other files than this machine,
+            or a planner, scenario or metric breaks its contract. Finished parts are kept.
+        KeyboardInterrupt: Somebody interrupted it. Finished parts are kept.
+    """
+    with _ray() as ray, contextlib.ExitStack() as stack:
+        for job in jobs:
+            stack.enter_context(job.parts.opened())
+        left = [len(job.own) for job in jobs]
+        for number, cases in _settled(ray, jobs, cpus):
+            if progress is not None:
+                progress(cases)
+            left[number] -= 1
+            if not left[number] and made is not None:
+                made(number)
+
+
+def _settled(ray: Any, jobs: Sequence[Job], cpus: int) -> Iterator[tuple[int, int]]:
+    """Have all parts made, and yield for each the number of its job and how many cases have come by it."""
+    environment = {"NUMBA_NUM_THREADS": str(cpus), "OMP_NUM_THREADS": str(cpus), "OMP_WAIT_POLICY": "passive"}
+    task = ray.remote(_make).options(num_cpus=cpus, runtime_env={"env_vars": environment})
+    most = min(MOST_UNDER_WAY, 2 * _places(ray, cpus))
+    waiting = deque((number, part) for number, job in enumerate(jobs) for part in job.own)
+    under_way: dict[Any, tuple[int, Cases, contextlib.ExitStack]] = {}
+    with contextlib.ExitStack() as all_locks:
+        while waiting or under_way:
+            while waiting and len(under_way) < most:
+                number, part = waiting.popleft()
+                job, lock = jobs[number], all_locks.enter_context(contextlib.ExitStack())
+                try:
+                    is_missing = lock.enter_context(job.parts.claimed(part))
+                except Timeout:
+                    yield number, 0
+                    continue
+                if is_missing:
+                    asked = task.remote(job.spec, part, job.parts.request, os.getcwd())
+                    under_way[asked] = number, part, lock
+                else:
+                    lock.close()
+                    yield number, len(part)
+            for done in ray.wait(list(under_way))[0] if under_way else []:
+                number, part, lock = under_way.pop(done)
+                _put(_files(ray, done, part), jobs[number].parts.directory(part))
+                lock.close()
+                yield number, len(part)
+
+
+def _places(ray: Any, cpus: int) -> int:
+    """How many parts the cluster makes at once. Raises InputError where no machine has as many CPUs."""
+    machines = [int(node["Resources"].get("CPU", 0)) for node in ray.nodes() if node["Alive"]]
+    if max(machines, default=0) < cpus:
+        raise InputError(f"--threads {cpus} is more than any machine of the Ray cluster has")
+    return sum(machine // cpus for machine in machines)
+
+
+def _files(ray: Any, done: Any, part: Cases) -> dict[str, bytes]:
+    """The files of a part. Raises InputError where a worker could not make it."""
+    try:
+        answer = ray.get(done)
+    except ray.exceptions.RayError as error:
+        raise InputError(f"the Ray cluster could not run the cases {part}: {described(error)}") from error
+    if isinstance(answer, str):
+        raise InputError(answer)
+    return dict(answer)
+
+
+def _put(files: dict[str, bytes], directory: Path) -> None:
+    with new_directory(directory, overwrite=True) as partial:
+        for name, contents in files.items():
+            (partial / name).write_bytes(contents)
+
+
+def _make(spec: RunSpec, part: Cases, request: str, folder: str) -> dict[str, bytes] | str:
+    """Make a part, on a worker.
+
+    Args:
+        spec: The run.
+        part: The cases.
+        request: What the part's folder says that its figures depend on.
+        folder: The folder that paths in the specification are relative to.
+
+    Returns:
+        Its files by name, or the sentence on what is wrong: an error of Ray's would carry a traceback in its message.
+    """
+    try:
+        with contextlib.ExitStack() as stack:
+            if Path(folder).is_dir():
+                stack.enter_context(contextlib.chdir(folder))
+            wanted = stack.enter_context(spec.loaded())
+            _check_same(wanted, request)
+            directory = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "part"
+            wanted.drive(part, directory)
+            return {path.name: path.read_bytes() for path in directory.iterdir()}
+    except InputError as error:
+        return str(error)
+
+
+def _check_same(wanted: Wanted, request: str) -> None:
+    """Raise InputError where this machine would make another run."""
+    asked, own = json.loads(request), json.loads(parts_of(wanted, Path("run")).request)
+    differ = [key for key in ("code", *asked) if asked.get(key) != own.get(key)]
+    if differ:
+        what = "code of crowdbench" if differ[0] == "code" else differ[0]
+        raise InputError(
+            f"the Ray worker on {platform.node()} has another {what} than the machine that asks it: install the same "
+            "crowdbench there, and the same files"
+        )
+
+
+@contextlib.contextmanager
+def _ray() -> Iterator[Any]:
+    """Ray, connected to a cluster. Raises InputError where it is not installed, or the cluster is not reached."""
+    try:
+        import ray
+    except ImportError:
+        raise InputError("--on ray needs Ray: pip install 'crowdbench[ray]'") from None
+    if ray.is_initialized():
+        yield ray
+        return
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    handler = signal.getsignal(signal.SIGTERM)
+    # Ray prints what happens to its workers on standard output, where only results belong.
+    with contextlib.redirect_stdout(sys.stderr):
+        try:
+            ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False)
+        except (OSError, RuntimeError, ValueError) as error:
+            raise InputError(f"no Ray cluster can be reached or started: {described(error)}") from error
+        finally:
+            signal.signal(signal.SIGTERM, handler)  # Ray replaces it
+        try:
+            yield ray
+        finally:
+            ray.shutdown()

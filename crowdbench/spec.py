@@ -1,0 +1,93 @@
+"""A run as a user writes it: names, files and values, which another process can load."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from crowdbench import catalog, plugins
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
+from crowdbench.evaluate.wanted import Wanted
+from crowdbench.scenario.cases import Cases
+from crowdbench.settings import BATCH, DECISION_LIMIT, RECORD
+
+
+@dataclass(frozen=True)
+class RunSpec:
+    """A run that is not loaded yet. Its fields are what the options of `crowdbench run` say.
+
+    Attributes:
+        planner: The name or the file of the planner.
+        scenario: The name or the file of the scenario.
+        cases: The cases.
+        options: The planner's options by name.
+        overrides: Other values for keys of the scenario, by dotted key.
+        pedestrians: The name or the file of the policy that moves all pedestrians.
+        metrics: Files with metrics of the user's own.
+        replanning: When the planner observes.
+        record: What is recorded, one of `settings.RECORD`.
+        batch: Cases that run in lock-step.
+        isolated: Whether the planner runs in a process of its own.
+        decision_limit: Seconds that the planner may take for a decision.
+    """
+
+    planner: str
+    scenario: str
+    cases: Cases
+    options: Mapping[str, Any] = field(default_factory=dict)
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    pedestrians: str | None = None
+    metrics: tuple[str, ...] = ()
+    replanning: Replanning = EVERY_STEP
+    record: str = RECORD[0]
+    batch: int = BATCH
+    isolated: bool = False
+    decision_limit: float = DECISION_LIMIT
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What is changed in the scenario, as results say it."""
+        return {**self.overrides} | ({"pedestrians": self.pedestrians} if self.pedestrians else {})
+
+    @contextlib.contextmanager
+    def loaded(self) -> Iterator[Wanted]:
+        """Load the run, and end the planner's own process afterwards if it has one.
+
+        Raises:
+            InputError: Something that it names does not exist, or does not take these options or overrides.
+        """
+        if not self.isolated:
+            yield self.load()
+            return
+        from crowdbench.isolation.planner import IsolatedPlanner, Limits
+
+        limits = Limits(decision=self.decision_limit)
+        with contextlib.closing(IsolatedPlanner(self.planner, self.options, limits)) as apart:
+            yield self._wanted(Driver(apart, apart.name, self.decision_limit), {"isolation": apart.usage})
+
+    def load(self) -> Wanted:
+        """Load the run with its planner in this process. Raises InputError as `loaded` does."""
+        name, planner = catalog.load_planner(self.planner, self.options)
+        return self._wanted(Driver(planner, name, self.decision_limit), {})
+
+    def _wanted(self, driver: Driver, more: Mapping[str, Any]) -> Wanted:
+        files = catalog.planner_files(self.planner, self.options)
+        return Wanted(
+            driver,
+            catalog.load_scenario(self.scenario, self.overrides, self.pedestrians),
+            self.cases,
+            catalog.load_metrics(self.metrics),
+            about={"options": self.options, "planner_files": files, **more, "overrides": self.changes},
+            asked={
+                "planner": self.planner,
+                "scenario": self.scenario,
+                "pedestrians": self.pedestrians,
+                "own_metrics": {spec: plugins.source(spec) for spec in self.metrics},
+            },
+            replanning=self.replanning,
+            record=self.record,
+            batch=self.batch,
+        )
