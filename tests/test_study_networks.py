@@ -46,13 +46,13 @@ def test_the_variant_and_the_cases_are_what_is_run():
     runs = read(NETWORKS).tables[0].rows[0].all_runs
     assert [str(one.cases) for one in runs] == ["test:0:10"] * 4 + ["test:12:24"]
     assert [one.scenario.rules.collision for one in runs] == ["swept"] * 2 + ["crowdnav"] * 2 + ["swept"]
-    assert [one.about["options"]["weights"] for one in runs] == ["one", "two", "one", "two", "one"]
+    assert [one.spec.options["weights"] for one in runs] == ["one", "two", "one", "two", "one"]
 
 
 def test_the_variant_may_be_run_by_the_first_network_alone_and_the_heading_says_so(tmp_path):
     asked = read(NETWORKS.replace('" } }', '" }, networks = "first" }'))
     (row,) = asked.tables[0].rows
-    assert [one.about["options"]["weights"] for one in row.all_runs] == ["one", "two", "one", "one"]
+    assert [one.spec.options["weights"] for one in row.all_runs] == ["one", "two", "one", "one"]
     for each in asked.runs:
         success = [1] * len(each.cases) if each not in row.variant else [1] * 8 + [0] * 2
         leave(each, tmp_path, episodes(success, navigation_time=[9.0] * len(each.cases)))
@@ -92,5 +92,5 @@ def test_a_label_replan_every_options_and_privilege_are_shown():
 def test_an_option_may_be_a_table():
     Path("mine.py").write_text(MINE.replace("margin=0.0", "margin=0.0, limits=None"))
     (row,) = read(NETWORKS + "options = { limits = { speed = 1.0, turn = false } }").tables[0].rows
-    assert row.runs[0].about["options"] == {"limits": {"speed": 1.0, "turn": False}, "weights": "one"}
+    assert row.runs[0].spec.options == {"limits": {"speed": 1.0, "turn": False}, "weights": "one"}
     assert row.label == "mine (limits={speed=1.0, turn=false})"

@@ -132,7 +132,7 @@ def test_what_nobody_reports_has_no_column(tmp_path):
 def test_a_quick_look_has_the_first_network_and_its_own_cases():
     quick = read(VARIANT).tables[0].quick_look()
     assert [str(run.cases) for run in quick.runs] == ["test:0:4"] * 6
-    assert [run.about["options"].get("weights") for run in quick.runs] == ["one", "one", "two", "two", None, None]
+    assert [run.spec.options.get("weights") for run in quick.runs] == ["one", "one", "two", "two", None, None]
 
 
 def test_a_claim_holds_is_refuted_or_undecided_as_its_interval_lies(tmp_path):
