@@ -187,7 +187,9 @@ def _ray() -> Iterator[Any]:
     # Ray prints what happens to its workers on standard output, where only results belong.
     with contextlib.redirect_stdout(sys.stderr):
         try:
-            ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False)
+            # By itself, Ray would try a cluster that has run on this machine before, and wait for it in vain.
+            address = os.environ.get("RAY_ADDRESS") or "local"
+            ray.init(address, include_dashboard=False, log_to_driver=False, configure_logging=False)
         except (OSError, RuntimeError, ValueError) as error:
             raise InputError(f"no Ray cluster can be reached or started: {described(error)}") from error
         finally:

@@ -21,7 +21,7 @@ SAME = ("episodes.csv", "commands.parquet")
 
 
 def test_without_ray_or_a_cluster_one_sentence_says_what_is_missing(tmp_path, monkeypatch):
-    def init(**settings):
+    def init(address, **settings):
         raise ConnectionError("nobody answers")
 
     command = ["run", "--planner", "orca", "--cases", "2", "--on", "ray", "--out", str(tmp_path / "a")]
@@ -47,7 +47,7 @@ def test_there_is_nothing_but_ray():
 def ray():
     """Ray with two workers, which serves all tests of this file."""
     ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'crowdbench[ray]'")
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, configure_logging=False)
+    ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False, configure_logging=False)
     yield ray
     ray.shutdown()
 
