@@ -28,7 +28,7 @@ from crowdbench.boards.schema import CardSpec
 from crowdbench.errors import InputError
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.results import read_result
-from crowdbench.evaluate.run import versions
+from crowdbench.evaluate.wanted import versions
 from crowdbench.toml_file import Location, parsed, read_toml
 
 ENTRIES = "entries"
