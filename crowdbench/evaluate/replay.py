@@ -7,7 +7,7 @@ the commands can be checked: states, outcomes, metrics. Who gave the commands, h
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -169,7 +169,7 @@ def replay(
     measured = {name: metrics[name] for name in columns if name in metrics}
     parts: list[Episodes] = []
     wrong_states: list[str] = []
-    for trace in _traces(files, scenario, progress):
+    for trace in traces(files, scenario, progress=progress):
         parts.append(Episodes.of(trace, measured))
         wrong_states += _wrong_states(files, trace, exact=not changed)
     replayed = Episodes.joined(parts)
@@ -199,10 +199,27 @@ class _Recorded(Planner):
         return self._command[obs.row, obs.step]
 
 
-def _traces(files: RunFiles, scenario: Scenario, progress: Callable[[float], None] | None) -> Iterator[Trace]:
-    """The replay of every case of the run that has commands, in order."""
+def traces(
+    files: RunFiles,
+    scenario: Scenario,
+    only: Collection[int] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Iterator[Trace]:
+    """Simulate cases of a run again, in order, and yield their traces batch by batch.
+
+    Args:
+        files: What the run has left.
+        scenario: The scenario that its `result.json` describes, made again.
+        only: The numbers of the wanted cases; None for every case that has commands.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Raises:
+        InputError: The run has commands of none of these cases, or a pedestrian policy breaks its contract.
+    """
     case, first = np.unique(files.commands.case, return_index=True)
     inside = (case >= files.cases.start) & (case < files.cases.stop)
+    if only is not None:
+        inside &= np.isin(case, list(only))
     case, first = case[inside], first[inside]
     if len(case) == 0:
         raise InputError(f"{COMMANDS} has no commands of the cases {files.cases}, so that nothing can be replayed")

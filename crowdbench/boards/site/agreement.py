@@ -1,0 +1,78 @@
+"""Whether boards that differ only in the pedestrians rank planners alike: Kendall's tau."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from crowdbench.boards.site.rows import is_measured
+from crowdbench.boards.standings import Standing, Standings
+
+SAME_BUT_PEDESTRIANS = ("five", "visible", "gaussian", "social_force", "square")
+"""The boards with five pedestrians each, who move by another model, other parameters, or between other places."""
+
+FEWEST = 3
+"""With fewer entries in common, a correlation of ranks says nothing."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Kendall's tau of two boards.
+
+    Attributes:
+        tau: From -1, the reverse order, to 1, the same order; NaN where it is not defined.
+        p: The p-value of the hypothesis that the two orders have nothing to do with each other.
+        n: How many entries the boards have in common.
+    """
+
+    tau: float
+    p: float
+    n: int
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there are enough entries, which do not all succeed equally often."""
+        return math.isfinite(self.tau)
+
+
+def agreements(
+    each: Sequence[Standings],
+) -> tuple[list[Standings], dict[tuple[str, str], Agreement]]:
+    """The boards that differ only in the pedestrians, and the agreement of each two of them.
+
+    Args:
+        each: The standings of all boards.
+
+    Returns:
+        The boards, and Kendall's tau by the names of two boards, in both orders.
+    """
+    boards = [found for found in each if found.board.name in SAME_BUT_PEDESTRIANS]
+    boards.sort(key=lambda found: SAME_BUT_PEDESTRIANS.index(found.board.name))
+    pairs = {
+        (a.board.name, b.board.name): _agreement(a, b) for a in boards for b in boards if a.board.name != b.board.name
+    }
+    return boards, pairs
+
+
+def _agreement(a: Standings, b: Standings) -> Agreement:
+    from scipy.stats import kendalltau
+
+    success = [{_who(one): one.figures["success_rate"].mean for one in _comparable(found)} for found in (a, b)]
+    common = sorted(success[0].keys() & success[1].keys())
+    if len(common) < FEWEST:
+        return Agreement(math.nan, math.nan, len(common))
+    found = kendalltau([success[0][name] for name in common], [success[1][name] for name in common])
+    return Agreement(float(found.statistic), float(found.pvalue), len(common))
+
+
+def _who(one: Standing) -> tuple[str, str]:
+    """What says that entries of two boards are the same planner."""
+    return one.entry.spec.submitted_by, one.entry.name
+
+
+def _comparable(found: Standings) -> list[Standing]:
+    """The measured entries of a board that use only what a vehicle can see, with a rank or with a flag."""
+    everybody = (*found.ranked, *found.others)
+    fair = [one for one in everybody if not one.entry.spec.privileged and not one.entry.card.ablation]
+    return [one for one in fair if is_measured(one)]

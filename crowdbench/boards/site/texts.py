@@ -1,0 +1,130 @@
+"""Numbers and texts as the pages show them. Entries are written by strangers, so that their texts are only data."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import quote, urlsplit
+
+from crowdbench.boards.entry import Verdict
+from crowdbench.boards.schema import FlagsSpec
+from crowdbench.boards.standings import Standing
+
+NOTHING = "\N{EN DASH}"
+"""Shown where there is no value."""
+
+LONGEST = 1000
+"""Characters of a stranger's text that are shown."""
+
+SHARES = ("success_rate", "collision_rate", "timeout_rate", "intimate_zone")
+"""The metrics that are shown in per cent."""
+
+DIGITS = {"navigation_time": 2, "sct": 3, "minimum_gap": 2, "max_velocity_change": 2, "jerk": 2}
+"""Decimal places of the other metrics; those in per cent have one."""
+
+METRICS = {
+    "success_rate": "success, %",
+    "collision_rate": "collisions, %",
+    "timeout_rate": "time-outs, %",
+    "navigation_time": "time, s",
+    "sct": "SCT",
+    "minimum_gap": "smallest gap, m",
+    "intimate_zone": "intimate zone, %",
+    "max_velocity_change": "largest change of velocity, m/s",
+    "jerk": "jerk, m/s³",
+}
+"""How the metrics are called, with their units."""
+
+_ARXIV = re.compile(r"(?:arXiv:)?(\d{4}\.\d{4,5}(?:v\d+)?)", re.IGNORECASE)
+_DOI = re.compile(r"(?:doi:)?(10\.\d{4,9}/[^\s<>\"]+)", re.IGNORECASE)
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """A number with a fixed number of decimal places; a dash where it is undefined."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    text = f"{value:.{digits}f}"
+    return text.replace("-", "\N{MINUS SIGN}") if float(text) else text.removeprefix("-")
+
+
+def metric(value: float | None, name: str) -> str:
+    """A value of a metric as tables show it, in per cent where the metric is a share."""
+    if value is None or name not in SHARES:
+        return number(value, DIGITS.get(name, 2))
+    return number(100.0 * value, 1)
+
+
+def milliseconds(value: float) -> str:
+    """A time with two or three digits that count."""
+    return number(value, 0 if value >= 99.5 else 1 if value >= 9.95 else 2)
+
+
+def p_text(p: float) -> str:
+    """A p-value."""
+    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}" if p < 0.0995 else f"p = {p:.2f}"
+
+
+def sortable(value: float | None) -> str:
+    """A number for the script that sorts; empty where it is undefined."""
+    return "" if value is None or not math.isfinite(value) else f"{value:.9g}"
+
+
+def shortened(text: str, longest: int = LONGEST) -> str:
+    """A stranger's text without control characters, cut where it is too long for a page."""
+    plain = "".join(letter if letter.isprintable() else " " for letter in text)
+    return plain if len(plain) <= longest else plain[: longest - 1] + "…"
+
+
+def web_address(text: str) -> str:
+    """The address of a paper or of code, if it is one of the web, an arXiv number or a DOI; otherwise empty."""
+    text = text.strip()
+    if len(text) > LONGEST or not text.isprintable():
+        return ""
+    if match := _ARXIV.fullmatch(text):
+        return f"https://arxiv.org/abs/{match[1]}"
+    if match := _DOI.fullmatch(text):
+        return f"https://doi.org/{quote(match[1], safe='/')}"
+    try:
+        parts = urlsplit(text)
+    except ValueError:
+        return ""
+    return text if parts.scheme in ("http", "https") and parts.hostname and " " not in text else ""
+
+
+def options_text(options: Mapping[str, Any]) -> str:
+    """The options of a planner as JSON."""
+    return json.dumps(options, sort_keys=True, ensure_ascii=False)
+
+
+REASONS = {
+    "privileged": "It uses what no vehicle can see, such as the pedestrians' true next velocities.",
+    "ablation": "Its authors say that it is a variant made for comparison.",
+    "reported only": "Nobody has verified it in this season: the figures are its authors', of the public cases.",
+}
+"""What the reasons mean for which an entry has no rank."""
+
+
+def why_unranked(standing: Standing, bounds: FlagsSpec) -> str:
+    """Why an entry has no rank, in a sentence.
+
+    Args:
+        standing: The entry.
+        bounds: The bounds of its board.
+    """
+    if standing.reason in REASONS:
+        return REASONS[standing.reason]
+    if standing.reason.startswith("of version "):
+        return "It was made for other rules of this board than the present ones."
+    if standing.season is not None and standing.season.verdict != Verdict.RERUN:
+        return standing.season.reason
+    return " ".join(beyond(flag, bounds) for flag in standing.flags)
+
+
+def beyond(flag: str, bounds: FlagsSpec) -> str:
+    """What a flag means on a board, in a sentence."""
+    if flag == "intrusive":
+        return f"Intrusive: more than {bounds.intimate_zone:.0%} of the time within 0.45 m of somebody."
+    return f"Jerky: the 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."

@@ -1,0 +1,249 @@
+"""The pages of the leaderboards, built from two small boards."""
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+import pytest
+
+pytest.importorskip("jinja2")
+pytest.importorskip("matplotlib")
+
+from crowdbench.boards.board import read_board, read_boards
+from crowdbench.boards.entry import DecisionTime, Verdict, Verification, file_digests, read_entry, write_entry
+from crowdbench.boards.season import freeze
+from crowdbench.boards.site import build_site, texts
+from crowdbench.boards.submission import Submission, submit
+from crowdbench.errors import InputError
+
+BOARDS = Path(__file__).parents[1] / "leaderboards"
+HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }} $x_{1}$ \u202e'
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    """Boards with entries: two were verified in the season, one of them is hostile, one is only reported."""
+    root = tmp_path_factory.mktemp("site") / "leaderboards"
+    for name in ("five", "visible", "everywhere"):
+        board = (BOARDS / name / "board.toml").read_text()
+        board = re.sub(r"(?m)^(cases|public_cases) = .*\n", "", board)
+        (root / name).mkdir(parents=True)
+        (root / name / "board.toml").write_text(board.replace("version", "cases = 6\npublic_cases = 6\nversion", 1))
+    shutil.copy(BOARDS / "season.toml", root)
+    enter(root, "five", "orca")
+    enter(root, "five", "social_force", title=HOSTILE, paper="javascript:alert(3)", code="https://example.org/?a=1&b=2")
+    enter(root, "visible", "orca")
+    boards = {board.name: board for board in read_boards(root)}
+    entries = {name: [read_entry(path) for path in sorted((root / name).glob("entries/*"))] for name in boards}
+    season = freeze(root, {name: {one.name: one.digest for one in found} for name, found in entries.items()})
+    for entry in entries["five"]:
+        verified(entry, season)
+    return root
+
+
+def enter(root, board, planner, **card):
+    text = (BOARDS / "cards" / f"{planner}.toml").read_text()
+    for key, value in card.items():
+        line = f"{key} = {json.dumps(value)}"
+        text = re.sub(rf"(?m)^{key} = .*$", line.replace("\\", r"\\"), text)
+    path = root.parent / f"{planner}.toml"
+    path.write_text(text)
+    submit(Submission(read_board(root / board), planner, planner, {}, path, "somebody <b>"), root, root.parent / "work")
+
+
+def verified(entry, season):
+    """Record a verification, as `crowdbench verify --season` does, whose runs are those of the public cases."""
+    shutil.copytree(entry.directory / "public", entry.directory / "seasons" / season.spec.name)
+    speed = DecisionTime(p99_ms=1.0, kernel="k", kernel_ms=25.0, calibrated_p99_ms=1.0, is_real_time=True)
+    found = Verification(
+        by="tester",
+        on="2027-01-31",
+        season=season.spec.name,
+        seed=season.seed(entry.spec.board),
+        code="0" * 64,
+        level="process",
+        verdict=Verdict.RERUN,
+        reason="as reported",
+        figures=entry.spec.reported,
+        decision_time=speed,
+    )
+    update = {"verifications": [found], "files": file_digests(entry.directory)}
+    write_entry(entry.directory, entry.spec.model_copy(update=update))
+
+
+@pytest.fixture(scope="module")
+def site(root):
+    out = root.parent / "site"
+    assert build_site(root, out) == 1 + 3 + 3
+    return out
+
+
+class Page(HTMLParser):
+    """The tags of a page, and its text."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.path, self.tags, self.text = path, [], []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    def targets(self, *names):
+        return [found for _, attrs in self.tags for name in names if (found := attrs.get(name)) is not None]
+
+
+def pages(site):
+    return [Page(path) for path in sorted(site.rglob("*.html"))]
+
+
+def test_nothing_is_requested_from_elsewhere_and_every_link_leads_somewhere(site):
+    for page in pages(site):
+        outward = {target for tag, attrs in page.tags if tag == "a" for target in [attrs.get("href", "")]}
+        for target in page.targets("src", "href", "xlink:href", "srcset", "data", "action"):
+            parts = urlsplit(target)
+            if target in outward and parts.scheme == "https":
+                continue
+            if parts.scheme == "data":
+                assert target == "data:,"
+                continue
+            assert not parts.scheme, target
+            assert not parts.netloc, target
+            assert not parts.path.startswith("/"), target
+            file = page.path.parent / unquote(parts.path) if parts.path else page.path
+            assert file.is_file(), target
+            if parts.fragment:
+                assert parts.fragment in page.targets("id"), target
+    assert "http" not in (site / "style.css").read_text()
+
+
+def test_pages_and_recordings_are_small(site):
+    recordings = list(site.rglob("*.rrd"))
+    assert recordings
+    assert all(path.stat().st_size < 1_000_000 for path in site.rglob("*") if path.is_file())
+
+
+def test_what_strangers_write_is_text(site):
+    for page in pages(site):
+        assert not [attrs for _, attrs in page.tags if any(name.startswith("on") for name in attrs)]
+        assert not {tag for tag, _ in page.tags} & {"img", "iframe", "object", "embed", "form", "b<"}
+        source = page.path.read_text(encoding="utf-8")
+        assert "<script>alert" not in source
+        assert "javascript:" not in "".join(page.targets("href"))
+        assert "\u202e" not in source
+    entry = Page(site / "five" / "entries" / "social_force.html")
+    text = "".join(entry.text)
+    assert "<script>alert(1)</script>" in text
+    assert "{{ 7 * 7 }}" in text
+    assert "somebody <b>" in text
+    assert "https://example.org/?a=1&b=2" in entry.targets("href")
+
+
+def test_everything_is_there_without_javascript(site):
+    text = "".join(Page(site / "five" / "index.html").text)
+    for word in (
+        "orca",
+        "re-run",
+        "success, %",
+        "Tests between entries",
+        "Who fails where",
+        "real-time",
+        "(1\N{EN DASH}2)",
+    ):
+        assert word in text, word
+    assert "button" not in {tag for tag, _ in Page(site / "five" / "index.html").tags}
+    assert "No entry is ranked on this board yet." in "".join(Page(site / "everywhere" / "index.html").text)
+    reported = (site / "visible" / "index.html").read_text(encoding="utf-8")
+    assert '<tr class="reported">' in reported
+    assert "reported only" in reported
+    index = "".join(Page(site / "index.html").text)
+    assert "This season is a rehearsal." in index
+    assert str(json.loads((site.parent / "leaderboards/frozen.json").read_text())["season"]) in index
+
+
+def test_failures_are_drawn_from_the_recorded_commands(site, root):
+    entry = (site / "five" / "entries" / "orca.html").read_text(encoding="utf-8")
+    rows = (root / "five/entries/orca/public/circle_crossing_5/episodes.csv").read_text().splitlines()[1:]
+    collided = [row.split(",")[0] for row in rows if row.split(",")[1] == "collision"]
+    assert collided
+    for case in collided[:3]:
+        assert f"Case {case}: collision" in entry
+    assert "reported:" not in entry
+    assert entry.count("<svg") == min(len(collided), 3)
+    assert "orca-circle_crossing_5.rrd" in entry
+    assert not re.search("#[0-9a-f]{6}", entry[entry.index("<svg") : entry.rindex("</svg>")].replace("#fff", ""))
+
+
+def test_a_damaged_run_leaves_the_page_without_pictures(root, tmp_path):
+    shutil.copytree(root / "visible", tmp_path / "visible")
+    entry = tmp_path / "visible/entries/orca"
+    (entry / "public/circle_crossing_5_visible/commands.parquet").write_bytes(b"nothing")
+    spec = read_spec(entry)
+    write_entry(entry, spec.model_copy(update={"files": file_digests(entry)}))
+    build_site(tmp_path, tmp_path / "site")
+    text = (tmp_path / "site/visible/entries/orca.html").read_text()
+    assert "None in 6 cases." in text or "They cannot be simulated again" in text
+
+
+def read_spec(directory):
+    from crowdbench.boards.entry import EntrySpec
+
+    return EntrySpec.model_validate(json.loads((directory / "entry.json").read_text()))
+
+
+def test_the_same_boards_give_the_same_bytes(site, root):
+    before = {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.suffix not in (".rrd", "")}
+    build_site(root, site)
+    after = {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.suffix not in (".rrd", "")}
+    assert before == after
+    assert [path.name for path in site.parent.iterdir() if path.name.startswith(".site")] == []
+
+
+def test_a_folder_of_something_else_is_kept(tmp_path, root):
+    (tmp_path / "thesis.txt").write_text("kept")
+    with pytest.raises(InputError, match="holds something other than the pages of leaderboards"):
+        build_site(root, tmp_path)
+    assert (tmp_path / "thesis.txt").read_text() == "kept"
+
+
+def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"need jinja2 and matplotlib, .* pip install 'crowdbench\[site\]'$"):
+        build_site(tmp_path, tmp_path / "site")
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("https://example.org/a", "https://example.org/a"),
+        ("arXiv:2011.11191", "https://arxiv.org/abs/2011.11191"),
+        ("10.1007/978-3-642-19457-3_1", "https://doi.org/10.1007/978-3-642-19457-3_1"),
+        ("javascript:alert(1)", ""),
+        ("JavaScript:alert(1)//https://a.b", ""),
+        ("data:text/html,x", ""),
+        ("file:///etc/passwd", ""),
+        ("https:///nowhere", ""),
+        ("http://[broken", ""),
+        ("//example.org", ""),
+        ("https://example.org/ x", ""),
+        ("agents/planners of crowdbench", ""),
+        ("", ""),
+    ],
+)
+def test_links_lead_only_to_the_web(text, address):
+    assert texts.web_address(text) == address
+
+
+def test_numbers_are_written_with_their_digits():
+    assert texts.metric(0.8666, "success_rate") == "86.7"
+    assert texts.number(-0.001) == "0.00"
+    assert texts.number(-0.5) == "\N{MINUS SIGN}0.50"
+    assert texts.number(np.nan) == texts.metric(None, "jerk") == texts.NOTHING
+    assert [texts.p_text(p) for p in (1e-9, 0.0312, 0.5, 1.0)] == ["p < 0.001", "p = 0.031", "p = 0.50", "p = 1.00"]
