@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+from markupsafe import Markup
 
 from crowdbench.boards.site import texts
 from crowdbench.boards.site.output import MARK
@@ -36,8 +37,8 @@ def environment() -> jinja2.Environment:
     }
     made.globals |= {
         "METRICS": texts.METRICS,
-        "MARK": jinja2.utils.markupsafe.Markup(MARK),
-        "SORT": jinja2.utils.markupsafe.Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8")),
+        "MARK": Markup(MARK),
+        "SORT": Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8")),
     }
     return made
 

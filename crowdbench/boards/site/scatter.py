@@ -33,7 +33,8 @@ def scatter(found: Standings) -> Markup | None:
         drawn.grid(True)
         drawn.set_axisbelow(True)
         front = sorted((one for one in shown if one.is_pareto), key=_x)
-        drawn.step([_x(one) for one in front], [_y(one) for one in front], where="post", color=COLOURS["accent"], lw=1)
+        steps = [_x(one) for one in front], [_y(one) for one in front]
+        drawn.step(*steps, where="post", color=COLOURS["muted"], lw=1, linestyle=(0, (2, 3)))
         for one in shown:
             _point(drawn, one)
         drawn.set_xlabel("time to the goal, over successes (s)")
@@ -78,13 +79,13 @@ def _names(drawn: Axes, shown: Sequence[Standing]) -> None:
     figure = drawn.get_figure(root=True)
     assert figure is not None
     scale = figure.dpi / 72.0
-    points = (drawn.transData.transform([(_x(one), _y(one)) for one in shown]) / scale).tolist()
-    frame = (drawn.get_window_extent().extents / scale).tolist()
-    taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in points]
-    for one, (x, y) in zip(shown, points, strict=True):
+    points = np.asarray(drawn.transData.transform([(_x(one), _y(one)) for one in shown])) / scale
+    frame = np.asarray(drawn.get_window_extent().extents) / scale
+    taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in points.tolist()]
+    for one, (x, y) in zip(shown, points.tolist(), strict=True):
         name = shortened(one.entry.name, 30).encode("ascii", "replace").decode()
         boxes = [_box(x + dx, y + dy, len(name) * LETTER, dx) for dx, dy in _OFFSETS]
-        costs = [sum(_shared(box, other) for other in taken) + _outside(box, frame) for box in boxes]
+        costs = [sum(_shared(box, other) for other in taken) + _outside(box, frame.tolist()) for box in boxes]
         best = int(np.argmin(costs))
         taken.append(boxes[best])
         dx, dy = _OFFSETS[best]

@@ -126,5 +126,5 @@ def why_unranked(standing: Standing, bounds: FlagsSpec) -> str:
 def beyond(flag: str, bounds: FlagsSpec) -> str:
     """What a flag means on a board, in a sentence."""
     if flag == "intrusive":
-        return f"Intrusive: more than {bounds.intimate_zone:.0%} of the time within 0.45 m of somebody."
-    return f"Jerky: the 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."
+        return f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody."
+    return f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."

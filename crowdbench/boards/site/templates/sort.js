@@ -4,6 +4,9 @@ for (const table of document.querySelectorAll("table[data-sortable]")) {
     const button = document.createElement("button");
     button.type = "button";
     button.append(...head.childNodes);
+    const arrow = document.createElement("span");
+    arrow.className = "arrow";
+    button.insertBefore(arrow, button.querySelector(".sub"));
     head.append(button);
     const column = head.cellIndex;
     button.addEventListener("click", () => {
