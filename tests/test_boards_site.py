@@ -1,8 +1,10 @@
-"""The pages of the leaderboards, built from two small boards."""
+"""The pages of the leaderboards, built from small boards."""
 
+import html
 import json
 import re
 import shutil
+import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -166,6 +168,34 @@ def test_everything_is_there_without_javascript(site):
     index = "".join(Page(site / "index.html").text)
     assert "This season is a rehearsal." in index
     assert str(json.loads((site.parent / "leaderboards/frozen.json").read_text())["season"]) in index
+
+
+PROBE = """<script>
+const head = [...document.querySelectorAll("th[data-sort]")].find(each => each.textContent.startsWith("time"));
+head.querySelector("button").click();
+const times = [...document.querySelector("table[data-sortable]").tBodies[0].rows].map(row => row.cells[6].dataset.v);
+parent.document.title = JSON.stringify({
+  page: document.documentElement.scrollWidth, window: innerWidth, sort: head.getAttribute("aria-sort"), times});
+</script>"""
+
+
+def test_in_a_browser_a_phone_shows_the_page_and_columns_can_be_sorted(site, tmp_path):
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("needs Chromium")
+    shutil.copytree(site, tmp_path / "site")
+    page = (tmp_path / "site/five/index.html").read_text(encoding="utf-8").replace("</body>", PROBE + "</body>")
+    # In a frame, because the window itself cannot be that narrow.
+    phone = tmp_path / "site/five/phone.html"
+    phone.write_text(f'<title></title><iframe width="390" srcdoc="{html.escape(page)}"></iframe>', encoding="utf-8")
+    options = "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-sync"
+    command = [chromium, *options.split(), f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", phone.as_uri()]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+    found = json.loads(re.search("<title>(.*?)</title>", shown)[1])
+    assert found["page"] <= found["window"] <= 390
+    assert found["sort"] == "ascending"
+    assert len(found["times"]) == 2
+    assert found["times"] == sorted(found["times"], key=float)
 
 
 def test_failures_are_drawn_from_the_recorded_commands(site, root):

@@ -12,7 +12,7 @@ from crowdbench.boards.standings import Standing, Standings
 SAME_BUT_PEDESTRIANS = ("five", "visible", "gaussian", "social_force", "square")
 """The boards with five pedestrians each, who move by another model, other parameters, or between other places."""
 
-FEWEST = 3
+FEWEST = 4
 """With fewer entries in common, a correlation of ranks says nothing."""
 
 
