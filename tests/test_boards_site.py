@@ -28,9 +28,9 @@ HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=ale
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory):
-    """Boards with entries: two were verified in the season, one of them is hostile, one is only reported."""
+    """Two boards, one with entries: two were verified in the season, of which one is hostile, and one was not."""
     root = tmp_path_factory.mktemp("site") / "leaderboards"
-    for name in ("five", "visible", "everywhere"):
+    for name in ("five", "everywhere"):
         board = (BOARDS / name / "board.toml").read_text()
         board = re.sub(r"(?m)^(cases|public_cases) = .*\n", "", board)
         (root / name).mkdir(parents=True)
@@ -38,10 +38,12 @@ def root(tmp_path_factory):
     shutil.copy(BOARDS / "season.toml", root)
     enter(root, "five", "orca")
     enter(root, "five", "social_force", title=HOSTILE, paper="javascript:alert(3)", code="https://example.org/?a=1&b=2")
-    enter(root, "visible", "orca")
     boards = {board.name: board for board in read_boards(root)}
     entries = {name: [read_entry(path) for path in sorted((root / name).glob("entries/*"))] for name in boards}
     season = freeze(root, {name: {one.name: one.digest for one in found} for name, found in entries.items()})
+    shutil.copytree(root / "five/entries/orca", root / "five/entries/late")
+    late = read_entry(root / "five/entries/late")
+    write_entry(late.directory, late.spec.model_copy(update={"submitted_by": "another"}))
     for entry in entries["five"]:
         verified(entry, season)
     return root
@@ -80,7 +82,7 @@ def verified(entry, season):
 @pytest.fixture(scope="module")
 def site(root):
     out = root.parent / "site"
-    assert build_site(root, out) == 1 + 3 + 3
+    assert build_site(root, out) == 1 + 2 + 3
     return out
 
 
@@ -162,7 +164,7 @@ def test_everything_is_there_without_javascript(site):
         assert word in text, word
     assert "button" not in {tag for tag, _ in Page(site / "five" / "index.html").tags}
     assert "No entry is ranked on this board yet." in "".join(Page(site / "everywhere" / "index.html").text)
-    reported = (site / "visible" / "index.html").read_text(encoding="utf-8")
+    reported = (site / "five" / "index.html").read_text(encoding="utf-8")
     assert '<tr class="reported">' in reported
     assert "reported only" in reported
     index = "".join(Page(site / "index.html").text)
@@ -212,20 +214,16 @@ def test_failures_are_drawn_from_the_recorded_commands(site, root):
 
 
 def test_a_damaged_run_leaves_the_page_without_pictures(root, tmp_path):
-    shutil.copytree(root / "visible", tmp_path / "visible")
-    entry = tmp_path / "visible/entries/orca"
-    (entry / "public/circle_crossing_5_visible/commands.parquet").write_bytes(b"nothing")
-    spec = read_spec(entry)
-    write_entry(entry, spec.model_copy(update={"files": file_digests(entry)}))
-    build_site(tmp_path, tmp_path / "site")
-    text = (tmp_path / "site/visible/entries/orca.html").read_text()
-    assert "None in 6 cases." in text or "They cannot be simulated again" in text
-
-
-def read_spec(directory):
-    from crowdbench.boards.entry import EntrySpec
-
-    return EntrySpec.model_validate(json.loads((directory / "entry.json").read_text()))
+    shutil.copytree(root / "five/entries/late", tmp_path / "five/entries/late")
+    shutil.copy(root / "five/board.toml", tmp_path / "five")
+    entry = read_entry(tmp_path / "five/entries/late")
+    (entry.directory / "public/circle_crossing_5/commands.parquet").write_bytes(b"nothing")
+    write_entry(entry.directory, entry.spec.model_copy(update={"files": file_digests(entry.directory)}))
+    assert build_site(tmp_path, tmp_path / "site") == 3
+    text = (tmp_path / "site/five/entries/late.html").read_text(encoding="utf-8")
+    assert "They cannot be simulated again" in text
+    assert "<svg" not in text
+    assert "There is no season yet" in (tmp_path / "site/index.html").read_text(encoding="utf-8")
 
 
 def test_the_same_boards_give_the_same_bytes(site, root):

@@ -48,10 +48,10 @@ class Shown:
 
 def build(root: Path, out: Path) -> int:
     """Build all pages; see `crowdbench.boards.site.build_site`."""
-    season = read_season(root) if (root / SEASON).exists() else None
-    boards = [_shown(board, root, season) for board in read_boards(root)]
     templates = environment()
     with site_folder(out) as folder:
+        season = read_season(root) if (root / SEASON).exists() else None
+        boards = [_shown(board, root, season) for board in read_boards(root)]
         shutil.copyfile(STYLE, folder / STYLE.name)
         _write_index(templates, folder, boards, season)
         for shown in boards:
