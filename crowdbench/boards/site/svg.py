@@ -48,7 +48,7 @@ def axes(width: float, height: float) -> Iterator[Axes]:
     """
     with matplotlib.style.context(["default", _STYLE]):
         # Fixed margins: to fit them, Matplotlib would draw every figure several times.
-        left, bottom, rest = 0.6, 0.55, 0.1
+        left, bottom, rest = 0.72, 0.55, 0.1
         inside = (width - left - rest) / width, (height - bottom - rest) / height
         yield Figure(figsize=(width, height)).add_axes((left / width, bottom / height, *inside))
 
