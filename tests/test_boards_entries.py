@@ -216,7 +216,7 @@ def known(obs):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"name": "My Planner"}, "cannot be the name of an entry"),
+        ({"name": "My Planner"}, "'My Planner' cannot be an entry: its name must be 2 to 50 lower-case letters"),
         ({"name": "orca"}, "exists already: choose another name"),
         ({"planner": "nonesuch"}, "no planner is called 'nonesuch'"),
         ({"by": " "}, "needs the name of who submits it"),
@@ -244,12 +244,14 @@ def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, 
     assert sorted((root / "small" / "entries").iterdir()) == before
 
 
-def test_more_than_two_ranked_entries_of_a_submitter_are_refused(root):
+def test_no_more_than_two_entries_of_a_submitter_are_ranked(root):
     entries = root / "small" / "entries"
     for name in ("second", "third"):
         shutil.copytree(entries / "careful", entries / name)
-    with pytest.raises(InputError, match="Ada has 3 ranked entries on the board small, but 2 are allowed"):
-        read_entries(read_board(root / "small"), root)
+    board = read_board(root / "small")
+    found = standings(board, read_entries(board, root), "first")
+    assert sorted(one.entry.name for one in found.ranked) == ["careful", "orca", "second"]
+    assert [(one.entry.name, one.reason) for one in found.others] == [("third", "more than 2 of one submitter")]
 
 
 def test_the_seed_of_a_season_needs_frozen_entries_and_the_round(root):

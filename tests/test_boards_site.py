@@ -56,7 +56,9 @@ def enter(root, board, planner, **card):
         text = re.sub(rf"(?m)^{key} = .*$", line.replace("\\", r"\\"), text)
     path = root.parent / f"{planner}.toml"
     path.write_text(text)
-    submit(Submission(read_board(root / board), planner, planner, {}, path, "somebody <b>"), root, root.parent / "work")
+    submit(
+        Submission(read_board(root / board), planner, planner, {}, [], path, "somebody <b>"), root, root.parent / "work"
+    )
 
 
 def verified(entry, season):

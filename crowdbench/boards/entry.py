@@ -12,6 +12,7 @@ from __future__ import annotations
 import enum
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,11 @@ CARD = "card.toml"
 PLANNER = "planner"
 PUBLIC = "public"
 SEASONS = "seasons"
+
+NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
+"""What an entry may be called: its name is a folder and a part of addresses."""
+
+NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
 SCHEMA = 1
 """Version of what `entry.json` holds."""
@@ -204,6 +210,8 @@ def read_entry(directory: Path) -> Entry:
         InputError: A file is missing, was changed or is not named, or `entry.json` or `card.toml` are not as they must
             be.
     """
+    if not NAMES.fullmatch(directory.resolve().name):
+        raise InputError(f"{directory} cannot be an entry: {NAMING}")
     path = directory / ENTRY
     try:
         table = files.read_json(path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from crowdbench.boards.submission import NAMES
+from crowdbench.boards.entry import NAMES
 from crowdbench.errors import InputError
 from crowdbench.evaluate.directory import new_directory
 

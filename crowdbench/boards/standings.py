@@ -25,7 +25,7 @@ from crowdbench.boards.ranking import (
 )
 from crowdbench.boards.submission import ENTRIES
 from crowdbench.errors import InputError
-from crowdbench.evaluate.results import Episodes, read_result
+from crowdbench.evaluate.results import RESULT, Episodes, read_result
 from crowdbench.evaluate.summary import NOTHING, Estimate
 
 MAINTAINERS = "crowdbench"
@@ -98,20 +98,13 @@ def read_entries(board: Board, root: Path) -> list[Entry]:
         root: The folder of boards.
 
     Raises:
-        InputError: One of them is not as it must be, or somebody has more ranked entries than allowed.
+        InputError: One of them is not as it must be.
     """
     folders = sorted((root / board.name / ENTRIES).glob(f"*/{ENTRY}"))
     entries = [read_entry(path.parent) for path in folders]
     for entry in entries:
         if entry.spec.board != board.name:
             raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")
-    ranked = Counter(entry.spec.submitted_by for entry in entries if not _unranked(entry))
-    for submitter, number in ranked.items():
-        if number > MOST_RANKED and submitter != MAINTAINERS:
-            raise InputError(
-                f"{submitter} has {number} ranked entries on the board {board.name}, but {MOST_RANKED} are allowed: "
-                'say "ablation = true" in the cards of the others'
-            )
     return entries
 
 
@@ -129,7 +122,7 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
     Raises:
         InputError: The runs of an entry are damaged.
     """
-    each = [_standing(board, entry, season) for entry in entries]
+    each = _at_most([_standing(board, entry, season) for entry in entries])
     candidates = [one for one in each if not one.reason]
     comparisons = compare_all([one.columns for one in candidates], board.weights)
     found = ranks(len(candidates), comparisons)
@@ -146,6 +139,18 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
         comparisons=[_renumbered(one, place) for one in comparisons],
         smallest_difference=smallest_difference(len(board.weights), len(candidates)),
     )
+
+
+def _at_most(each: Sequence[Standing]) -> list[Standing]:
+    """The same, with a reason for those that are one too many of their submitter, by name."""
+    ranked: Counter[str] = Counter()
+    found = []
+    for one in each:
+        submitter = one.entry.spec.submitted_by
+        ranked[submitter] += not one.reason
+        too_many = not one.reason and submitter != MAINTAINERS and ranked[submitter] > MOST_RANKED
+        found.append(dataclasses.replace(one, reason=f"more than {MOST_RANKED} of one submitter") if too_many else one)
+    return found
 
 
 def _unranked(entry: Entry) -> str:
@@ -188,6 +193,8 @@ def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray,
         cases: How many cases there are.
     """
     if run is not None:
+        if metric not in run.columns:
+            raise InputError(f"the runs of an entry lack the metric {metric}, which its board shows")
         return run.columns[metric].astype(float)
     return np.full(cases, 0.0 if metric in CRITERIA else np.nan)
 
@@ -195,10 +202,13 @@ def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray,
 def _estimates(directory: Path) -> dict[str, Estimate]:
     """The means of a run with their intervals."""
     metrics = read_result(directory)["metrics"]
+    try:
+        known = {name: {key: metrics[name][key] for key in ("mean", "low", "high", "n", "max")} for name in SHOWN}
+    except KeyError as error:
+        raise InputError(f"{directory / RESULT} lacks {error} of a metric that its board shows") from None
     return {
         name: Estimate(**{key: np.nan if value is None else value for key, value in each.items()})  # type: ignore[arg-type]
-        for name, each in metrics.items()
-        if name in SHOWN
+        for name, each in known.items()
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import re
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,8 @@ from crowdbench.boards.board import Board
 from crowdbench.boards.driving import Entrant, Progress, drive, figures, locked, run_digest
 from crowdbench.boards.entry import (
     CARD,
+    NAMES,
+    NAMING,
     PLANNER,
     PUBLIC,
     SCHEMA,
@@ -32,9 +33,6 @@ from crowdbench.evaluate.wanted import versions
 from crowdbench.toml_file import Location, parsed, read_toml
 
 ENTRIES = "entries"
-
-NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
-"""What an entry may be called: its name is a folder and a part of addresses."""
 
 LARGEST = 25e6
 """Bytes that the files of a planner may have together: entries are kept in git."""
@@ -64,9 +62,7 @@ class Submission:
 
     def __post_init__(self) -> None:
         if not NAMES.fullmatch(self.name):
-            raise InputError(
-                f"{self.name!r} cannot be the name of an entry: take 2 to 50 lower-case letters, digits and underscores"
-            )
+            raise InputError(f"{self.name!r} cannot be an entry: {NAMING}")
         if not self.by.strip():
             raise InputError("an entry needs the name of who submits it")
 

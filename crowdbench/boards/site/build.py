@@ -43,7 +43,13 @@ class Shown:
     standings: Standings
     ranked: list[Row]
     others: list[Row]
+
     seed: int | None
+
+    @property
+    def has_methods(self) -> bool:
+        """Whether some entry claims something of its method."""
+        return any(row.verification and row.verification.method for row in (*self.ranked, *self.others))
 
 
 def build(root: Path, out: Path) -> int:

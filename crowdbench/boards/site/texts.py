@@ -118,6 +118,8 @@ def why_unranked(standing: Standing, bounds: FlagsSpec) -> str:
         return REASONS[standing.reason]
     if standing.reason.startswith("of version "):
         return "It was made for other rules of this board than the present ones."
+    if standing.reason.startswith("more than "):
+        return "Other entries of its submitter are ranked here."
     if standing.season is not None and standing.season.verdict != Verdict.RERUN:
         return standing.season.reason
     return " ".join(beyond(flag, bounds) for flag in standing.flags)
