@@ -151,6 +151,7 @@ def test_a_command_is_timed_with_its_memory():
     assert 1e7 < memory < 1e11
 
 
+@pytest.mark.slow
 def test_a_run_of_sarl_is_timed_with_its_memory(monkeypatch, tmp_path):
     monkeypatch.setattr(commands, "REPETITIONS", 1)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
@@ -169,6 +170,7 @@ def test_the_memory_of_a_command_is_not_that_of_whoever_measures_it():
     assert commands.command("--help")[1] < ballast.nbytes
 
 
+@pytest.mark.slow
 def test_a_run_of_sarl_sgan_kce_is_timed_with_its_memory(monkeypatch, few_futures):
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     options = [f"{key}={value}" for key, value in few_futures.items()]

@@ -18,6 +18,9 @@ from crowdbench.files import sha256
 from crowdbench.isolation import sandbox
 from crowdbench.scenario.cases import Cases
 
+pytestmark = pytest.mark.slow
+
+
 CHEAT = """
 import crowdbench, numpy as np
 

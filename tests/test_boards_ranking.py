@@ -63,6 +63,7 @@ def test_holm_multiplies_by_the_number_of_tests_that_are_left():
     np.testing.assert_allclose(holm(p), [0.03, 0.06, 0.06, 0.02])
 
 
+@pytest.mark.slow
 def test_a_wrong_difference_is_found_in_no_more_than_one_board_of_twenty():
     generator = np.random.default_rng(2)
     boards, wrong = 400, 0

@@ -22,6 +22,9 @@ from crowdbench.boards.site import build_site, texts
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.errors import InputError
 
+pytestmark = pytest.mark.slow
+
+
 BOARDS = Path(__file__).parents[1] / "leaderboards"
 HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }} $x_{1}$ \u202e'
 

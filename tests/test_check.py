@@ -267,6 +267,7 @@ class SinglePrecision(Straight):
         return super().plan(obs).astype(np.float32)
 
 
+@pytest.mark.slow
 def test_good_planners_keep_every_point():
     for make in (lambda: load_planner("orca")[1], lambda: load_planner("social_force")[1], Straight, Remembers):
         points = examined(make, "val:4")

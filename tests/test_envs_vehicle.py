@@ -146,6 +146,7 @@ def saved_policy(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_stable_baselines_trains_on_it_and_its_policy_drives_as_a_planner(saved_policy):
     _, planner = load_planner(str(EXAMPLES / "ppo_planner.py"), {"path": str(saved_policy)})
     trace = drive(planner, "6")

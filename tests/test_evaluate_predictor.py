@@ -235,6 +235,7 @@ def test_constant_velocity_on_orca_crowds_is_off_as_measured_before():
     assert found.first.fde[7].mean == pytest.approx(0.366, abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_errors_on_eth_ucy_are_the_known_ones(shared):
     recordings = read_folder(shared / "data" / "eth_ucy")
     constant = on_tracks("cvm", ConstantVelocity(), recordings)
@@ -245,6 +246,7 @@ def test_the_errors_on_eth_ucy_are_the_known_ones(shared):
     assert [round(found.first.ade[7].mean, 2) for found in constant.values()] == [0.67, 0.26, 0.31, 0.25, 0.21, 0.34]
 
 
+@pytest.mark.slow
 def test_sampled_headings_on_eth_ucy_are_off_as_measured_before(shared):
     found = on_tracks("cvm_s", ConstantVelocitySampled(), read_folder(shared / "data" / "eth_ucy"))[MEAN]
     assert found.together.ade[7].mean == pytest.approx(0.398, abs=0.003)

@@ -16,6 +16,9 @@ from crowdbench.isolation import sandbox
 from crowdbench.isolation.planner import IsolatedPlanner
 from crowdbench.scenario.cases import Cases
 
+pytestmark = pytest.mark.slow
+
+
 HONEST = """
 import numpy as np
 import crowdbench

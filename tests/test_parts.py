@@ -143,6 +143,7 @@ def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
     assert sorted(driven) == [("quick", 2), ("slow", 0)]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_again_and_again_is_the_whole_in_the_end(whole, tmp_path):
     (tmp_path / "slow.py").write_text(
         "import time\nfrom crowdbench.planners.reactive import ORCAPlanner\n"

@@ -153,6 +153,7 @@ def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_both_readings_of_the_papers_third_table_are_one_choice():
     assert [table.spec.look_first for table in reproduction.tables(3, quick=False)] == [8, 1]
 

@@ -237,6 +237,7 @@ def test_a_study_that_is_not_there_is_told():
         read_study(Path("nowhere.toml"))
 
 
+@pytest.mark.slow
 def test_the_shipped_studies_can_be_made():
     learned, crowds, kce = (read_study(STUDIES / f"{name}.toml") for name in ("learned", "crowds", "kce"))
     # Five seeds of every row, the first table's under both rules.

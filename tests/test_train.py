@@ -58,6 +58,7 @@ def stopped_after(points):
     return tell
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -204,6 +205,7 @@ def test_what_exploring_skips_is_what_planning_gives():
     assert (np.abs(commands[:, None] - legal).max(axis=2).min(axis=1) < 1e-12).all()
 
 
+@pytest.mark.slow
 def test_random_commands_are_within_the_limits_and_evenly_spread_over_them():
     limits = Limits(max_velocity_change=0.5)
     planner = ValuePlanner(ConstantVelocity(), NETWORKS["cadrl"](), limits=limits)
@@ -245,6 +247,7 @@ def test_a_checkpoint_is_chosen_by_success_within_noise_and_then_by_time(curve, 
     assert value.chosen(points, 200) is points[expected]
 
 
+@pytest.mark.slow
 def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenarios_that_are_named(tmp_path):
     request = dataclasses.replace(
         REQUEST, max_velocity_change=0.6, max_turn=2.0, validation="circle_crossing_5, square_crossing_5", episodes=10
