@@ -7,7 +7,7 @@ import pytest
 from filelock import FileLock
 
 from crowdbench.boards.board import read_board
-from crowdbench.boards.shipped import freeze_all
+from crowdbench.boards.shipped import freeze_entries
 from crowdbench.boards.skeleton import write_skeleton
 from crowdbench.boards.standings import read_entries
 from crowdbench.boards.submission import Submission, submit
@@ -71,7 +71,7 @@ def _make(folder: Path):
     planner = write_skeleton("careful", folder)
     submit(Submission(board, "careful", str(planner / "careful.py"), {}, [], folder / "card.toml", "Ada"), root, work)
     submit(Submission(board, "orca", "orca", {}, [], folder / "card.toml", "crowdbench"), root, work)
-    season = freeze_all(root)
+    season = freeze_entries(board, root)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
         for entry in read_entries(board, root):

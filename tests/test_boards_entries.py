@@ -265,13 +265,15 @@ def test_the_seed_of_a_season_needs_frozen_entries_and_the_round(root):
     frozen["entries"]["small"]["orca"] = "0" * 64
     (root / "frozen.json").write_text(json.dumps(frozen))
     assert read_season(root).seed("small") != seed
-    with pytest.raises(InputError, match="frozen already"):
-        freeze(root, {"small": {"a": "0" * 64}})
+    freeze(root, "small", {"a": "0" * 64})  # too late
+    assert json.loads((root / "frozen.json").read_text()) == frozen
+    with pytest.raises(InputError, match="has no entries to freeze"):
+        freeze(root, "other", {})
     (root / "season.toml").write_text((root / "season.toml").read_text().replace("ab" * 32, ""))
     with pytest.raises(InputError, match="does not say the randomness of round 5000000"):
         read_season(root).seed("small")
     (root / "frozen.json").unlink()
-    with pytest.raises(InputError, match="are not frozen yet"):
+    with pytest.raises(InputError, match="the entries of small are not frozen yet"):
         read_season(root).seed("small")
 
 

@@ -43,7 +43,7 @@ def root(tmp_path_factory):
     enter(root, "five", "social_force", title=HOSTILE, paper="javascript:alert(3)", code="https://example.org/?a=1&b=2")
     boards = {board.name: board for board in read_boards(root)}
     entries = {name: [read_entry(path) for path in sorted((root / name).glob("entries/*"))] for name in boards}
-    season = freeze(root, {name: {one.name: one.digest for one in found} for name, found in entries.items()})
+    season = freeze(root, "five", {one.name: one.digest for one in entries["five"]})
     shutil.copytree(root / "five/entries/orca", root / "five/entries/late")
     late = read_entry(root / "five/entries/late")
     write_entry(late.directory, late.spec.model_copy(update={"submitted_by": "another"}))

@@ -46,7 +46,7 @@ Progress = Callable[[float], None]
 
 
 class InUse(InputError):
-    """Another process is making the same runs."""
+    """Another process is making, or has made, the same runs."""
 
 
 @dataclass(frozen=True)

@@ -197,11 +197,12 @@ class Entry:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def read_entry(directory: Path) -> Entry:
+def read_entry(directory: Path, check_files: bool = True) -> Entry:
     """Read an entry and check that its files are those that it names.
 
     Args:
         directory: Its directory.
+        check_files: Whether its files are checked, which are not all there while another process verifies it.
 
     Returns:
         The entry.
@@ -220,7 +221,8 @@ def read_entry(directory: Path) -> Entry:
     except ValueError as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
     spec = _parsed(table, path)
-    _check_files(directory, spec.files)
+    if check_files:
+        _check_files(directory, spec.files)
     card = parsed(CardSpec, read_toml(directory / CARD, "card"), Location(f"{directory.name}/{CARD}"))
     return Entry(directory, spec, card)
 

@@ -30,7 +30,7 @@ class Season:
 
     Attributes:
         spec: What `season.toml` says.
-        frozen: The entries that take part; empty before they are frozen.
+        frozen: The entries that take part, by board; boards whose entries are not frozen yet are missing.
     """
 
     spec: SeasonSpec
@@ -41,14 +41,14 @@ class Season:
 
         Raises InputError where entries are not frozen yet, or the randomness of the round is not known.
         """
-        if not self.frozen:
-            raise InputError(f"the entries of the season {self.spec.name} are not frozen yet: {FROZEN} is missing")
+        if board not in self.frozen:
+            raise InputError(f"the entries of {board} are not frozen yet: {FROZEN} does not list them")
         if not self.spec.randomness:
             raise InputError(
                 f"{SEASON} does not say the randomness of round {self.spec.round} yet: fetch it from drand after "
                 f"{self.spec.closes} and write it there"
             )
-        text = "\n".join([*sorted(self.frozen.get(board, {}).values()), self.spec.randomness])
+        text = "\n".join([*sorted(self.frozen[board].values()), self.spec.randomness])
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 
     def takes_part(self, board: str, entry: str, digest: str) -> bool:
@@ -92,25 +92,27 @@ def read_season(root: Path) -> Season:
     return Season(spec, frozen if season == spec.name else {})
 
 
-def freeze(root: Path, entries: Frozen) -> Season:
-    """Freeze the entries of the season.
+def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
+    """Freeze the entries of a board, if those of the season are not frozen yet.
 
     Args:
         root: The folder of boards.
-        entries: The entries that take part.
+        board: The board's name.
+        entries: The digest of each entry that takes part.
 
     Returns:
         The season.
 
     Raises:
-        InputError: Entries of this season are frozen already, or there is none.
+        InputError: There is no entry.
     """
     season = read_season(root)
-    if season.frozen:
-        raise InputError(f"the entries of the season {season.spec.name} are frozen already: see {root / FROZEN}")
-    if not any(entries.values()):
-        raise InputError(f"{root} has no entries to freeze")
-    table = {"season": season.spec.name, "entries": entries}
+    if board in season.frozen:
+        return season
+    if not entries:
+        raise InputError(f"the board {board} has no entries to freeze")
+    frozen = {**season.frozen, board: dict(entries)}
+    table = {"season": season.spec.name, "entries": frozen}
     with files.whole(root / FROZEN) as partial:
         partial.write_text(json.dumps(table, indent=2, sort_keys=True) + "\n", encoding="utf-8")
-    return Season(season.spec, entries)
+    return Season(season.spec, frozen)

@@ -5,14 +5,14 @@ Which planners these are is in `leaderboards/shipped.toml`, what their authors s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
-from crowdbench.boards.board import Board, read_boards
+from crowdbench.boards.board import Board
 from crowdbench.boards.driving import Progress
 from crowdbench.boards.entry import Entry
 from crowdbench.boards.season import Season, freeze, read_season
@@ -66,16 +66,16 @@ def read_shipped(root: Path) -> list[ShippedSpec]:
     return parsed(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped
 
 
-def to_submit(root: Path, work: Path) -> list[Job]:
-    """Entries of planners that ship which are not there yet.
+def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
+    """Entries of planners that ship which a board does not have yet.
 
     Args:
+        board: The board.
         root: The folder of boards.
         work: The folder that keeps finished runs until an entry is made.
     """
     return [
         _submission(board, spec, root, work)
-        for board in read_boards(root)
         for spec in read_shipped(root)
         if board.name not in spec.not_on and not (root / board.name / ENTRIES / spec.name).exists()
     ]
@@ -89,40 +89,41 @@ def _submission(board: Board, spec: ShippedSpec, root: Path, work: Path) -> Job:
     return Job(f"{spec.name} on {board.name}", cases, lambda tell: submit(wanted, root, work, tell))
 
 
-def freeze_all(root: Path) -> Season:
-    """Freeze all entries of all boards, if those of the season are not frozen yet.
+def freeze_entries(board: Board, root: Path) -> Season:
+    """Freeze all entries of a board, if those of the season are not frozen yet.
 
     Args:
+        board: The board.
         root: The folder of boards.
 
     Returns:
         The season.
     """
-    season = read_season(root)
-    if season.frozen:
-        return season
-    entries = {board.name: read_entries(board, root) for board in read_boards(root)}
-    return freeze(root, {name: {each.name: each.digest for each in found} for name, found in entries.items()})
+    return freeze(
+        root, board.name, {entry.name: entry.digest for entry in read_entries(board, root, check_files=False)}
+    )
 
 
-def to_verify(root: Path, work: Path, season: Season) -> Iterator[Job]:
-    """Entries of the season that were not verified in it yet.
+def to_verify(board: Board, root: Path, work: Path) -> list[Job]:
+    """Entries of a board that take part in the season and were not verified in it yet.
 
     Args:
+        board: The board.
         root: The folder of boards.
         work: The folder that keeps finished runs until the verdict.
-        season: The season.
     """
-    for board in read_boards(root):
-        for entry in read_entries(board, root):
-            is_verified = any(each.season == season.spec.name for each in entry.spec.verifications)
-            if is_verified or not season.takes_part(board.name, entry.name, entry.digest):
-                continue
-
-            yield Job(
-                f"{entry.name} on {board.name}", cases_of(entry, board), _verification(entry, board, work, season)
-            )
+    season = read_season(root)
+    return [
+        _verification(board, entry, season, work)
+        for entry in read_entries(board, root, check_files=False)
+        if season.takes_part(board.name, entry.name, entry.digest)
+        and not any(each.season == season.spec.name for each in entry.spec.verifications)
+    ]
 
 
-def _verification(entry: Entry, board: Board, work: Path, season: Season) -> Callable[[Progress], object]:
-    return lambda tell: verify(entry, board, by=MAINTAINERS, work=work, season=season, progress=tell)
+def _verification(board: Board, entry: Entry, season: Season, work: Path) -> Job:
+    return Job(
+        f"{entry.name} on {board.name}",
+        cases_of(entry, board),
+        lambda tell: verify(entry, board, by=MAINTAINERS, work=work, season=season, progress=tell),
+    )

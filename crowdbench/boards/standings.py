@@ -90,18 +90,19 @@ class Standings:
     smallest_difference: float
 
 
-def read_entries(board: Board, root: Path) -> list[Entry]:
+def read_entries(board: Board, root: Path, check_files: bool = True) -> list[Entry]:
     """The entries of a board, by name.
 
     Args:
         board: The board.
         root: The folder of boards.
+        check_files: Whether the files of the entries are checked.
 
     Raises:
         InputError: One of them is not as it must be.
     """
     folders = sorted((root / board.name / ENTRIES).glob(f"*/{ENTRY}"))
-    entries = [read_entry(path.parent) for path in folders]
+    entries = [read_entry(path.parent, check_files) for path in folders]
     for entry in entries:
         if entry.spec.board != board.name:
             raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")

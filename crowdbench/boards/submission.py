@@ -11,7 +11,7 @@ from typing import Any
 
 from crowdbench import catalog, plugins
 from crowdbench.boards.board import Board
-from crowdbench.boards.driving import Entrant, Progress, drive, figures, locked, run_digest
+from crowdbench.boards.driving import Entrant, InUse, Progress, drive, figures, locked, run_digest
 from crowdbench.boards.entry import (
     CARD,
     NAMES,
@@ -85,15 +85,16 @@ def submit(submission: Submission, root: Path, work: Path, progress: Progress | 
     """
     board = submission.board
     directory = root / board.name / ENTRIES / submission.name
-    if directory.exists():
-        raise InputError(f"{directory} exists already: choose another name, or remove it")
     read_card(submission.card)
-    directory.parent.mkdir(parents=True, exist_ok=True)
-    with new_directory(directory, overwrite=False) as folder:
-        entrant = _copied(submission, folder)
-        networks = [_copied_value(options, folder / PLANNER) for options in submission.networks]
-        kept = work / f"submit-{board.name}-{submission.name}-{run_digest(board, entrant)}"
-        with locked(kept):
+    name = f"submit-{board.name}-{submission.name}"
+    with locked(work / name):
+        if directory.exists():
+            raise InUse(f"{directory} exists already: choose another name, or remove it")
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        with new_directory(directory, overwrite=False) as folder:
+            entrant = _copied(submission, folder)
+            networks = [_copied_value(options, folder / PLANNER) for options in submission.networks]
+            kept = work / f"{name}-{run_digest(board, entrant)}"
             drive(board, entrant, kept, cases=board.public_cases, seed=None, progress=progress)
             shutil.copytree(kept, folder / PUBLIC)
             write_entry(folder, _spec(submission, entrant, networks))

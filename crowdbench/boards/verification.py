@@ -19,6 +19,7 @@ from crowdbench.boards.board import FILE, ROOT, Board
 from crowdbench.boards.driving import (
     BOARD_METRICS,
     Entrant,
+    InUse,
     Progress,
     drive,
     episodes,
@@ -102,6 +103,8 @@ def verify(
     entrant = Entrant(entry.directory, entry.spec.planner, entry.spec.options)
     kept = work / f"verify-{board.name}-{entry.name}-{run_digest(board, entrant)}-{seed:016x}"
     with locked(kept):
+        entry = read_entry(entry.directory)
+        _check_possible(entry, board, season)  # another process may have verified it meanwhile
         found = _found(entry, board, entrant, seed, cases or board.cases, kept, progress)
         verification = Verification(
             by=by,
@@ -152,7 +155,7 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
             "frozen, or was changed since"
         )
     if any(each.season == season.spec.name for each in spec.verifications):
-        raise InputError(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
+        raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
 
 
 def _found(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -196,34 +197,33 @@ def readme(root: RootOption = ROOT) -> None:
 def fill(root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOption = None) -> None:
     """Enter every planner that ships on every board, freeze the entries, and verify them in the season.
 
-    Finished work is kept, and the same command goes on after it. Several processes can do this at once.
+    Board by board. Finished work is kept, and the same command goes on after it. Several processes can share the work.
     """
     use_threads(threads)
-    from crowdbench.boards.shipped import freeze_all, to_submit, to_verify
+    from crowdbench.boards.board import read_boards
+    from crowdbench.boards.shipped import freeze_entries, to_submit, to_verify
     from crowdbench.cli.console import announce_compilation, say
 
     announce_compilation()
     try:
-        if not _all_done(lambda: to_submit(root, work), "entry"):
-            say("other processes are making the last entries: give the same command again when they are done")
-            return
-        season = freeze_all(root)
-        _all_done(lambda: to_verify(root, work, season), "verification")
+        for board in read_boards(root):
+            if _all_done(functools.partial(to_submit, board, root, work), "entry"):
+                freeze_entries(board, root)
+                _all_done(functools.partial(to_verify, board, root, work), "verification")
+            else:
+                say(f"{board.name}: other processes are making the last entries")
     except KeyboardInterrupt:
         say(f"crowdbench: interrupted: the same command goes on with what is kept in {root} and {work}")
         sys.exit(INTERRUPTED)
 
 
-def _all_done(wanted: Callable[[], Iterable[Job]], what: str) -> bool:
+def _all_done(wanted: Callable[[], Sequence[Job]], what: str) -> bool:
     """Do all work that no other process does; False where others are still at it."""
     from crowdbench.boards.driving import InUse
     from crowdbench.cli.console import progress, say
 
     skipped: set[str] = set()
-    while True:
-        jobs = [job for job in wanted() if job.title not in skipped]
-        if not jobs:
-            return not skipped
+    while jobs := [job for job in wanted() if job.title not in skipped]:
         job = jobs[0]
         say(f"{what}: {job.title}, {len(jobs) - 1} others are missing")
         try:
@@ -231,3 +231,4 @@ def _all_done(wanted: Callable[[], Iterable[Job]], what: str) -> bool:
                 job.do(tell)
         except InUse:
             skipped.add(job.title)
+    return not skipped
