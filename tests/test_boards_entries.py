@@ -143,6 +143,28 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("package", "crowdbench==0.0.1", r"the planner is of crowdbench==0\.0\.1, but crowdbench==\S+ is installed"),
+        (
+            "package_files",
+            {"orca.py": "0" * 64},
+            "the files of the planner orca are others than those that were entered",
+        ),
+        ("facts", {"weights": "other"}, "circle_crossing_5: the planner says other facts of itself than as entered"),
+    ],
+)
+def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, key, value, reason):
+    monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
+    folder = root / "small" / "entries" / "orca"
+    table = json.loads((folder / "entry.json").read_text())
+    (folder / "entry.json").write_text(json.dumps(table | {key: value}))
+    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.REFUSED
+    assert re.fullmatch(reason, found.reason)
+
+
 def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
     before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()

@@ -93,6 +93,7 @@ class Stops(Planner):
         return np.zeros((len(obs), 2))
 
 
+@pytest.mark.slow
 def test_what_was_interrupted_goes_on(tmp_path):
     go(tmp_path / "whole", planner=Stops(99))
     for _ in range(2):
@@ -106,6 +107,7 @@ def test_what_was_interrupted_goes_on(tmp_path):
     assert digests(tmp_path / "a") == digests(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_processes_that_are_given_the_same_command_share_the_work(whole, tmp_path):
     out = tmp_path / "shared"
     command = [sys.executable, "-m", "crowdbench", "run", "--planner", "orca", "--cases", "12", "--batch", "1"]

@@ -324,6 +324,7 @@ class Verbose(ORCAPlanner):
         return super().plan(obs)
 
 
+@pytest.mark.slow
 def test_a_planner_that_logs_much_runs_in_smaller_batches(tmp_path, monkeypatch):
     go(tmp_path / "a", Verbose(), record="failures")
     batches = []

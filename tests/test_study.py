@@ -284,6 +284,7 @@ def planner():
 """
 
 
+@pytest.mark.slow
 def test_processes_that_are_given_the_same_study_share_its_runs(capsys):
     Path("slow.py").write_text(SLOW)
     text = CROWDS.replace('"orca", "orca_margin"', '"orca", "./slow.py"')

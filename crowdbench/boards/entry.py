@@ -142,6 +142,8 @@ class EntrySpec(_Record):
         submitted_by: Who has submitted it.
         planner: As `crowdbench run --planner` takes it, relative to the entry.
         package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
+        package_files: For such a planner, the sha256 of the Python files that it consists of, by path.
+        facts: What the planner says of itself beyond its options, such as the digest of its weights.
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ, trained with other seeds.
         privileged: Whether the planner uses what no vehicle could see.
@@ -158,6 +160,8 @@ class EntrySpec(_Record):
     submitted_by: str
     planner: str
     package: str
+    package_files: dict[str, Sha256]
+    facts: dict[str, str]
     options: dict[str, JsonValue]
     networks: list[dict[str, JsonValue]]
     privileged: bool
@@ -191,9 +195,8 @@ class Entry:
         """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
         spec = self.spec
         frozen = {path: digest for path, digest in spec.files.items() if path.split("/")[0] not in (PUBLIC, SEASONS)}
-        text = json.dumps(
-            [spec.board, self.name, spec.planner, spec.package, spec.options, spec.networks, frozen], sort_keys=True
-        )
+        of_planner = [spec.planner, spec.package, spec.package_files, spec.facts, spec.options, spec.networks]
+        text = json.dumps([spec.board, self.name, of_planner, frozen], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 

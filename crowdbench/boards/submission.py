@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from crowdbench.boards.entry import (
     read_entry,
     write_entry,
 )
+from crowdbench.boards.packaged import package, package_files
 from crowdbench.boards.schema import CardSpec
 from crowdbench.errors import InputError
 from crowdbench.evaluate.directory import new_directory
@@ -123,8 +123,7 @@ def _copied(submission: Submission, folder: Path) -> Entrant:
     shutil.copyfile(submission.card, folder / CARD)
     copies = folder / PLANNER
     planner = _copy(submission.planner, copies) or submission.planner
-    if planner == submission.planner:
-        catalog.PLANNERS.find(planner)
+    package_files(planner)  # refuses one that does not exist
     options = {name: _copied_value(value, copies) for name, value in submission.options.items()}
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     if size > LARGEST:
@@ -185,7 +184,9 @@ def _spec(submission: Submission, entrant: Entrant, networks: list[dict[str, Any
         board_digest=board.digest,
         submitted_by=submission.by,
         planner=entrant.planner,
-        package="" if (folder / PLANNER).exists() else _package(entrant.planner),
+        package=package(entrant.planner),
+        package_files=package_files(entrant.planner),
+        facts=first.get("planner_facts", {}),
         options=dict(entrant.options),
         networks=networks,
         privileged=bool(first.get("privileged")),
@@ -194,11 +195,3 @@ def _spec(submission: Submission, entrant: Entrant, networks: list[dict[str, Any
         reported=figures(board, folder / PUBLIC),
         verifications=[],
     )
-
-
-def _package(planner: str) -> str:
-    """The distribution with its version that a planner without files comes from."""
-    for entry in importlib.metadata.entry_points(group=catalog.PLANNERS.entry_points):
-        if entry.name == planner and entry.dist is not None:
-            return f"{entry.dist.name}=={entry.dist.version}"
-    return f"crowdbench=={importlib.metadata.version('crowdbench')}"

@@ -25,6 +25,7 @@ from crowdbench.boards.driving import (
     episodes,
     figures,
     locked,
+    made,
     run_digest,
     timed,
 )
@@ -42,9 +43,11 @@ from crowdbench.boards.entry import (
     write_entry,
 )
 from crowdbench.boards.method import claims, measured, method_cases
+from crowdbench.boards.packaged import changed
 from crowdbench.boards.season import Season
 from crowdbench.errors import InputError
 from crowdbench.evaluate.replay import RunFiles, replay
+from crowdbench.evaluate.results import read_result
 from crowdbench.evaluate.seal import code
 from crowdbench.isolation import sandbox
 from crowdbench.scenario.cases import Cases
@@ -167,6 +170,8 @@ def _found(
         return Found(Verdict.NOT_REPRODUCED, differs, {})
     hidden = _hidden(entry, kept)
     try:
+        if difference := changed(entry.spec):
+            return Found(Verdict.REFUSED, difference, {})
         failed = drive(board, entrant, kept, cases=cases, seed=seed, hidden=hidden, progress=progress)
         if unexpected := [name for name in failed if name in entry.spec.reported]:
             return Found(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}", {})
@@ -176,14 +181,21 @@ def _found(
         speed = timed(board, entrant, next(scenario for _, scenario in board.load(None)), hidden)
     except InputError as error:
         return Found(Verdict.REFUSED, str(error), {})
-    there = figures(board, kept)
+    verdict, reason = _judged(entry, board, kept)
+    return Found(verdict, reason, {} if verdict == Verdict.REFUSED else figures(board, kept), speed, method)
+
+
+def _judged(entry: Entry, board: Board, kept: Path) -> tuple[Verdict, str]:
+    """The verdict on an entry whose planner has driven, and why."""
+    for name in made(board, kept):
+        if read_result(kept / name).get("planner_facts") != entry.spec.facts:
+            return Verdict.REFUSED, f"{name}: the planner says other facts of itself than as entered"
     public, other = episodes(board, entry.directory / PUBLIC), episodes(board, kept)
     if doubts := unbelievable(public, {name: other[name] for name in public}):
-        return Found(Verdict.LOWER, "; ".join(doubts), there, speed, method)
+        return Verdict.LOWER, "; ".join(doubts)
     level = {sandbox.BUBBLEWRAP: "in a sandbox without network and without our files"}
     how = level.get(sandbox.level(), "in a process of its own, which could read files and the network")
-    reason = f"the recorded commands lead to the reported figures; ran {how}"
-    return Found(Verdict.RERUN, reason, there, speed, method)
+    return Verdict.RERUN, f"the recorded commands lead to the reported figures; ran {how}"
 
 
 def _hidden(entry: Entry, kept: Path) -> list[Path]:
