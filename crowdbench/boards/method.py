@@ -19,7 +19,7 @@ from crowdbench.study.intervals import mean_over_networks
 LEAST = 5
 """Fewer networks say nothing of their method."""
 
-MOST_CASES = 500
+MOST_CASES = 250
 """Cases that each network drives."""
 
 
