@@ -245,7 +245,7 @@ def known(obs):
         ({"name": "orca"}, "exists already: choose another name"),
         ({"planner": "nonesuch"}, "no planner is called 'nonesuch'"),
         ({"by": " "}, "needs the name of who submits it"),
-        ({"card": "missing.toml"}, "cannot be read"),
+        ({"card": "missing.toml"}, "there is no card .*missing.toml, which says what the planner is"),
     ],
 )
 def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, changes, sentence):

@@ -104,6 +104,8 @@ def submit(submission: Submission, root: Path, work: Path, progress: Progress | 
 
 def read_card(path: Path) -> CardSpec:
     """Read the card of an entry. Raises InputError where it is missing or wrong."""
+    if not path.exists():
+        raise InputError(f"there is no card {path}, which says what the planner is: `crowdbench new-planner` makes one")
     return parsed(CardSpec, read_toml(path, "card"), Location(path.name))
 
 
