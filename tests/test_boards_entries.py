@@ -6,6 +6,7 @@ import pytest
 from boards import BOARD, SEASON, card, verified_root, write_board
 
 from crowdbench.boards.board import find_board, read_board, read_boards
+from crowdbench.boards.copying import copied_value
 from crowdbench.boards.entry import Verdict, read_entry
 from crowdbench.boards.markdown import write_readme
 from crowdbench.boards.season import freeze, read_season
@@ -48,6 +49,7 @@ def made(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def _few_timed(monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.submission.timed", lambda *_: None)
 
 
 @pytest.fixture
@@ -93,6 +95,7 @@ def test_an_entry_holds_what_its_planner_consists_of(root):
     [
         (lambda folder: (folder / "planner" / "careful.py").write_text("#"), "careful.py was changed"),
         (lambda folder: (folder / "planner" / "more.py").write_text("#"), "is not a file of this entry"),
+        (lambda folder: (folder / "planner" / "link.py").symlink_to("careful.py"), "link.py is not a plain file"),
         (lambda folder: (folder / "card.toml").unlink(), "card.toml, which entry.json names, is missing"),
         (lambda folder: (folder / "entry.json").unlink(), "is no entry: .* cannot be read"),
         (lambda folder: (folder / "entry.json").write_text("{"), "is not valid JSON"),
@@ -152,7 +155,6 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path):
             {"orca.py": "0" * 64},
             "the files of the planner orca are others than those that were entered",
         ),
-        ("facts", {"weights": "other"}, "circle_crossing_5: the planner says other facts of itself than as entered"),
     ],
 )
 def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, key, value, reason):
@@ -163,6 +165,45 @@ def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path
     found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
     assert re.fullmatch(reason, found.reason)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("options", {"near": 3.0}), ("privileged", True), ("facts", {"weights": "other"})]
+)
+def test_an_entry_that_says_what_its_runs_do_not_is_not_reproduced(root, tmp_path, key, value):
+    folder = root / "small" / "entries" / "careful"
+    table = json.loads((folder / "entry.json").read_text())
+    (folder / "entry.json").write_text(json.dumps(table | {key: value}))
+    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.NOT_REPRODUCED
+    assert re.match(f"circle_crossing_5: (planner_)?{key} is ", found.reason)
+
+
+def test_files_of_the_same_name_are_kept_apart(tmp_path):
+    (tmp_path / "mine.py").write_text(CHEAT + "def known(obs):\n    return np.ones(8, bool)\n")
+    for name, text in {"a": "1", "b": "2", "c": "1"}.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "speed.txt").write_text(text)
+    (tmp_path / "link.py").symlink_to("mine.py")
+    folder = tmp_path / "entry"
+    given = [str(tmp_path / name / "speed.txt") for name in "abc"]
+    assert copied_value({"paths": given, "near": 2.0}, folder) == {
+        "paths": ["planner/speed.txt", "planner/other_2/speed.txt", "planner/speed.txt"],
+        "near": 2.0,
+    }
+    assert (folder / "planner" / "other_2" / "speed.txt").read_text() == "2"
+    assert copied_value(f"{tmp_path}/link.py:planner", folder) == "planner/mine.py:planner"
+    with pytest.raises(InputError, match="is a folder: an entry takes files that are named one by one"):
+        copied_value(str(tmp_path / "a"), folder)
+
+
+def test_a_network_is_entered_once(root, tmp_path):
+    (tmp_path / "card.toml").write_text(card())
+    board = read_board(root / "small")
+    for networks in ([{}], [{"weights": "cadrl-seed1"}, {"weights": "cadrl-seed1"}]):
+        wanted = Submission(board, "mine", "cadrl", {}, networks, tmp_path / "card.toml", "Ada")
+        with pytest.raises(InputError, match="two networks of the entry are the same"):
+            submit(wanted, root, tmp_path / "work")
 
 
 def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
@@ -186,7 +227,10 @@ def test_an_entry_that_came_later_takes_no_part(root, tmp_path):
 
 def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(root, tmp_path):
     board = write_board(root, text=BOARD.replace("cases = 10", "cases = 12"))
-    with pytest.raises(InputError, match=r"made for version 1 of the board small, whose rules are others now"):
+    with pytest.raises(
+        InputError,
+        match=r"made for other rules of the board small \(version 1, \w{12}\) than these \(version 1, \w{12}\)",
+    ):
         verify(entry_of(root), board, by="me", work=tmp_path)
     found = standings(board, read_entries(board, root), "first")
     assert [one.reason for one in found.others] == ["of version 1", "of version 1"]
@@ -244,7 +288,7 @@ def known(obs):
         ({"name": "My Planner"}, "'My Planner' cannot be an entry: its name must be 2 to 50 lower-case letters"),
         ({"name": "orca"}, "exists already: choose another name"),
         ({"planner": "nonesuch"}, "no planner is called 'nonesuch'"),
-        ({"by": " "}, "needs the name of who submits it"),
+        ({"by": " "}, "needs the name of who submits it: give --by"),
         ({"card": "missing.toml"}, "there is no card .*missing.toml, which says what the planner is"),
     ],
 )

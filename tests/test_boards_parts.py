@@ -76,7 +76,7 @@ def test_a_skeleton_keeps_its_contract_and_has_a_valid_card(tmp_path):
     compile((folder / "test_my_first.py").read_text(), "test", "exec")
     with pytest.raises(InputError, match="exists already"):
         write_skeleton("my_first", tmp_path)
-    for name in ("My", "7up", "a b", "../up"):
+    for name in ("My", "7up", "a b", "../up", "none", "true"):
         with pytest.raises(InputError, match="cannot be the name of a planner"):
             write_skeleton(name, tmp_path)
 

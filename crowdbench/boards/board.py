@@ -135,8 +135,8 @@ def find_board(name: str, root: Path = ROOT) -> Board:
     """A board by its name.
 
     Args:
-        name: Its name, or the path of its folder.
-        root: The folder of boards.
+        name: Its name.
+        root: The folder of boards. Where it does not have the board, that which ships is taken.
 
     Returns:
         The board.
@@ -144,12 +144,11 @@ def find_board(name: str, root: Path = ROOT) -> Board:
     Raises:
         InputError: There is none, or something in it is wrong.
     """
-    if "/" in name:
-        return read_board(Path(name))
-    if not (root / name / FILE).is_file():
-        known = ", ".join(board.name for board in read_boards(root))
-        raise InputError(f"no board is called {name!r}; there are {known}, or give the path of its folder")
-    return read_board(root / name)
+    for folder in (root, ROOT):
+        if name and "/" not in name and (folder / name / FILE).is_file():
+            return read_board(folder / name)
+    known = ", ".join(board.name for board in read_boards())
+    raise InputError(f"no board is called {name!r}; there are {known}, and those in {root}")
 
 
 def read_boards(root: Path = ROOT) -> list[Board]:

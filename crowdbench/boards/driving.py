@@ -75,7 +75,8 @@ class Entrant:
         """
         options = {name: _located(self.folder, value) for name, value in self.options.items()}
         spec = _located(self.folder, self.planner)
-        apart = IsolatedPlanner(spec, options, hidden=hidden, shown=[self.folder])
+        # Somewhere else, so that files which the entry lacks are missed.
+        apart = IsolatedPlanner(spec, options, hidden=hidden, shown=[self.folder], folder=Path("/"))
         with contextlib.closing(apart):
             yield apart
 

@@ -243,7 +243,10 @@ def _parsed(table: Any, path: Path) -> EntrySpec:
 
 def file_digests(directory: Path) -> dict[str, str]:
     """The sha256 of every file of an entry but `entry.json`, by its path in it."""
-    found = sorted(path for path in directory.rglob("*") if path.is_file() and path != directory / ENTRY)
+    found = sorted(path for path in directory.rglob("*") if not path.is_dir() and path != directory / ENTRY)
+    for path in found:
+        if path.is_symlink() or not path.is_file():
+            raise InputError(f"{path} is not a plain file: an entry holds nothing else")
     return {path.relative_to(directory).as_posix(): files.sha256(path) for path in found}
 
 

@@ -54,8 +54,8 @@ def _season(season: Season) -> str:
     spec = season.spec
     rehearsal = ", a rehearsal: its round was known before it closed" if spec.rehearsal else ""
     return (
-        f'\nSeason "{spec.name}"{rehearsal}. Entries were frozen on {spec.closes}; the seed of the cases follows from '
-        f"their digests and from round {spec.round} of drand.\n"
+        f'\nSeason "{spec.name}"{rehearsal}. It closes on {spec.closes}; the seed of the cases follows from '
+        f"the digests of all entries and from round {spec.round} of drand.\n"
     )
 
 

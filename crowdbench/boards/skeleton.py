@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import keyword
 from pathlib import Path
 
 from crowdbench.boards.entry import NAMES
@@ -69,7 +70,8 @@ def test_it_reaches_its_goal_where_nobody_is_in_the_way(tmp_path):
     assert json.loads(done.stdout)["metrics"]["success_rate"]["mean"] == 1.0
 '''
 
-CARD = """# What this planner is. `crowdbench submit` puts it into the entry; a field that is missing is an error.
+CARD = """# What this planner is. `crowdbench submit` puts it into the entry. `paper` and `code` may be missing, as may
+# `ablation = true`, for a variant that is shown beside another entry and has no rank. All other fields must be there.
 title = "{title}"
 authors = ["Your Name"]
 contact = "you@example.org"
@@ -100,8 +102,11 @@ def write_skeleton(name: str, out: Path) -> Path:
     Raises:
         InputError: The name cannot be one, or the folder exists already or cannot be written.
     """
-    if not NAMES.fullmatch(name) or not name[0].isalpha():
-        raise InputError(f"{name!r} cannot be the name of a planner: take lower-case letters, digits and underscores")
+    if not NAMES.fullmatch(name) or not name[0].isalpha() or keyword.iskeyword(name.capitalize()):
+        raise InputError(
+            f"{name!r} cannot be the name of a planner: take 2 to 50 lower-case letters, digits and underscores, a "
+            "letter first, and no word of Python"
+        )
     title = "".join(part.capitalize() for part in name.split("_"))
     folder = out / name
     if folder.exists():

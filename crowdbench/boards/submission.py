@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crowdbench import catalog, plugins
 from crowdbench.boards.board import Board
-from crowdbench.boards.driving import Entrant, InUse, Progress, drive, figures, locked, run_digest
+from crowdbench.boards.copying import check_size, copied_value
+from crowdbench.boards.driving import Entrant, InUse, Progress, drive, figures, locked, run_digest, timed
 from crowdbench.boards.entry import (
     CARD,
     NAMES,
@@ -33,9 +33,6 @@ from crowdbench.evaluate.wanted import versions
 from crowdbench.toml_file import Location, parsed, read_toml
 
 ENTRIES = "entries"
-
-LARGEST = 25e6
-"""Bytes that the files of a planner may have together: entries are kept in git."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ class Submission:
         if not NAMES.fullmatch(self.name):
             raise InputError(f"{self.name!r} cannot be an entry: {NAMING}")
         if not self.by.strip():
-            raise InputError("an entry needs the name of who submits it")
+            raise InputError("an entry needs the name of who submits it: give --by, or name the authors in the card")
 
 
 def submit(submission: Submission, root: Path, work: Path, progress: Progress | None = None) -> Entry:
@@ -92,11 +89,12 @@ def submit(submission: Submission, root: Path, work: Path, progress: Progress | 
             raise InUse(f"{directory} exists already: choose another name, or remove it")
         directory.parent.mkdir(parents=True, exist_ok=True)
         with new_directory(directory, overwrite=False) as folder:
-            entrant = _copied(submission, folder)
-            networks = [_copied_value(options, folder / PLANNER) for options in submission.networks]
+            entrant, networks = _copied(submission, folder)
             kept = work / f"{name}-{run_digest(board, entrant)}"
             drive(board, entrant, kept, cases=board.public_cases, seed=None, progress=progress)
             shutil.copytree(kept, folder / PUBLIC)
+            if (folder / PLANNER).exists():  # what is built in is known to be quick enough
+                timed(board, entrant, next(scenario for _, scenario in board.load(None)), [])
             write_entry(folder, _spec(submission, entrant, networks))
     shutil.rmtree(kept)
     return read_entry(directory)
@@ -109,7 +107,7 @@ def read_card(path: Path) -> CardSpec:
     return parsed(CardSpec, read_toml(path, "card"), Location(path.name))
 
 
-def _copied(submission: Submission, folder: Path) -> Entrant:
+def _copied(submission: Submission, folder: Path) -> tuple[Entrant, list[dict[str, Any]]]:
     """Copy the card, and the files of the planner and those that its options name, into the folder of an entry.
 
     Args:
@@ -117,56 +115,20 @@ def _copied(submission: Submission, folder: Path) -> Entrant:
         folder: The folder of the entry.
 
     Returns:
-        The planner as the entry has it.
+        The planner and the other networks, as the entry has them.
 
     Raises:
-        InputError: A file cannot be read, or they are too large.
+        InputError: A file cannot be read, they are too large, or a network is entered twice.
     """
     shutil.copyfile(submission.card, folder / CARD)
-    copies = folder / PLANNER
-    planner = _copy(submission.planner, copies) or submission.planner
+    planner = copied_value(submission.planner, folder)
     package_files(planner)  # refuses one that does not exist
-    options = {name: _copied_value(value, copies) for name, value in submission.options.items()}
-    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    if size > LARGEST:
-        raise InputError(f"the planner's files have {size / 1e6:.0f} MB, but an entry may have {LARGEST / 1e6:g} MB")
-    return Entrant(folder, planner, options)
-
-
-def _copied_value(value: Any, copies: Path) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _copied_value(each, copies) for name, each in value.items()}
-    if isinstance(value, list):
-        return [_copied_value(each, copies) for each in value]
-    return (_copy(value, copies) or value) if isinstance(value, str) else value
-
-
-def _copy(value: str, copies: Path) -> str | None:
-    """Copy the files that a planner or an option names, and return how the entry names them; None where it names none.
-
-    Args:
-        value: The planner, or the value of an option.
-        copies: The folder to copy into.
-    """
-    file, function = plugins.file_and_function(value)
-    path = file or Path(value)
-    try:
-        if not path.is_file():
-            return None
-        names = catalog.PLANNERS.files(value) if file else _beside(path)
-        for name in names:
-            target = copies / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(path.parent / name, target)  # with its permissions: it may be a program
-    except (OSError, ValueError) as error:
-        raise InputError(f"{value} cannot be copied: {getattr(error, 'strerror', None) or error}") from None
-    return f"{PLANNER}/{path.name}" + (f":{function}" if function else "")
-
-
-def _beside(path: Path) -> list[str]:
-    """The names of a file and, if these are weights, of their card."""
-    card = path.with_suffix(".json")
-    return [path.name, card.name] if path.suffix == ".safetensors" and card.is_file() else [path.name]
+    options = copied_value(submission.options, folder)
+    networks = [{**options, **copied_value(each, folder)} for each in submission.networks]
+    if any(one in (options, *networks[:index]) for index, one in enumerate(networks)):
+        raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
+    check_size(folder)
+    return Entrant(folder, planner, options), networks
 
 
 def _spec(submission: Submission, entrant: Entrant, networks: list[dict[str, Any]]) -> EntrySpec:

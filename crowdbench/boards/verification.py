@@ -147,8 +147,8 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
         raise InputError(f"{entry.directory} is an entry of the board {spec.board}, not of {board.name}")
     if spec.board_digest != board.digest:
         raise InputError(
-            f"{entry.directory} was made for version {spec.board_version} of the board {board.name}, whose rules are "
-            f"others now (version {board.spec.version}): submit it again"
+            f"{entry.directory} was made for other rules of the board {board.name} (version {spec.board_version}, "
+            f"{spec.board_digest[:12]}) than these (version {board.spec.version}, {board.digest[:12]}): submit it again"
         )
     if season is None:
         return
@@ -188,7 +188,8 @@ def _found(
 def _judged(entry: Entry, board: Board, kept: Path) -> tuple[Verdict, str]:
     """The verdict on an entry whose planner has driven, and why."""
     for name in made(board, kept):
-        if read_result(kept / name).get("planner_facts") != entry.spec.facts:
+        said = read_result(kept / name)
+        if (said.get("planner_facts"), said.get("privileged")) != (entry.spec.facts, entry.spec.privileged):
             return Verdict.REFUSED, f"{name}: the planner says other facts of itself than as entered"
     public, other = episodes(board, entry.directory / PUBLIC), episodes(board, kept)
     if doubts := unbelievable(public, {name: other[name] for name in public}):
@@ -213,10 +214,16 @@ def _differences(entry: Entry, board: Board, progress: Progress | None) -> Itera
             continue
         try:
             files = RunFiles.read(directory)
-            asked = {"cases": str(board.public_cases), "replan_every": board.replanning.every}
+            asked = {
+                "cases": str(board.public_cases),
+                "replan_every": board.replanning.every,
+                "options": entry.spec.options,
+                "privileged": entry.spec.privileged,
+                "planner_facts": entry.spec.facts,
+            }
             for key, value in {**asked, **board.replanning.settings}.items():
                 if files.result.get(key) != value:
-                    yield f"{scenario.name}: {key} is {files.result.get(key)!r}, but the board asks for {value!r}"
+                    yield f"{scenario.name}: {key} is {files.result.get(key)!r}, but must be {value!r}"
             found = replay(files, scenario, BOARD_METRICS, progress)
         except InputError as error:
             yield f"{scenario.name}: {error}"

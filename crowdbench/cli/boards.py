@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,9 +17,8 @@ from crowdbench.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.boards.shipped import Job
-    from crowdbench.boards.submission import Submission
 
-RootOption = Annotated[Path, typer.Option(help="The folder of boards.")]
+RootOption = Annotated[Path, typer.Option(help="The folder of boards and entries.")]
 WorkOption = Annotated[Path, typer.Option(help="Folder that keeps finished runs until an entry or a verdict is made.")]
 ROOT = Path("leaderboards")
 WORK = Path("runs/boards")
@@ -48,7 +48,7 @@ def submit(
     planner: Annotated[
         str, typer.Argument(help="Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.")
     ],
-    board: Annotated[str, typer.Option(help="The name of a board, or its folder.")],
+    board: Annotated[str, typer.Option(help="The name of a board: one in the folder of boards, or one that ships.")],
     card: Annotated[
         Path | None,
         typer.Option(help="The card that says what the planner is.", show_default="card.toml beside the planner"),
@@ -71,20 +71,30 @@ def submit(
     from crowdbench.boards.board import find_board
     from crowdbench.boards.submission import Submission, read_card
     from crowdbench.boards.submission import submit as make
+    from crowdbench.catalog import PLANNERS
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.isolation.planner import called
+    from crowdbench.plugins import file_and_function, program
 
-    asked = find_board(board)
+    asked = find_board(board, root)
     options = assignments(option or [], "--option")
+    if Path(planner).is_dir():
+        raise InputError(f"{planner} is a folder: name the file of the planner")
+    if file_and_function(planner)[0] is None and program(planner) is None:
+        PLANNERS.find(planner)
     card = card or Path(planner).parent / "card.toml"
     submitter = by or read_card(card).authors[0]
     networks = [assignments([each], "--network") for each in network or []]
     wanted = Submission(asked, name or called(planner), planner, options, networks, card, submitter)
     announce_compilation()
-    _check(wanted)
+    if file_and_function(planner)[0] is not None:
+        say("checking the contract")
+        _check(planner, option or [])
     cases = len(asked.public_cases) * len(asked.scenarios)
-    with progress(cases, f"of {cases} public cases") as tell:
+    with _interrupts_told(work), progress(cases, f"of {cases} public cases") as tell:
         entry = make(wanted, root, work, tell)
+    if entry.spec.privileged:
+        say("the planner is privileged: it is shown, and has no rank")
     for scenario, metrics in entry.spec.reported.items():
         say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {asked.spec.public_cases} cases")
     say(
@@ -94,27 +104,17 @@ def submit(
     )
 
 
-def _check(wanted: Submission) -> None:
-    """Refuse a planner that breaks its contract. One that is a program, or built in, is not loaded here."""
-    from crowdbench import catalog, plugins
-    from crowdbench.evaluate.check import check_planner
-    from crowdbench.scenario.cases import Cases
-    from crowdbench.settings import DECISION_LIMIT
+def _check(planner: str, options: Sequence[str]) -> None:
+    """Refuse a planner that breaks its contract. In a process of its own, which it may end."""
+    import subprocess
 
-    if plugins.file_and_function(wanted.planner)[0] is None:
-        return
-    name, _ = catalog.load_planner(wanted.planner, wanted.options)
-    scenario = next(scenario for _, scenario in wanted.board.load(None))
-    points = check_planner(
-        lambda: catalog.load_planner(wanted.planner, wanted.options)[1],
-        name,
-        scenario,
-        Cases("val", 0, 20),
-        DECISION_LIMIT,
+    given = [word for each in options for word in ("--option", each)]
+    found = subprocess.run(
+        [sys.executable, "-m", "crowdbench", "check", planner, *given], capture_output=True, text=True, errors="replace"
     )
-    for point in points:
-        if point.kept is False:
-            raise InputError(f"planner {name} breaks its contract: {point.name}: {point.seen}")
+    if found.returncode != 0:
+        print(found.stdout or found.stderr, end="")
+        raise InputError(f"planner {planner} breaks its contract: see above")
 
 
 def verify(
@@ -142,20 +142,23 @@ def verify(
         raise InputError("--cases does not go with --season, whose cases the board says")
     if season and not by:
         raise InputError("--season records who has verified the entry: give --by")
+    entry = entry.resolve()
+    if work.resolve().is_relative_to(entry):
+        raise InputError(f"--work {work} lies in the entry: give another folder")
     found = read_entry(entry)
-    folder = entry.resolve().parent.parent
+    folder = entry.parent.parent
     board = read_board(folder) if (folder / FILE).exists() else find_board(found.spec.board)
     announce_compilation()
     driven = Cases("test", 0, cases) if cases else board.cases
     total = cases_of(found, board, driven)
-    with progress(total, f"of {total} cases") as tell:
+    with _interrupts_told(work), progress(total, f"of {total} cases") as tell:
         asked = read_season(folder.parent) if season else None
         result = find(found, board, by=by, work=work, season=asked, cases=driven, progress=tell)
     if as_json:
         print(json.dumps(result.model_dump(mode="json"), indent=2))
     else:
-        who = f" by {result.by}" if result.by else ""
-        print(f"{found.name} on {board.name}: {result.verdict}{who} on seed {result.seed}: {result.reason}")
+        where = f" on seed {result.seed}" if result.figures else ""
+        print(f"{found.name} on {board.name}: {result.verdict}{where}: {result.reason}")
         for scenario, metrics in result.figures.items():
             reported = found.spec.reported.get(scenario, {}).get("success_rate")
             print(
@@ -165,10 +168,27 @@ def verify(
         if result.decision_time:
             speed = result.decision_time
             timely = "real-time" if speed.is_real_time else "slower than real time"
-            print(f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms, {timely}")
+            print(
+                f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms here, "
+                f"{speed.calibrated_p99_ms:.1f} ms on the machine of reference, {timely}"
+            )
+        if found.spec.privileged:
+            print("The planner is privileged: it is shown, and has no rank.")
         print("This does not tell whether the planner knew more than a vehicle can see while it was trained.")
     if result.verdict != Verdict.RERUN:
         raise typer.Exit(1)
+
+
+@contextlib.contextmanager
+def _interrupts_told(work: Path) -> Iterator[None]:
+    """Says what is kept after an interrupt, and exits."""
+    from crowdbench.cli.console import say
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        say(f"crowdbench: interrupted: finished scenarios are kept in {work}, with which the same command goes on")
+        sys.exit(INTERRUPTED)
 
 
 @app.command()

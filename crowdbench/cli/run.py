@@ -158,6 +158,7 @@ def merge(
 ) -> None:
     """Make one run of several, whose cases follow each other."""
     from crowdbench import catalog
+    from crowdbench.cli.console import say
     from crowdbench.evaluate import merge as merging
     from crowdbench.evaluate import parts
     from crowdbench.evaluate.results import planner_label, replanning_of
@@ -166,6 +167,8 @@ def merge(
     is_whole = True
     if all((run / parts.REQUEST).exists() for run in runs):
         runs, is_whole = parts.finished(runs)
+        if not is_whole:
+            say("crowdbench: parts are missing: what is merged ends before the first of them")
     result = merging.merge(runs, out, overwrite, interrupted=not is_whole)
     if as_json:
         print(json.dumps(result, indent=2))

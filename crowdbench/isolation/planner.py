@@ -68,6 +68,7 @@ class IsolatedPlanner(Planner):
         limits: What it may take.
         hidden: Folders that it must not read: see `crowdbench.isolation.sandbox`.
         shown: Folders inside those that it may read all the same.
+        folder: Its working directory; the present one if None.
 
     Raises:
         InputError: The planner cannot be made, or takes longer or more memory than it may.
@@ -81,11 +82,12 @@ class IsolatedPlanner(Planner):
         *,
         hidden: Iterable[Path] = (),
         shown: Iterable[Path] = (),
+        folder: Path | None = None,
     ) -> None:
         self.name = called(spec)
         self.limits = limits
         self.usage: dict[str, Any] = {"level": sandbox.level()}
-        self.process = Process(sandbox.command(plugins.program(spec), hidden, shown), limits.memory)
+        self.process = Process(sandbox.command(plugins.program(spec), hidden, shown, folder), limits.memory, folder)
         try:
             says = self._start(spec, options)
         except BaseException:

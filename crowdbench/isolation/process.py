@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import psutil
 
@@ -35,6 +36,7 @@ class Process:
     Args:
         command: What is started.
         most_memory: Bytes that it may take, with the processes which it starts.
+        folder: Its working directory; the present one if None.
 
     Attributes:
         seconds: Time in which it was waited for, so far.
@@ -44,7 +46,7 @@ class Process:
         InputError: This operating system has no such pipes, or the process cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], most_memory: float) -> None:
+    def __init__(self, command: Sequence[str], most_memory: float, folder: Path | None = None) -> None:
         if not hasattr(select, "poll"):
             raise InputError(f"a planner cannot be isolated on {sys.platform}: this takes Linux or macOS")
         self.most_memory = most_memory
@@ -53,7 +55,7 @@ class Process:
         self._looked = 0.0
         # In a session of its own, so that Ctrl-C at a terminal reaches the parent alone, which then ends it.
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True, cwd=folder
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
