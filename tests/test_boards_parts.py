@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from boards import card, write_board
 
+from crowdbench.boards import method
 from crowdbench.boards.believable import ALPHA, p_value, unbelievable
 from crowdbench.boards.decision_time import KERNEL, decision_time
 from crowdbench.boards.ranking import CRITERIA
@@ -134,3 +135,10 @@ def test_a_scenario_that_is_missing_counts_as_nothing(tmp_path):
     assert (found.mean, found.high) == (0.5, 0.5)
     assert found.low == pytest.approx(0.5 - np.hypot(0.025, 0.025))
     assert np.isnan(over_board(board, [perfect, perfect, Estimate(np.nan, np.nan, np.nan, 0, np.nan)]).mean)
+
+
+@pytest.mark.parametrize("shares", [np.ones((5, 250)), np.random.default_rng(0).random((5, 250)) < 0.97])
+def test_the_interval_of_a_method_has_a_width_and_ends_at_1(shares):
+    found = method._range(np.array(shares, float))
+    assert 0.0 < found.low < found.mean <= found.high <= 1.0
+    assert found.high - found.low > 0.004

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.driving import Entrant, Progress, drive, episodes
 from crowdbench.boards.entry import Method, Range
 from crowdbench.boards.ranking import CRITERIA
+from crowdbench.evaluate.summary import wilson
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.intervals import mean_over_networks
 
@@ -77,6 +79,13 @@ def measured(
     found = {}
     for metric in CRITERIA:
         values = np.array([run[metric][: len(cases)] for run in runs], float)
-        estimate = mean_over_networks(values)
-        found[metric] = Range(mean=estimate.mean, low=estimate.low, high=estimate.high)
+        found[metric] = _range(values)
     return Method(networks=len(folders), cases=len(cases), metrics=found)
+
+
+def _range(values: Float[np.ndarray, "network case"]) -> Range:
+    """The mean of shares over networks, with its interval within 0 and 1."""
+    # Where neither networks nor cases differ, which is no certainty, it is Wilson's for the cases of one network.
+    is_one = (values == values[0, 0]).all()
+    estimate = wilson(values[0].astype(bool)) if is_one else mean_over_networks(values)
+    return Range(mean=estimate.mean, low=max(estimate.low, 0.0), high=min(estimate.high, 1.0))
