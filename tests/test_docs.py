@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import shutil
 import sys
 import tomllib
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import crowdbench
+from crowdbench.boards.markdown import write_readme
 from crowdbench.cli import app
 from crowdbench.plugins import load_module
 
@@ -156,3 +158,17 @@ def test_the_citation_file_has_the_version_of_the_project():
     citation = (ROOT / "CITATION.cff").read_text()
     assert re.findall(r"^version: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["version"]]
     assert re.findall(r"^license: (.+)$", citation, re.MULTILINE) == [PROJECT["project"]["license"]]
+
+
+def test_the_readme_shows_the_board_as_it_is():
+    section = (ROOT / "README.md").read_text().split("## Leaderboards")[1].split("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| ")]
+    board = (ROOT / "leaderboards" / "README.md").read_text().split("## Five pedestrians")[1].split("\n## ")[0]
+    assert len(rows) > 3
+    assert set(rows) <= set(board.splitlines())
+
+
+def test_the_standings_in_leaderboards_are_those_of_its_entries(tmp_path):
+    shutil.copytree(ROOT / "leaderboards", tmp_path / "leaderboards")
+    written = write_readme(tmp_path / "leaderboards").read_text()
+    assert written == (ROOT / "leaderboards" / "README.md").read_text()
