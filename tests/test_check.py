@@ -228,6 +228,7 @@ def test_what_cannot_be_examined_is_said():
     assert points["speed"].seen == "not examined: the planner returned no array of velocities"
 
 
+@pytest.mark.slow
 def test_several_offences_are_all_found():
     def answer(obs):
         meddle(obs, None)

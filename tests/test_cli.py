@@ -66,6 +66,7 @@ def test_a_run_leaves_a_table_a_result_its_episodes_and_a_recording(tmp_path):
         assert estimate == pytest.approx(result["metrics"][name], abs=1e-9, nan_ok=True), name
 
 
+@pytest.mark.slow
 def test_a_partial_recording_gives_its_cases_and_no_rates(tmp_path):
     crowdbench("run", "--planner", "orca", "--cases", "15:40", "--out", "run")
     scored = json.loads(crowdbench("score", "run", "--json").stdout)
@@ -184,6 +185,7 @@ def test_check_tells_by_its_exit_status(tmp_path):
     assert "took longer" in " ".join(bad.stdout.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
     (tmp_path / "slow.py").write_text(SLOW_PLANNER)
@@ -207,6 +209,7 @@ def test_an_interrupted_run_keeps_its_finished_batches(tmp_path, number):
     assert json.loads((tmp_path / "some" / "result.json").read_text())["cases"] == "test:0:10"
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_nothing_under_its_name(tmp_path):
     (tmp_path / "slow.py").write_text(SLOW_PLANNER)
     process = subprocess.Popen(
@@ -236,6 +239,7 @@ def test_the_command_line_starts_without_what_it_does_not_need():
     assert "left out: True" in subprocess.check_output([sys.executable, "-c", code], text=True)
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
     if os.geteuid() != 0:
         pytest.skip("needs root to mount a small disk")

@@ -330,6 +330,7 @@ def test_several_predictors_share_a_table():
     assert [line.split()[:4] for line in lines[4:6]] == [["best", "of", "20", "together"], ["best", "of", "20", "each"]]
 
 
+@pytest.mark.slow
 def test_one_predictor_of_several_modes_has_a_section_for_each_choice(tmp_path):
     rows = [(10 * t, p, 0.5 * t, p) for p in range(2) for t in range(20)]
     (tmp_path / "street.txt").write_text("\n".join("\t".join(map(str, row)) for row in rows))

@@ -24,6 +24,9 @@ from crowdbench.isolation.planner import IsolatedPlanner, Limits, called
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 
+pytestmark = pytest.mark.slow
+
+
 SCENARIO = "circle_crossing_5"
 
 HEADER = """\
@@ -196,7 +199,6 @@ def test_a_planner_that_cannot_be_made_is_refused(mine):
         drive(driver)
 
 
-@pytest.mark.slow
 def test_a_planner_that_hangs_is_killed(mine):
     short = Limits(decision=0.5)
     too_long = r"^planner mine took longer than "
@@ -210,7 +212,6 @@ def test_a_planner_that_hangs_is_killed(mine):
         IsolatedPlanner(mine("import time; time.sleep(99)"), {}, Limits(construction=2.0))
 
 
-@pytest.mark.slow
 def test_a_planner_that_takes_too_much_memory_is_killed(mine):
     hoards = "self.hoard = [np.ones(10_000_000) for _ in range(50)]\ntime.sleep(99)"
     with driven(mine(body(hoards)), limits=Limits(memory=1e9)) as driver:
@@ -219,7 +220,6 @@ def test_a_planner_that_takes_too_much_memory_is_killed(mine):
         assert driver.planner.process.memory > 1e9
 
 
-@pytest.mark.slow
 def test_nothing_that_a_planner_has_started_outlives_it(mine):
     forks = "import subprocess, sys\nsubprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])"
     with driven(mine(forks)) as driver:
@@ -231,7 +231,6 @@ def test_nothing_that_a_planner_has_started_outlives_it(mine):
     assert not [process for process in everybody if process.is_running() and process.status() != "zombie"]
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
 def test_a_planner_ends_with_its_parent(mine):
     spec = mine("while True:\n    pass")

@@ -217,6 +217,7 @@ def test_runs_that_do_not_fit_together_are_refused(tmp_path):
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.slow
 def test_the_command_line_merges_what_an_interrupt_has_kept(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         go(tmp_path / "a", planner=Stops(2), batch=4)

@@ -93,6 +93,7 @@ def test_another_seed_is_another_network(tmp_path):
     assert digests[0] != digests[1]
 
 
+@pytest.mark.slow
 def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     running = TrainingRun.new(REQUEST, tmp_path / "run", "cpu")
     running.train(ignore)
