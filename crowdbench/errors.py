@@ -16,6 +16,10 @@ class InputError(ValueError):
     """Something the user gave is wrong. The message is one sentence: what, where, and what would be right."""
 
 
+class NotWritten(InputError):
+    """A file or folder cannot be written: a fault of the machine, or of a name, never of a plug-in."""
+
+
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C or SIGTERM has arrived. Only crowdbench's own handlers raise it, never a plug-in."""
 

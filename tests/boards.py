@@ -33,6 +33,7 @@ name = "first"
 closes = 2027-01-31
 round = 5000000
 randomness = "{"ab" * 32}"
+rehearsal = true
 """
 
 

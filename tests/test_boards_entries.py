@@ -1,3 +1,4 @@
+import errno
 import json
 import re
 import shutil
@@ -9,11 +10,10 @@ from crowdbench.boards.board import find_board, read_board, read_boards
 from crowdbench.boards.copying import copied_value
 from crowdbench.boards.entry import Verdict, read_entry
 from crowdbench.boards.markdown import write_readme
-from crowdbench.boards.season import freeze, read_season
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, NotWritten
 from crowdbench.evaluate.seal import MANIFEST
 from crowdbench.files import sha256
 from crowdbench.isolation import sandbox
@@ -179,6 +179,18 @@ def test_an_entry_that_says_what_its_runs_do_not_is_not_reproduced(root, tmp_pat
     assert re.match(f"circle_crossing_5: (planner_)?{key} is ", found.reason)
 
 
+@pytest.mark.parametrize("named", ["{}/evil.py", "{}/evil.py:planner", "nonesuch"])
+def test_a_planner_outside_its_entry_is_never_loaded(root, tmp_path, named):
+    (tmp_path / "evil.py").write_text(f"open({str(tmp_path / 'loaded')!r}, 'w')\n")
+    folder = root / "small" / "entries" / "orca"
+    table = json.loads((folder / "entry.json").read_text())
+    (folder / "entry.json").write_text(json.dumps(table | {"planner": named.format(tmp_path)}))
+    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.REFUSED
+    assert found.reason.startswith("no planner that is built in or installed is called ")
+    assert not (tmp_path / "loaded").exists()
+
+
 def test_files_of_the_same_name_are_kept_apart(tmp_path):
     (tmp_path / "mine.py").write_text(CHEAT + "def known(obs):\n    return np.ones(8, bool)\n")
     for name, text in {"a": "1", "b": "2", "c": "1"}.items():
@@ -197,6 +209,37 @@ def test_files_of_the_same_name_are_kept_apart(tmp_path):
         copied_value(str(tmp_path / "a"), folder)
 
 
+TWO_SCENARIOS = BOARD.replace('"circle_crossing_5"', '"circle_crossing_10", "circle_crossing_5"')
+
+
+def test_a_scenario_that_a_planner_cannot_drive_is_told_and_counts_nothing(tmp_path, monkeypatch):
+    monkeypatch.undo()  # decisions are timed in the scenario that it can drive
+    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    board = write_board(tmp_path / "boards", text=TWO_SCENARIOS)
+    (tmp_path / "cheat.py").write_text(
+        CHEAT
+        + "def known(obs):\n    return np.ones(len(obs.row), bool) if obs.pedestrians.seen.shape[1] == 5 else None\n"
+    )
+    (tmp_path / "card.toml").write_text(card())
+    wanted = Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml", "Eve")
+    entry, failed = submit(wanted, tmp_path / "boards", tmp_path / "work")
+    assert list(failed) == ["circle_crossing_10"]
+    assert "raised TypeError" in failed["circle_crossing_10"]
+    assert list(entry.spec.reported) == ["circle_crossing_5"]
+    found = verify(entry, board, by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN
+    assert found.decision_time is not None
+
+
+def test_a_full_disk_is_not_the_planners_fault(root, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("crowdbench.evaluate.wanted.seal", full)
+    with pytest.raises(NotWritten, match="cannot be written: No space left on device"):
+        verify(entry_of(root), read_board(root / "small"), by="", work=tmp_path / "work")
+
+
 def test_a_network_is_entered_once(root, tmp_path):
     (tmp_path / "card.toml").write_text(card())
     board = read_board(root / "small")
@@ -204,25 +247,6 @@ def test_a_network_is_entered_once(root, tmp_path):
         wanted = Submission(board, "mine", "cadrl", {}, networks, tmp_path / "card.toml", "Ada")
         with pytest.raises(InputError, match="two networks of the entry are the same"):
             submit(wanted, root, tmp_path / "work")
-
-
-def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
-    before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
-    found = verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
-    assert found.verdict == Verdict.RERUN
-    assert (root / "small" / "entries" / "careful" / "entry.json").read_bytes() == before
-
-
-def test_an_entry_is_verified_once_in_a_season(root, tmp_path):
-    with pytest.raises(InputError, match="was verified in the season first before, which is done once"):
-        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path, season=read_season(root))
-
-
-def test_an_entry_that_came_later_takes_no_part(root, tmp_path):
-    (root / "frozen.json").write_text(json.dumps({"season": "first", "entries": {"small": {"orca": "0" * 64}}}))
-    with pytest.raises(InputError, match="takes no part in the season first"):
-        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path, season=read_season(root))
 
 
 def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(root, tmp_path):
@@ -239,9 +263,8 @@ def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(roo
 def submit_cheat(root, tmp_path, known, board):
     (tmp_path / "cheat.py").write_text(CHEAT + known)
     (tmp_path / "card.toml").write_text(card())
-    return submit(
-        Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml", "Eve"), root, tmp_path
-    )
+    wanted = Submission(board, "cheat", str(tmp_path / "cheat.py"), {}, [], tmp_path / "card.toml", "Eve")
+    return submit(wanted, root, tmp_path)[0]
 
 
 def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
@@ -287,7 +310,7 @@ def known(obs):
     [
         ({"name": "My Planner"}, "'My Planner' cannot be an entry: its name must be 2 to 50 lower-case letters"),
         ({"name": "orca"}, "exists already: choose another name"),
-        ({"planner": "nonesuch"}, "no planner is called 'nonesuch'"),
+        ({"planner": "nonesuch"}, "no planner that is built in or installed is called 'nonesuch'"),
         ({"by": " "}, "needs the name of who submits it: give --by"),
         ({"card": "missing.toml"}, "there is no card .*missing.toml, which says what the planner is"),
     ],
@@ -321,26 +344,6 @@ def test_no_more_than_two_entries_of_a_submitter_are_ranked(root):
     found = standings(board, read_entries(board, root), "first")
     assert sorted(one.entry.name for one in found.ranked) == ["careful", "orca", "second"]
     assert [(one.entry.name, one.reason) for one in found.others] == [("third", "more than 2 of one submitter")]
-
-
-def test_the_seed_of_a_season_needs_frozen_entries_and_the_round(root):
-    season = read_season(root)
-    seed = season.seed("small")
-    assert 0 <= seed < 2**63
-    frozen = json.loads((root / "frozen.json").read_text())
-    frozen["entries"]["small"]["orca"] = "0" * 64
-    (root / "frozen.json").write_text(json.dumps(frozen))
-    assert read_season(root).seed("small") != seed
-    freeze(root, "small", {"a": "0" * 64})  # too late
-    assert json.loads((root / "frozen.json").read_text()) == frozen
-    with pytest.raises(InputError, match="has no entries to freeze"):
-        freeze(root, "other", {})
-    (root / "season.toml").write_text((root / "season.toml").read_text().replace("ab" * 32, ""))
-    with pytest.raises(InputError, match="does not say the randomness of round 5000000"):
-        read_season(root).seed("small")
-    (root / "frozen.json").unlink()
-    with pytest.raises(InputError, match="the entries of small are not frozen yet"):
-        read_season(root).seed("small")
 
 
 def test_the_readme_has_the_standings(root):

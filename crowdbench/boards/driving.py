@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +17,11 @@ from crowdbench import plugins
 from crowdbench.boards.board import Board
 from crowdbench.boards.decision_time import decision_time
 from crowdbench.boards.entry import PLANNER, DecisionTime, Figures, file_digests
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, NotWritten
 from crowdbench.evaluate import run as runs
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.parts import is_made
+from crowdbench.evaluate.parts import ENDING, is_made
 from crowdbench.evaluate.results import EPISODES, Episodes, read_result
 from crowdbench.evaluate.seal import code
 from crowdbench.isolation.planner import IsolatedPlanner
@@ -41,6 +42,9 @@ SHOWN = (
 """The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
 
 BOARD_METRICS = {name: METRICS[name] for name in SHOWN}
+
+NO_RUNS = shutil.ignore_patterns("networks", f"*{ENDING}*")
+"""What lies beside the finished runs of an entry: those of other networks, and parts of unfinished runs."""
 
 Progress = Callable[[float], None]
 
@@ -121,7 +125,8 @@ def drive(
         Scenarios that have no run, because the planner breaks its contract or a limit in them, with the reason.
 
     Raises:
-        InputError: This is so in all scenarios, or `out` cannot be written.
+        InputError: This is so in all scenarios.
+        NotWritten: `out` cannot be written, which is not the planner's fault.
         KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
     """
     failed: dict[str, InputError] = {}
@@ -134,8 +139,11 @@ def drive(
         try:
             with entrant.started([*hidden, out]) as planner:
                 _run(board, entrant, planner, scenario, cases, directory, seed, progress)
+        except NotWritten:
+            raise
         except InputError as error:
-            failed[scenario.name] = error
+            # Without what is kept of other batches, of which nothing comes: this planner would fail again.
+            failed[scenario.name] = error.__cause__ if isinstance(error.__cause__, InputError) else error
     if len(failed) == len(board.scenarios):
         raise next(iter(failed.values()))
     return {name: str(error) for name, error in failed.items()}
@@ -165,14 +173,15 @@ def _run(
     )
 
 
-def run_digest(board: Board, entrant: Entrant) -> str:
+def run_digest(board: Board, entrant: Entrant, package_files: Mapping[str, str]) -> str:
     """Twelve hexadecimal digits that change with all that the runs of an entry depend on, but for their seed.
 
     Args:
         board: The board.
         entrant: The planner.
+        package_files: The files of a planner that is built in or installed.
     """
-    files = file_digests(entrant.folder / PLANNER)
+    files = [file_digests(entrant.folder / PLANNER), dict(package_files)]
     text = json.dumps([board.digest, entrant.planner, entrant.options, files, code()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -195,18 +204,20 @@ def locked(kept: Path) -> Iterator[None]:
         raise InUse(f"another process is making the runs of {kept}") from None
 
 
-def timed(board: Board, entrant: Entrant, scenario: Scenario, hidden: Sequence[Path]) -> DecisionTime:
-    """Time the decisions of an entry's planner.
+def timed(board: Board, entrant: Entrant, out: Path, hidden: Sequence[Path]) -> DecisionTime:
+    """Time the decisions of an entry's planner, in the first scenario that it can drive.
 
     Args:
         board: The board.
         entrant: The planner.
-        scenario: One of the board's scenarios.
+        out: The folder of its runs.
         hidden: Folders that the planner must not read.
 
     Raises:
         InputError: The planner breaks its contract or a limit.
     """
+    first = made(board, out)[0]
+    scenario = next(scenario for each, scenario in board.load(None) if each.name == first)
     with entrant.started(hidden) as planner:
         planner.process.pin()
         return decision_time(planner, planner.name, scenario, board.replanning)

@@ -23,9 +23,10 @@ means.
 
 A rank is 1 plus the number of entries that are significantly better (paired by case, all pairs of a board tested
 together by Holm's method); in brackets are the ranks that the data allow. Success and SCT (success weighted by
-completion time) have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world on one
-core. "method" is the mean success over networks that were trained with other seeds, with an interval for other networks
-and other cases. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+completion time) have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world, on one
+core of the machine of reference. "method" is the mean success over networks that were trained with other seeds, with an
+interval for other networks and other cases. An asterisk marks the Pareto set: no ranked entry succeeds more often and
+is quicker.
 """
 
 

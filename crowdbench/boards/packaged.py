@@ -6,6 +6,7 @@ import importlib.metadata
 
 from crowdbench import catalog
 from crowdbench.boards.entry import PLANNER, EntrySpec
+from crowdbench.errors import InputError
 
 
 def package(planner: str) -> str:
@@ -16,7 +17,7 @@ def package(planner: str) -> str:
     """
     if _is_in_entry(planner):
         return ""
-    for entry in importlib.metadata.entry_points(group=catalog.PLANNERS.entry_points):
+    for entry in _installed():
         if entry.name == planner and entry.dist is not None:
             return f"{entry.dist.name}=={entry.dist.version}"
     return f"crowdbench=={importlib.metadata.version('crowdbench')}"
@@ -29,11 +30,13 @@ def package_files(planner: str) -> dict[str, str]:
         planner: The planner as its entry names it.
 
     Raises:
-        InputError: It is not installed.
+        InputError: There is none of that name. It is not loaded: an entry may name anything.
     """
     if _is_in_entry(planner):
         return {}
-    catalog.PLANNERS.find(planner)
+    built_in = [path.stem for path in catalog.PLANNERS.folder.glob("*.py")]
+    if planner not in built_in and all(planner != entry.name for entry in _installed()):
+        raise InputError(f"no planner that is built in or installed is called {planner!r}")
     return catalog.PLANNERS.files(planner)
 
 
@@ -44,13 +47,17 @@ def changed(spec: EntrySpec) -> str:
         spec: The entry.
 
     Raises:
-        InputError: The planner is not installed.
+        InputError: There is no such planner.
     """
     if (here := package(spec.planner)) != spec.package:
         return f"the planner is of {spec.package}, but {here} is installed"
     if package_files(spec.planner) != spec.package_files:
         return f"the files of the planner {spec.planner} are others than those that were entered"
     return ""
+
+
+def _installed() -> importlib.metadata.EntryPoints:
+    return importlib.metadata.entry_points(group=catalog.PLANNERS.entry_points)
 
 
 def _is_in_entry(planner: str) -> bool:

@@ -1,11 +1,12 @@
 """A season: entries are frozen, and a public beacon that comes later says which cases they drive.
 
 Nobody can know the cases before the round of the beacon, and nobody can choose them: the seed follows from what the
-round publishes and from the digests of all entries.
+round publishes and from the digests of all entries. So entries are frozen before the round is known.
 """
 
 from __future__ import annotations
 
+import datetime
 import hashlib
 import json
 from collections.abc import Mapping
@@ -24,6 +25,10 @@ Frozen = Mapping[str, Mapping[str, str]]
 """By board and entry, the entry's digest."""
 
 
+class TooEarly(InputError):
+    """The season is not as far yet."""
+
+
 @dataclass(frozen=True)
 class Season:
     """The present season.
@@ -39,14 +44,14 @@ class Season:
     def seed(self, board: str) -> int:
         """The seed of the cases of a board, of 63 bits.
 
-        Raises InputError where entries are not frozen yet, or the randomness of the round is not known.
+        Raises TooEarly where entries are not frozen yet, or the randomness of the round is not known.
         """
         if board not in self.frozen:
-            raise InputError(f"the entries of {board} are not frozen yet: {FROZEN} does not list them")
+            raise TooEarly(f"the entries of {board} are not frozen yet: {FROZEN} does not list them")
         if not self.spec.randomness:
-            raise InputError(
-                f"{SEASON} does not say the randomness of round {self.spec.round} yet: fetch it from drand after "
-                f"{self.spec.closes} and write it there"
+            raise TooEarly(
+                f"{SEASON} does not say the randomness of round {self.spec.round} yet: fetch it from drand and write "
+                "it there, now that entries are frozen"
             )
         text = "\n".join([*sorted(self.frozen[board].values()), self.spec.randomness])
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
@@ -104,11 +109,20 @@ def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
         The season.
 
     Raises:
-        InputError: There is no entry.
+        TooEarly: The season has not closed yet.
+        InputError: There is no entry, or the randomness is known already, with which entries could be chosen.
     """
     season = read_season(root)
     if board in season.frozen:
         return season
+    spec = season.spec
+    if not spec.rehearsal and datetime.datetime.now(datetime.UTC).date() <= spec.closes:
+        raise TooEarly(f"the season {spec.name} is open until {spec.closes}: its entries are frozen on a later day")
+    if not spec.rehearsal and spec.randomness:
+        raise InputError(
+            f"{SEASON} has the randomness of round {spec.round} already, but the entries of {board} must be frozen "
+            "before anybody knows it: name a later round, without its randomness"
+        )
     if not entries:
         raise InputError(f"the board {board} has no entries to freeze")
     frozen = {**season.frozen, board: dict(entries)}

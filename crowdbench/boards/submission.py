@@ -10,7 +10,7 @@ from typing import Any
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.copying import check_size, copied_value
-from crowdbench.boards.driving import Entrant, InUse, Progress, drive, figures, locked, run_digest, timed
+from crowdbench.boards.driving import NO_RUNS, Entrant, InUse, Progress, drive, figures, locked, made, run_digest, timed
 from crowdbench.boards.entry import (
     CARD,
     NAMES,
@@ -64,7 +64,9 @@ class Submission:
             raise InputError("an entry needs the name of who submits it: give --by, or name the authors in the card")
 
 
-def submit(submission: Submission, root: Path, work: Path, progress: Progress | None = None) -> Entry:
+def submit(
+    submission: Submission, root: Path, work: Path, progress: Progress | None = None
+) -> tuple[Entry, dict[str, str]]:
     """Make an entry.
 
     Args:
@@ -74,7 +76,7 @@ def submit(submission: Submission, root: Path, work: Path, progress: Progress | 
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
-        The entry.
+        The entry, and the scenarios that its planner cannot drive, with the reason.
 
     Raises:
         InputError: The entry exists, the card is wrong, or the planner cannot be loaded or breaks its contract.
@@ -90,14 +92,14 @@ def submit(submission: Submission, root: Path, work: Path, progress: Progress | 
         directory.parent.mkdir(parents=True, exist_ok=True)
         with new_directory(directory, overwrite=False) as folder:
             entrant, networks = _copied(submission, folder)
-            kept = work / f"{name}-{run_digest(board, entrant)}"
-            drive(board, entrant, kept, cases=board.public_cases, seed=None, progress=progress)
-            shutil.copytree(kept, folder / PUBLIC)
+            kept = work / f"{name}-{run_digest(board, entrant, package_files(entrant.planner))}"
+            failed = drive(board, entrant, kept, cases=board.public_cases, seed=None, progress=progress)
+            shutil.copytree(kept, folder / PUBLIC, ignore=NO_RUNS)
             if (folder / PLANNER).exists():  # what is built in is known to be quick enough
-                timed(board, entrant, next(scenario for _, scenario in board.load(None)), [])
+                timed(board, entrant, folder / PUBLIC, [])
             write_entry(folder, _spec(submission, entrant, networks))
     shutil.rmtree(kept)
-    return read_entry(directory)
+    return read_entry(directory), failed
 
 
 def read_card(path: Path) -> CardSpec:
@@ -140,7 +142,7 @@ def _spec(submission: Submission, entrant: Entrant, networks: list[dict[str, Any
         networks: The other networks as the entry has them.
     """
     board, folder = submission.board, entrant.folder
-    first = read_result(folder / PUBLIC / board.scenarios[0].name)
+    first = read_result(folder / PUBLIC / made(board, folder / PUBLIC)[0])
     return EntrySpec(
         format=SCHEMA,
         board=board.name,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import datetime
 import secrets
 import shutil
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from crowdbench.boards.believable import unbelievable
 from crowdbench.boards.board import FILE, ROOT, Board
 from crowdbench.boards.driving import (
     BOARD_METRICS,
+    NO_RUNS,
     Entrant,
     InUse,
     Progress,
@@ -45,7 +47,7 @@ from crowdbench.boards.entry import (
 from crowdbench.boards.method import claims, measured, method_cases
 from crowdbench.boards.packaged import changed
 from crowdbench.boards.season import Season
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, NotWritten
 from crowdbench.evaluate.replay import RunFiles, replay
 from crowdbench.evaluate.results import read_result
 from crowdbench.evaluate.seal import code
@@ -91,39 +93,33 @@ def verify(
         work: The folder that keeps finished runs until the verdict.
         season: The season whose cases it drives, of which the verdict is recorded in the entry; None for cases of a
             seed that is drawn now, of which nothing is recorded.
-        cases: The cases of each scenario, if not those of the board.
+        cases: The cases of each scenario, if not those of the board, which those of a season are.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
         What was found.
 
     Raises:
+        NotWritten: `work` or the entry cannot be written.
         InputError: The entry is not one of this board, or takes no part in the season, or was verified in it before.
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
     _check_possible(entry, board, season)
-    seed = season.seed(board.name) if season else secrets.randbits(63)
-    entrant = Entrant(entry.directory, entry.spec.planner, entry.spec.options)
-    kept = work / f"verify-{board.name}-{entry.name}-{run_digest(board, entrant)}-{seed:016x}"
+    if season is None:
+        work.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
+            return _verified(entry, board, by, secrets.randbits(63), cases or board.cases, Path(folder), progress)
+    seed = season.seed(board.name)
+    digest = run_digest(board, _entrant(entry), entry.spec.package_files)
+    kept = work / f"verify-{board.name}-{entry.name}-{digest}-{seed:016x}"
     with locked(kept):
+        _check_possible(read_entry(entry.directory, check_files=False), board, season)  # another process may be done
+        # Of a process that was killed between writing its runs and its verdict.
+        shutil.rmtree(entry.directory / SEASONS / season.spec.name, ignore_errors=True)
         entry = read_entry(entry.directory)
-        _check_possible(entry, board, season)  # another process may have verified it meanwhile
-        found = _found(entry, board, entrant, seed, cases or board.cases, kept, progress)
-        verification = Verification(
-            by=by,
-            on=datetime.datetime.now(datetime.UTC).date().isoformat(),
-            season=season.spec.name if season else "",
-            seed=seed,
-            code=code(),
-            level=sandbox.level(),
-            verdict=found.verdict,
-            reason=found.reason,
-            figures=found.figures,
-            decision_time=found.decision_time,
-            method=found.method,
-        )
-        if season:
-            _record(entry, verification, kept)
+        found = _verified(entry, board, by, seed, board.cases, kept, progress)
+        verification = found.model_copy(update={"season": season.spec.name})
+        _record(entry, verification, kept)
     shutil.rmtree(kept, ignore_errors=True)
     return verification
 
@@ -161,10 +157,33 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
         raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
 
 
-def _found(
-    entry: Entry, board: Board, entrant: Entrant, seed: int, cases: Cases, kept: Path, progress: Progress | None
-) -> Found:
+def _entrant(entry: Entry) -> Entrant:
+    return Entrant(entry.directory, entry.spec.planner, entry.spec.options)
+
+
+def _verified(
+    entry: Entry, board: Board, by: str, seed: int, cases: Cases, kept: Path, progress: Progress | None
+) -> Verification:
+    """Run an entry again on the cases of a seed, and say what was found, outside any season."""
+    found = _found(entry, board, seed, cases, kept, progress)
+    return Verification(
+        by=by,
+        on=datetime.datetime.now(datetime.UTC).date().isoformat(),
+        season="",
+        seed=seed,
+        code=code(),
+        level=sandbox.level(),
+        verdict=found.verdict,
+        reason=found.reason,
+        figures=found.figures,
+        decision_time=found.decision_time,
+        method=found.method,
+    )
+
+
+def _found(entry: Entry, board: Board, seed: int, cases: Cases, kept: Path, progress: Progress | None) -> Found:
     """Replay the public runs, run the planner on other cases, and compare."""
+    entrant = _entrant(entry)
     differs = next(_differences(entry, board, progress), None)
     if differs:
         return Found(Verdict.NOT_REPRODUCED, differs, {})
@@ -178,7 +197,9 @@ def _found(
         method = None
         if claims(board, entry.spec.networks):
             method = measured(board, entrant, entry.spec.networks, kept, seed=seed, hidden=hidden, progress=progress)
-        speed = timed(board, entrant, next(scenario for _, scenario in board.load(None)), hidden)
+        speed = timed(board, entrant, kept, hidden)
+    except NotWritten:
+        raise
     except InputError as error:
         return Found(Verdict.REFUSED, str(error), {})
     verdict, reason = _judged(entry, board, kept)
@@ -239,9 +260,8 @@ def _differences(entry: Entry, board: Board, progress: Progress | None) -> Itera
 def _record(entry: Entry, verification: Verification, kept: Path) -> None:
     """Write a verification and its runs into an entry."""
     runs = entry.directory / SEASONS / verification.season
-    shutil.rmtree(runs, ignore_errors=True)
     if verification.figures:
-        shutil.copytree(kept, runs, ignore=shutil.ignore_patterns("networks"))
+        shutil.copytree(kept, runs, ignore=NO_RUNS)
     spec = entry.spec.model_copy(
         update={
             "files": file_digests(entry.directory),

@@ -91,8 +91,11 @@ def submit(
         say("checking the contract")
         _check(planner, option or [])
     cases = len(asked.public_cases) * len(asked.scenarios)
-    with _interrupts_told(work), progress(cases, f"of {cases} public cases") as tell:
-        entry = make(wanted, root, work, tell)
+    kept = f"finished batches are kept in {work}, with which the same command goes on"
+    with _interrupts_told(kept), progress(cases, f"of {cases} public cases") as tell:
+        entry, failed = make(wanted, root, work, tell)
+    for scenario, reason in failed.items():
+        say(f"{scenario}: counts 0, because it cannot be driven: {reason}")
     if entry.spec.privileged:
         say("the planner is privileged: it is shown, and has no rank")
     for scenario, metrics in entry.spec.reported.items():
@@ -110,7 +113,11 @@ def _check(planner: str, options: Sequence[str]) -> None:
 
     given = [word for each in options for word in ("--option", each)]
     found = subprocess.run(
-        [sys.executable, "-m", "crowdbench", "check", planner, *given], capture_output=True, text=True, errors="replace"
+        # Not a folder crowdbench/ that happens to be here.
+        [sys.executable, "-P", "-m", "crowdbench", "check", planner, *given],
+        capture_output=True,
+        text=True,
+        errors="replace",
     )
     if found.returncode != 0:
         print(found.stdout or found.stderr, end="")
@@ -145,13 +152,14 @@ def verify(
     entry = entry.resolve()
     if work.resolve().is_relative_to(entry):
         raise InputError(f"--work {work} lies in the entry: give another folder")
-    found = read_entry(entry)
+    found = read_entry(entry, check_files=not season)  # in a season, once no other process writes it
     folder = entry.parent.parent
     board = read_board(folder) if (folder / FILE).exists() else find_board(found.spec.board)
     announce_compilation()
     driven = Cases("test", 0, cases) if cases else board.cases
     total = cases_of(found, board, driven)
-    with _interrupts_told(work), progress(total, f"of {total} cases") as tell:
+    kept = f"finished batches are kept in {work}, with which the same command goes on" if season else "nothing is kept"
+    with _interrupts_told(kept), progress(total, f"of {total} cases") as tell:
         asked = read_season(folder.parent) if season else None
         result = find(found, board, by=by, work=work, season=asked, cases=driven, progress=tell)
     if as_json:
@@ -180,14 +188,14 @@ def verify(
 
 
 @contextlib.contextmanager
-def _interrupts_told(work: Path) -> Iterator[None]:
+def _interrupts_told(kept: str) -> Iterator[None]:
     """Says what is kept after an interrupt, and exits."""
     from crowdbench.cli.console import say
 
     try:
         yield
     except KeyboardInterrupt:
-        say(f"crowdbench: interrupted: finished scenarios are kept in {work}, with which the same command goes on")
+        say(f"crowdbench: interrupted: {kept}")
         sys.exit(INTERRUPTED)
 
 
@@ -221,17 +229,22 @@ def fill(root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOptio
     """
     use_threads(threads)
     from crowdbench.boards.board import read_boards
+    from crowdbench.boards.season import TooEarly
     from crowdbench.boards.shipped import freeze_entries, to_submit, to_verify
     from crowdbench.cli.console import announce_compilation, say
 
     announce_compilation()
     try:
         for board in read_boards(root):
-            if _all_done(functools.partial(to_submit, board, root, work), "entry"):
-                freeze_entries(board, root)
-                _all_done(functools.partial(to_verify, board, root, work), "verification")
-            else:
+            if not _all_done(functools.partial(to_submit, board, root, work), "entry"):
                 say(f"{board.name}: other processes are making the last entries")
+                continue
+            try:
+                freeze_entries(board, root).seed(board.name)
+            except TooEarly as error:
+                say(f"{board.name}: no entry is verified: {error}")
+                continue
+            _all_done(functools.partial(to_verify, board, root, work), "verification")
     except KeyboardInterrupt:
         say(f"crowdbench: interrupted: the same command goes on with what is kept in {root} and {work}")
         sys.exit(INTERRUPTED)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from crowdbench.errors import InputError
+from crowdbench.errors import NotWritten
 from crowdbench.evaluate.results import RESULT
 
 # Beside the directory `runs/a`, while a run is under way:
@@ -36,7 +36,7 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
         overwrite: Whether an earlier run of that name is replaced.
 
     Raises:
-        InputError: `path` exists and may not be overwritten, or cannot be written.
+        NotWritten: `path` exists and may not be overwritten, or cannot be written.
     """
     path = _prepared(path, overwrite)
     try:
@@ -44,11 +44,11 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
             yield partial
             _move(partial, path, overwrite)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
+        raise NotWritten(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
 
 
 def check_free(path: Path, overwrite: bool) -> None:
-    """Raise InputError where `new_directory` would, before anything is made."""
+    """Raise NotWritten where `new_directory` would, before anything is made."""
     _prepared(path, overwrite)
 
 
@@ -59,10 +59,10 @@ def _prepared(path: Path, overwrite: bool) -> Path:
         # Before the name is refused: an earlier run may have to get its name back.
         _restore_earlier(path)
         _refuse_taken(path, overwrite)
-    except InputError:
+    except NotWritten:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
+        raise NotWritten(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
     return path
 
 
@@ -155,7 +155,7 @@ def _move(partial: Path, path: Path, overwrite: bool) -> None:
         if earlier.exists():
             earlier.rename(path)
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
-            raise InputError(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
+            raise NotWritten(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
         raise
     shutil.rmtree(earlier, ignore_errors=True)
 
@@ -171,8 +171,8 @@ def _restore_earlier(path: Path) -> None:
 
 def _refuse_taken(path: Path, overwrite: bool) -> None:
     if path.exists() and not path.is_dir():
-        raise InputError(f"{path} is a file: name a directory with --out")
+        raise NotWritten(f"{path} is a file: name a directory with --out")
     if path.exists() and not overwrite:
-        raise InputError(f"{path} exists already: name another place with --out, or allow --overwrite")
+        raise NotWritten(f"{path} exists already: name another place with --out, or allow --overwrite")
     if path.exists() and any(path.iterdir()) and not (path / RESULT).is_file():
-        raise InputError(f"{path} holds something other than a run and is not overwritten: choose another --out")
+        raise NotWritten(f"{path} holds something other than a run and is not overwritten: choose another --out")

@@ -23,7 +23,7 @@ from typing import Any
 from filelock import Timeout
 
 from crowdbench import files
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, NotWritten
 from crowdbench.evaluate.directory import check_free, held, new_directory, parent_of
 from crowdbench.evaluate.merge import merge
 from crowdbench.evaluate.seal import MANIFEST, checked
@@ -82,7 +82,7 @@ class Parts:
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[None]:
-        """Make the folder, and remove it again if it stays empty. Raises InputError where it cannot be written."""
+        """Make the folder, and remove it again if it stays empty. Raises NotWritten where it cannot be written."""
         with contextlib.ExitStack() as stack:
             try:
                 stack.enter_context(parent_of(self.out))
@@ -90,7 +90,7 @@ class Parts:
                 with files.whole(self.folder / REQUEST) as partial:
                     partial.write_text(self.request, encoding="utf-8")
             except OSError as error:
-                raise InputError(f"{self.out} cannot be written: {error.strerror or error}") from None
+                raise NotWritten(f"{self.out} cannot be written: {error.strerror or error}") from None
             stack.callback(self._close)
             yield
 

@@ -1,0 +1,120 @@
+import datetime
+import json
+import shutil
+
+import pytest
+from boards import SEASON, verified_root
+
+from crowdbench.boards.board import read_board
+from crowdbench.boards.entry import Verdict, read_entry
+from crowdbench.boards.season import TooEarly, freeze, read_season
+from crowdbench.boards.verification import verify
+from crowdbench.errors import InputError
+from crowdbench.scenario.cases import Cases
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    return verified_root(tmp_path_factory)
+
+
+@pytest.fixture
+def root(made, tmp_path):
+    """A copy of the folder of boards, which a test may change."""
+    shutil.copytree(made / "leaderboards", tmp_path / "leaderboards")
+    return tmp_path / "leaderboards"
+
+
+def entry_of(root, name="careful"):
+    return read_entry(root / "small" / "entries" / name)
+
+
+def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
+    before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
+    found = verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
+    assert found.verdict == Verdict.RERUN
+    assert (root / "small" / "entries" / "careful" / "entry.json").read_bytes() == before
+
+
+def test_an_interrupted_verification_without_a_season_leaves_nothing(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.verification.timed", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
+    assert not list((tmp_path / "work").iterdir())
+
+
+def interrupted(*_):
+    raise KeyboardInterrupt
+
+
+def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    folder = root / "small" / "entries" / "careful"
+    shutil.rmtree(folder / "seasons")
+    table = json.loads((folder / "entry.json").read_text())
+    table["files"] = {name: digest for name, digest in table["files"].items() if not name.startswith("seasons/")}
+    table["verifications"] = []
+    (folder / "entry.json").write_text(json.dumps(table))
+    command = {"board": read_board(root / "small"), "by": "me", "work": tmp_path, "season": read_season(root)}
+    with monkeypatch.context() as patch:
+        patch.setattr("crowdbench.boards.verification.write_entry", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            verify(read_entry(folder), **command)
+    with pytest.raises(InputError, match="is not a file of this entry"):
+        read_entry(folder)
+    assert verify(read_entry(folder, check_files=False), **command).verdict == Verdict.RERUN
+    assert read_entry(folder).spec.verifications[0].season == "first"
+
+
+def test_an_entry_is_verified_once_in_a_season(root, tmp_path):
+    with pytest.raises(InputError, match="was verified in the season first before, which is done once"):
+        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path, season=read_season(root))
+
+
+def test_an_entry_that_came_later_takes_no_part(root, tmp_path):
+    (root / "frozen.json").write_text(json.dumps({"season": "first", "entries": {"small": {"orca": "0" * 64}}}))
+    with pytest.raises(InputError, match="takes no part in the season first"):
+        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path, season=read_season(root))
+
+
+def test_entries_are_frozen_after_the_season_closes_and_before_anybody_knows_the_round(tmp_path):
+    today = datetime.datetime.now(datetime.UTC).date()
+    season = SEASON.replace("rehearsal = true", "")
+
+    def write(days, text=season):
+        (tmp_path / "season.toml").write_text(text.replace("2027-01-31", str(today + datetime.timedelta(days))))
+
+    write(1, season.replace("ab" * 32, ""))
+    with pytest.raises(TooEarly, match=r"the season first is open until .*: its entries are frozen on a later day"):
+        freeze(tmp_path, "small", {"a": "0" * 64})
+    write(-2)
+    with pytest.raises(InputError, match="has the randomness of round 5000000 already, but the entries of small must"):
+        freeze(tmp_path, "small", {"a": "0" * 64})
+    write(-2, season.replace("ab" * 32, ""))
+    with pytest.raises(TooEarly, match="fetch it from drand and write it there, now that entries are frozen"):
+        freeze(tmp_path, "small", {"a": "0" * 64}).seed("small")
+    write(-2)
+    assert read_season(tmp_path).seed("small")
+
+
+def test_the_seed_of_a_season_needs_frozen_entries_and_the_round(root):
+    season = read_season(root)
+    seed = season.seed("small")
+    assert 0 <= seed < 2**63
+    frozen = json.loads((root / "frozen.json").read_text())
+    frozen["entries"]["small"]["orca"] = "0" * 64
+    (root / "frozen.json").write_text(json.dumps(frozen))
+    assert read_season(root).seed("small") != seed
+    freeze(root, "small", {"a": "0" * 64})  # too late
+    assert json.loads((root / "frozen.json").read_text()) == frozen
+    with pytest.raises(InputError, match="has no entries to freeze"):
+        freeze(root, "other", {})
+    (root / "season.toml").write_text((root / "season.toml").read_text().replace("ab" * 32, ""))
+    with pytest.raises(InputError, match="does not say the randomness of round 5000000"):
+        read_season(root).seed("small")
+    (root / "frozen.json").unlink()
+    with pytest.raises(InputError, match="the entries of small are not frozen yet"):
+        read_season(root).seed("small")
