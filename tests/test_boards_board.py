@@ -31,7 +31,7 @@ def test_families_count_alike_and_so_do_the_scenarios_in_them(tmp_path):
         ("circle", "circle_crossing_10"),
         ("square", "square_crossing_5"),
     ]
-    np.testing.assert_allclose(board.weights, [0.25 / 4] * 8 + [0.5 / 4] * 4)
+    np.testing.assert_allclose(board.weights, [0.25, 0.25, 0.5])
 
 
 def test_a_seed_reaches_every_case_of_every_scenario(tmp_path):

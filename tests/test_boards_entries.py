@@ -79,7 +79,7 @@ def test_entries_are_verified_in_a_season_and_ranked(root):
     found = standings(board, read_entries(board, root), "first")
     assert [one.season.verdict for one in found.ranked] == [Verdict.RERUN, Verdict.RERUN]
     assert not found.others
-    assert all(len(one.columns["sct"]) == 10 for one in found.ranked)
+    assert all(one.columns["sct"].shape == (1, 10) for one in found.ranked)
     assert [one.rank.last for one in found.ranked][-1] == 2
 
 

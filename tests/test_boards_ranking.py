@@ -27,8 +27,13 @@ def entry(failures, seconds=1.0, collide=True):
     return {"success_rate": success, "collision_rate": collisions, "sct": success / np.broadcast_to(seconds, CASES)}
 
 
-def ranked(*entries, weights=None):
-    comparisons = compare_all(entries, np.ones(CASES) if weights is None else weights)
+def compared(entries):
+    """Comparisons on a board of one scenario."""
+    return compare_all([{name: values[None] for name, values in each.items()} for each in entries], np.ones(1))
+
+
+def ranked(*entries):
+    comparisons = compared(entries)
     return [(rank.rank, rank.last) for rank in ranks(len(entries), comparisons)]
 
 
@@ -43,7 +48,7 @@ def test_success_comes_first_then_collisions_then_time():
     waits, slow = entry(range(100, 150), collide=False), entry([], 1.4 * noise)
     quick = entry([], 1.2 * noise)
     assert ranked(quick, slow, waits, collides, fails) == [(1, 1), (2, 2), (3, 3), (4, 5), (4, 5)]
-    criteria = {one.entries: one.criterion for one in compare_all([quick, slow, waits, collides], np.ones(CASES))}
+    criteria = {one.entries: one.criterion for one in compared([quick, slow, waits, collides])}
     assert criteria[0, 1] == "sct"
     assert criteria[0, 2] == "success_rate"
     assert criteria[2, 3] == "collision_rate"
@@ -73,7 +78,7 @@ def test_a_wrong_difference_is_found_in_no_more_than_one_board_of_twenty():
             entry(np.flatnonzero(generator.random(CASES) < difficulty), generator.uniform(1.0, 1.5, CASES))
             for _ in range(4)
         ]
-        wrong += any(one.criterion for one in compare_all(entries, np.ones(CASES)))
+        wrong += any(one.criterion for one in compared(entries))
     assert wrong / boards <= ALPHA + 2.0 * np.sqrt(ALPHA * (1 - ALPHA) / boards)
 
 
@@ -97,20 +102,35 @@ def test_weights_count_as_repeated_families_do():
     assert p_value(a, b, weights) == pytest.approx(2 * stats.t.sf(abs(t), CASES - 1))
 
 
+def test_entries_are_compared_in_the_cases_that_both_drove():
+    good, bad = entry([]), entry(range(60, 100))
+    few = {name: values[:50] for name, values in bad.items()}
+    first, second, third = compared([good, few, bad])
+    assert not first.criterion  # it fails in none of the first 50
+    assert second.differences["success_rate"] == pytest.approx(40 / CASES)
+    assert third.differences["success_rate"] == 0.0
+
+
+def test_scenarios_count_by_their_weights_however_many_cases_they_have():
+    two = [{name: values.reshape(2, -1) for name, values in each.items()} for each in (entry([]), entry(range(25)))]
+    (found,) = compare_all(two, np.array([0.75, 0.25]))
+    assert found.differences["success_rate"] == pytest.approx(0.75 * 25 / 250)
+
+
 @pytest.mark.parametrize("entries", [2, 5])
 def test_the_smallest_difference_is_the_smallest_that_is_found(entries):
     least = round(smallest_difference(CASES, entries) * CASES)
     others = {"collision_rate": np.zeros(CASES), "sct": np.ones(CASES)}
     for failures in (least - 1, least):
         columns = [entry([]) | others for _ in range(entries - 1)] + [entry(range(failures)) | others]
-        found = {one.criterion for one in compare_all(columns, np.ones(CASES))}
+        found = {one.criterion for one in compared(columns)}
         assert ("success_rate" in found) == (failures == least)
 
 
 def test_a_metric_without_a_value_cannot_rank():
     without = entry([]) | {"sct": np.full(CASES, np.nan)}
     with pytest.raises(InputError, match=r"^entries cannot be compared: sct has no value in some case$"):
-        compare_all([entry([]), without], np.ones(CASES))
+        compared([entry([]), without])
 
 
 def test_the_pareto_set_is_what_nothing_beats():

@@ -7,7 +7,10 @@ from boards import SEASON, verified_root
 
 from crowdbench.boards.board import read_board
 from crowdbench.boards.entry import Verdict, read_entry
+from crowdbench.boards.markdown import write_readme
 from crowdbench.boards.season import TooEarly, freeze, read_season
+from crowdbench.boards.site import build_site
+from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.verification import verify
 from crowdbench.errors import InputError
 from crowdbench.scenario.cases import Cases
@@ -31,6 +34,15 @@ def entry_of(root, name="careful"):
     return read_entry(root / "small" / "entries" / name)
 
 
+def unverified(folder):
+    """An entry without what a season has found."""
+    shutil.rmtree(folder / "seasons")
+    table = json.loads((folder / "entry.json").read_text())
+    table["files"] = {name: digest for name, digest in table["files"].items() if not name.startswith("seasons/")}
+    (folder / "entry.json").write_text(json.dumps(table | {"verifications": []}))
+    return read_entry(folder)
+
+
 def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
     before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
@@ -52,12 +64,7 @@ def interrupted(*_):
 
 def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
-    folder = root / "small" / "entries" / "careful"
-    shutil.rmtree(folder / "seasons")
-    table = json.loads((folder / "entry.json").read_text())
-    table["files"] = {name: digest for name, digest in table["files"].items() if not name.startswith("seasons/")}
-    table["verifications"] = []
-    (folder / "entry.json").write_text(json.dumps(table))
+    folder = unverified(root / "small" / "entries" / "careful").directory
     command = {"board": read_board(root / "small"), "by": "me", "work": tmp_path, "season": read_season(root)}
     with monkeypatch.context() as patch:
         patch.setattr("crowdbench.boards.verification.write_entry", interrupted)
@@ -67,6 +74,22 @@ def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, tmp_pat
         read_entry(folder)
     assert verify(read_entry(folder, check_files=False), **command).verdict == Verdict.RERUN
     assert read_entry(folder).spec.verifications[0].season == "first"
+
+
+def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.board.CASES_IF_SLOW", 6)
+    monkeypatch.setattr("crowdbench.boards.board.SLOW", 1e-9)
+    board, entry = read_board(root / "small"), unverified(root / "small" / "entries" / "careful")
+    verify(entry, board, by="me", work=tmp_path / "work", season=read_season(root))
+    found = standings(board, read_entries(board, root), "first")
+    assert {one.entry.name: one.cases for one in found.ranked} == {"careful": 6, "orca": 10}
+    assert [one.entry.name for one in found.slow] == ["careful"]
+    text = write_readme(root).read_text()
+    assert "| 6 cases |" in text
+    assert "10 cases tell" in text or "10 cases. 6 cases." in text
+    build_site(root, tmp_path / "site")
+    assert "6 cases" in (tmp_path / "site" / "small" / "index.html").read_text()
 
 
 def test_an_entry_is_verified_once_in_a_season(root, tmp_path):

@@ -23,6 +23,12 @@ from crowdbench.toml_file import Location, parsed, read_toml
 
 FILE = "board.toml"
 
+SLOW = 1.0
+"""Seconds that a case of an entry's public runs takes, beyond which the entry drives fewer cases in a season."""
+
+CASES_IF_SLOW = 500
+"""Cases of each scenario that a slow entry drives, if the board has more."""
+
 ROOT = plugins.ROOT / "leaderboards"
 """The folder of the boards that ship."""
 
@@ -34,7 +40,7 @@ class BoardScenario:
     Attributes:
         family: The family that it belongs to.
         name: Its name.
-        weight: How much each of its cases counts: all families count alike, and in a family all scenarios.
+        weight: How much it counts: all families count alike, and in a family all scenarios. The sum is 1.
     """
 
     family: str
@@ -67,6 +73,14 @@ class Board:
         """The cases of each scenario of which a season's figures are."""
         return Cases("test", 0, self.spec.cases)
 
+    def cases_at(self, seconds: float) -> Cases:
+        """The cases of each scenario that an entry drives in a season: fewer where a case takes it long.
+
+        Args:
+            seconds: How long a case of its public runs took.
+        """
+        return Cases("test", 0, min(self.spec.cases, CASES_IF_SLOW)) if seconds > SLOW else self.cases
+
     @property
     def public_cases(self) -> Cases:
         """The cases of each scenario that authors run themselves."""
@@ -82,15 +96,15 @@ class Board:
         """Its scenarios, family by family."""
         families = self.spec.families
         return [
-            BoardScenario(family, name, 1.0 / (len(families) * len(names) * self.spec.cases))
+            BoardScenario(family, name, 1.0 / (len(families) * len(names)))
             for family, names in families.items()
             for name in names
         ]
 
     @property
-    def weights(self) -> Float[np.ndarray, "case"]:
-        """How much each case counts, scenario after scenario; they add up to 1."""
-        return np.repeat([scenario.weight for scenario in self.scenarios], self.spec.cases)
+    def weights(self) -> Float[np.ndarray, "scenario"]:
+        """How much each scenario counts; they add up to 1."""
+        return np.array([scenario.weight for scenario in self.scenarios])
 
     def overrides(self, seed: int | None) -> dict[str, Any]:
         """What the board changes in each of its scenarios.

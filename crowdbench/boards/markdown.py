@@ -76,22 +76,30 @@ def section(found: Standings) -> str:
     worst = len(found.board.scenarios) > 1
     head = [*HEAD[:3], "worst scenario", *HEAD[3:]] if worst else list(HEAD)
     lines += [_row(head), _row(["---"] * len(head))]
-    lines += [_row(_cells(one, worst)) for one in (*found.ranked, *found.others)]
-    cases = spec.cases * len(found.board.scenarios)
-    if found.smallest_difference <= 1.0 and len(found.ranked) > 1:
-        lines += [
-            "",
-            f"{cases} cases. Among {len(found.ranked)} entries they tell apart a difference in success of "
-            f"{100 * found.smallest_difference:.2f} percentage points at best.",
-        ]
+    lines += [_row(_cells(one, worst, one in found.slow)) for one in (*found.ranked, *found.others)]
+    if found.ranked:
+        counts = sorted({one.cases for one in found.ranked}, reverse=True)
+        lines += ["", " ".join(_told_apart(found, cases) for cases in counts)]
     return "\n".join([*lines, ""])
+
+
+def _told_apart(found: Standings, cases: int) -> str:
+    """What difference in success so many cases of each scenario tell apart."""
+    total = f"{cases * len(found.board.scenarios)} cases"
+    least = found.smallest_difference(cases)
+    if least > 1.0 or len(found.ranked) < 2:
+        return f"{total}."
+    return (
+        f"{total} tell apart a difference in success of {100 * least:.2f} percentage points at best, among "
+        f"{len(found.ranked)} entries."
+    )
 
 
 def _row(cells: list[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _cells(one: Standing, worst: bool) -> list[str]:
+def _cells(one: Standing, worst: bool, is_slow: bool) -> list[str]:
     rank = "" if one.rank is None else f"{one.rank.rank} ({one.rank.rank} to {one.rank.last})"
     name = one.entry.name + (" \\*" if one.is_pareto else "")
     figures = one.figures
@@ -108,7 +116,7 @@ def _cells(one: Standing, worst: bool) -> list[str]:
         _number(100 * figures["intimate_zone"].mean, 0, " %"),
         _number(figures["jerk"].mean, 1, ""),
         "" if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}",
-        one.reason or ", ".join(one.flags),
+        one.reason or ", ".join([*one.flags, *[f"{one.cases} cases"] * is_slow]),
     ]
     return [*cells[:3], f"{100 * one.worst:.1f} %", *cells[3:]] if worst else cells
 

@@ -1,8 +1,9 @@
 """What a rank means: which entries of a board are better than which, beyond what chance explains.
 
-Two entries are compared on the cases that both drove, by success first, then by collisions, then by success weighted by
-completion time. All comparisons of a board are tested together, so that with probability 0.95 or more none of them
-finds a difference where there is none (Holm 1979). An entry's rank is 1 plus the number of entries that are better.
+Two entries are compared on the cases that both drove, the first ones of each scenario: by success first, then by
+collisions, then by success weighted by completion time. All comparisons of a board are tested together, so that with
+probability 0.95 or more none of them finds a difference where there is none (Holm 1979). An entry's rank is 1 plus the
+number of entries that are better.
 """
 
 from __future__ import annotations
@@ -60,13 +61,13 @@ class Rank:
 
 
 def compare_all(
-    columns: Sequence[Mapping[str, Float[np.ndarray, "case"]]], weights: Float[np.ndarray, "case"]
+    columns: Sequence[Mapping[str, Float[np.ndarray, "scenario _"]]], weights: Float[np.ndarray, "scenario"]
 ) -> list[Comparison]:
     """Compare each entry with each other one.
 
     Args:
-        columns: For each entry, the metrics of `CRITERIA` in the same cases.
-        weights: How much each case counts, which is the same for all entries.
+        columns: For each entry, the metrics of `CRITERIA` in the first cases of each scenario, as many as it drove.
+        weights: How much each scenario counts, which is the same for all entries.
 
     Returns:
         A comparison for each pair of entries.
@@ -78,21 +79,29 @@ def compare_all(
         if any(np.isnan(entry[metric]).any() for entry in columns):
             raise InputError(f"entries cannot be compared: {metric} has no value in some case")
     pairs = list(itertools.combinations(range(len(columns)), 2))
-    raw = [p_value(columns[a][metric], columns[b][metric], weights) for a, b in pairs for metric in CRITERIA]
+    common = {(a, b): _common(columns[a], columns[b]) for a, b in pairs}
+    counts = {pair: np.repeat(weights, cases["sct"].shape[2]) for pair, cases in common.items()}
+    raw = [p_value(own.ravel(), other.ravel(), counts[pair]) for pair in pairs for own, other in common[pair].values()]
     corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA))
-    return [_comparison(columns, pair, weights, p) for pair, p in zip(pairs, corrected, strict=True)]
+    return [_comparison(common[pair], pair, weights, p) for pair, p in zip(pairs, corrected, strict=True)]
+
+
+def _common(
+    a: Mapping[str, Float[np.ndarray, "scenario _"]], b: Mapping[str, Float[np.ndarray, "scenario _"]]
+) -> dict[str, Float[np.ndarray, "2 scenario case"]]:
+    """The metrics of two entries in the cases that both drove."""
+    cases = min(a["sct"].shape[1], b["sct"].shape[1])
+    return {metric: np.stack([a[metric][:, :cases], b[metric][:, :cases]]) for metric in CRITERIA}
 
 
 def _comparison(
-    columns: Sequence[Mapping[str, Float[np.ndarray, "case"]]],
+    common: Mapping[str, Float[np.ndarray, "2 scenario case"]],
     pair: tuple[int, int],
-    weights: Float[np.ndarray, "case"],
+    weights: Float[np.ndarray, "scenario"],
     p: Float[np.ndarray, "metric"],
 ) -> Comparison:
     a, b = pair
-    differences = {
-        metric: float(np.average(columns[a][metric] - columns[b][metric], weights=weights)) for metric in CRITERIA
-    }
+    differences = {metric: float(weights @ (own - other).mean(axis=1)) for metric, (own, other) in common.items()}
     by_metric = dict(zip(CRITERIA, p.tolist(), strict=True))
     criterion = next((metric for metric in CRITERIA if by_metric[metric] < ALPHA), "")
     if not criterion:

@@ -34,7 +34,7 @@ MAINTAINERS = "crowdbench"
 MOST_RANKED = 2
 """The most ranked entries of one submitter on a board."""
 
-Columns = Mapping[str, Shaped[np.ndarray, "case"]]
+Columns = Mapping[str, Shaped[np.ndarray, "scenario case"]]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Standing:
     Attributes:
         entry: The entry.
         season: What was found in the season; None where it was not verified in it.
-        columns: The metrics case by case, scenario after scenario, of the season's cases or else of the public ones.
+        columns: The metrics case by case, of the season's cases or else of the public ones.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
         figures: The means over the board, with intervals.
         flags: "intrusive" and "jerky", where it is beyond the bounds of the board.
@@ -64,6 +64,11 @@ class Standing:
     is_pareto: bool = False
 
     @property
+    def cases(self) -> int:
+        """How many cases of each scenario it drove."""
+        return int(self.columns["sct"].shape[1])
+
+    @property
     def worst(self) -> float:
         """The smallest success in a scenario of the board, 0 where the planner cannot drive one."""
         return min(each["success_rate"].mean if each else 0.0 for each in self.scenarios.values())
@@ -79,7 +84,6 @@ class Standings:
         ranked: The ranked entries, the best first.
         others: The others, by name.
         comparisons: The ranked entries compared with each other; indices are those of `ranked`.
-        smallest_difference: The smallest difference in success that the board can tell apart.
     """
 
     board: Board
@@ -87,7 +91,19 @@ class Standings:
     ranked: Sequence[Standing]
     others: Sequence[Standing]
     comparisons: Sequence[Comparison]
-    smallest_difference: float
+
+    @property
+    def slow(self) -> Sequence[Standing]:
+        """The ranked entries that drove fewer cases than others, because a case takes them long."""
+        return [one for one in self.ranked if one.cases < self.board.spec.cases]
+
+    def smallest_difference(self, cases: int) -> float:
+        """The smallest difference in success that cases of the board can tell apart, above 1 where they tell none.
+
+        Args:
+            cases: How many cases of each scenario.
+        """
+        return smallest_difference(cases * len(self.board.scenarios), len(self.ranked))
 
 
 def read_entries(board: Board, root: Path, check_files: bool = True) -> list[Entry]:
@@ -138,7 +154,6 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
         ranked=[_with_rank(candidates[i], found[i], bool(best[i])) for i in order],
         others=sorted((one for one in each if one.reason), key=lambda one: one.entry.name),
         comparisons=[_renumbered(one, place) for one in comparisons],
-        smallest_difference=smallest_difference(len(board.weights), len(candidates)),
     )
 
 
@@ -164,9 +179,9 @@ def _standing(board: Board, entry: Entry, season: str) -> Standing:
     is_measured = verified is not None and bool(verified.figures)
     runs = entry.directory / (f"{SEASONS}/{season}" if is_measured else PUBLIC)
     own, there = episodes(board, runs), made(board, runs)
-    length = board.spec.cases if is_measured else board.spec.public_cases
+    length = min((len(run.columns["sct"]) for run in own.values()), default=1)
     columns = {
-        metric: np.concatenate([_column(own.get(scenario.name), metric, length) for scenario in board.scenarios])
+        metric: np.stack([_column(own.get(scenario.name), metric, length) for scenario in board.scenarios])
         for metric in SHOWN
     }
     scenarios = {each.name: _estimates(runs / each.name) if each.name in there else {} for each in board.scenarios}
@@ -196,7 +211,7 @@ def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray,
     if run is not None:
         if metric not in run.columns:
             raise InputError(f"the runs of an entry lack the metric {metric}, which its board shows")
-        return run.columns[metric].astype(float)
+        return run.columns[metric][:cases].astype(float)
     return np.full(cases, 0.0 if metric in CRITERIA else np.nan)
 
 
@@ -223,7 +238,7 @@ def over_board(board: Board, each: Sequence[Estimate | None]) -> Estimate:
     Returns:
         The estimate, undefined where one of them is.
     """
-    shares = np.array([scenario.weight * board.spec.cases for scenario in board.scenarios])
+    shares = board.weights
     known = [Estimate(0.0, 0.0, 0.0, 0, 0.0) if one is None else one for one in each]
     mean = float(shares @ [one.mean for one in known])
     if np.isnan(mean):

@@ -93,7 +93,7 @@ def verify(
         work: The folder that keeps finished runs until the verdict.
         season: The season whose cases it drives, of which the verdict is recorded in the entry; None for cases of a
             seed that is drawn now, of which nothing is recorded.
-        cases: The cases of each scenario, if not those of the board, which those of a season are.
+        cases: The cases of each scenario without a season, if not those that it would have.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
@@ -106,9 +106,11 @@ def verify(
     """
     _check_possible(entry, board, season)
     if season is None:
+        wanted = cases or cases_of_season(entry, board)
         work.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
-            return _verified(entry, board, by, secrets.randbits(63), cases or board.cases, Path(folder), progress)
+            return _verified(entry, board, by, secrets.randbits(63), wanted, Path(folder), progress)
+    cases = cases_of_season(entry, board)
     seed = season.seed(board.name)
     digest = run_digest(board, _entrant(entry), entry.spec.package_files)
     kept = work / f"verify-{board.name}-{entry.name}-{digest}-{seed:016x}"
@@ -117,11 +119,26 @@ def verify(
         # Of a process that was killed between writing its runs and its verdict.
         shutil.rmtree(entry.directory / SEASONS / season.spec.name, ignore_errors=True)
         entry = read_entry(entry.directory)
-        found = _verified(entry, board, by, seed, board.cases, kept, progress)
+        found = _verified(entry, board, by, seed, cases, kept, progress)
         verification = found.model_copy(update={"season": season.spec.name})
         _record(entry, verification, kept)
     shutil.rmtree(kept, ignore_errors=True)
     return verification
+
+
+def cases_of_season(entry: Entry, board: Board) -> Cases:
+    """The cases of each scenario that an entry drives in a season.
+
+    Args:
+        entry: The entry.
+        board: Its board.
+
+    Raises:
+        InputError: Its public runs are damaged.
+    """
+    results = [read_result(entry.directory / PUBLIC / name) for name in made(board, entry.directory / PUBLIC)]
+    seconds = sum(float(result["timing"]["seconds"]) for result in results)
+    return board.cases_at(seconds / (len(board.public_cases) * max(len(results), 1)))
 
 
 def cases_of(entry: Entry, board: Board, cases: Cases | None = None) -> int:
@@ -130,9 +147,9 @@ def cases_of(entry: Entry, board: Board, cases: Cases | None = None) -> int:
     Args:
         entry: The entry.
         board: Its board.
-        cases: The cases of each scenario, if not those of the board.
+        cases: The cases of each scenario, if not those of a season.
     """
-    own = (len(cases or board.cases) + board.spec.public_cases) * len(board.scenarios)
+    own = (len(cases or cases_of_season(entry, board)) + board.spec.public_cases) * len(board.scenarios)
     others = len(entry.spec.networks) if claims(board, entry.spec.networks) else 0
     return own + others * len(method_cases(board))
 

@@ -156,7 +156,7 @@ def verify(
     folder = entry.parent.parent
     board = read_board(folder) if (folder / FILE).exists() else find_board(found.spec.board)
     announce_compilation()
-    driven = Cases("test", 0, cases) if cases else board.cases
+    driven = Cases("test", 0, cases) if cases else None
     total = cases_of(found, board, driven)
     kept = f"finished batches are kept in {work}, with which the same command goes on" if season else "nothing is kept"
     with _interrupts_told(kept), progress(total, f"of {total} cases") as tell:

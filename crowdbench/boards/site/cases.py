@@ -45,7 +45,8 @@ class CaseTable:
 def case_table(found: Standings) -> CaseTable | None:
     """The cases in which somebody failed; None without entries.
 
-    Entries of other rules are left out. Where nobody was measured in the season, the cases are the public ones.
+    Entries of other rules, and those that drove fewer cases, are left out. Where nobody was measured in the season, the
+    cases are the public ones.
 
     Args:
         found: The standings of the board.
@@ -58,7 +59,7 @@ def case_table(found: Standings) -> CaseTable | None:
         return None
     per_scenario = board.spec.cases if measured else board.spec.public_cases
     total = per_scenario * len(board.scenarios)
-    entries = [one for one in entries if len(one.columns["success_rate"]) == total]
+    entries = [one for one in entries if one.cases == per_scenario]
     if not entries:
         return None
     outcomes = np.array([_outcomes(one) for one in entries])
@@ -79,7 +80,7 @@ def case_table(found: Standings) -> CaseTable | None:
 
 def _outcomes(one: Standing) -> Shaped[np.ndarray, "case"]:
     """The letter of the outcome of each case."""
-    columns = one.columns
+    columns = {name: values.ravel() for name, values in one.columns.items()}
     return np.select(
         [columns["success_rate"] == 1.0, columns["collision_rate"] == 1.0, columns["timeout_rate"] == 1.0],
         [SUCCESS, COLLISION, TIMEOUT],
