@@ -158,7 +158,7 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path):
     ],
 )
 def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, key, value, reason):
-    monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.rerun.timed", lambda *_: None)
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table | {key: value}))
@@ -268,7 +268,7 @@ def submit_cheat(root, tmp_path, known, board):
 
 
 def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.rerun.timed", lambda *_: None)
     monkeypatch.setattr("secrets.randbits", lambda bits: 7)  # with some seeds chance alone would explain it
     text = BOARD.replace("public_cases = 8", "public_cases = 40").replace("cases = 10", "cases = 60")
     board = write_board(tmp_path / "boards", text=text)

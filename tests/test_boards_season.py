@@ -3,16 +3,19 @@ import json
 import shutil
 
 import pytest
-from boards import SEASON, verified_root
+from boards import SEASON, card, verified_root
 
 from crowdbench.boards.board import read_board
+from crowdbench.boards.driving import InUse, Unfinished
 from crowdbench.boards.entry import Verdict, read_entry
 from crowdbench.boards.markdown import write_readme
 from crowdbench.boards.season import TooEarly, freeze, read_season
 from crowdbench.boards.site import build_site
 from crowdbench.boards.standings import read_entries, standings
+from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
 from crowdbench.errors import InputError
+from crowdbench.evaluate.shard import Shard
 from crowdbench.scenario.cases import Cases
 
 pytestmark = pytest.mark.slow
@@ -44,7 +47,7 @@ def unverified(folder):
 
 
 def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.verification.timed", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.rerun.timed", lambda *_: None)
     before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
     found = verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN
@@ -52,7 +55,7 @@ def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeyp
 
 
 def test_an_interrupted_verification_without_a_season_leaves_nothing(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.verification.timed", interrupted)
+    monkeypatch.setattr("crowdbench.boards.rerun.timed", interrupted)
     with pytest.raises(KeyboardInterrupt):
         verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
     assert not list((tmp_path / "work").iterdir())
@@ -90,6 +93,35 @@ def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, tmp_path, mon
     assert "10 cases tell" in text or "10 cases. 6 cases." in text
     build_site(root, tmp_path / "site")
     assert "6 cases" in (tmp_path / "site" / "small" / "index.html").read_text()
+
+
+def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.driving.BATCH", 5)
+    before = entry_of(root).spec.verifications[0]
+    entry, season = unverified(root / "small" / "entries" / "careful"), read_season(root)
+    command = {"board": read_board(root / "small"), "by": "me", "work": tmp_path / "work", "season": season}
+    with pytest.raises(Unfinished, match="batches of circle_crossing_5 are missing, which other shards make"):
+        verify(entry, **command, shard=Shard(2, 2))
+    assert len(list((tmp_path / "work").glob("verify-*/*.parts-*/test-*"))) == 1
+    found = verify(entry, **command, shard=Shard(1, 2))
+    assert found.figures == before.figures
+    assert not list((tmp_path / "work").glob("verify-*"))
+    with pytest.raises(InUse, match="was verified in the season first before"):
+        verify(entry_of(root), **command, shard=Shard(2, 2))
+
+
+def test_shards_share_a_submission(root, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.driving.BATCH", 4)
+    (tmp_path / "card.toml").write_text(card())
+    wanted = Submission(read_board(root / "small"), "mine", "orca", {}, [], tmp_path / "card.toml", "Ada")
+    with pytest.raises(Unfinished, match="whoever ends last goes on"):
+        submit(wanted, root, tmp_path / "work", shard=Shard(1, 2))
+    assert not (root / "small" / "entries" / "mine").exists()
+    made, _ = submit(wanted, root, tmp_path / "work", shard=Shard(2, 2))
+    assert made.spec.reported == entry_of(root, "orca").spec.reported
+    with pytest.raises(InUse, match="exists already"):
+        submit(wanted, root, tmp_path / "work", shard=Shard(1, 2))
 
 
 def test_an_entry_is_verified_once_in_a_season(root, tmp_path):

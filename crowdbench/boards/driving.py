@@ -24,9 +24,11 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.parts import ENDING, is_made
 from crowdbench.evaluate.results import EPISODES, Episodes, read_result
 from crowdbench.evaluate.seal import code
+from crowdbench.evaluate.shard import WHOLE, Shard
 from crowdbench.isolation.planner import IsolatedPlanner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.settings import BATCH
 
 SHOWN = (
     "success_rate",
@@ -51,6 +53,10 @@ Progress = Callable[[float], None]
 
 class InUse(InputError):
     """Another process is making, or has made, the same runs."""
+
+
+class Unfinished(InputError):
+    """Runs are missing that other shards make."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +114,7 @@ def drive(
     cases: Cases,
     seed: int | None,
     hidden: Sequence[Path] = (),
+    shard: Shard = WHOLE,
     progress: Progress | None = None,
 ) -> dict[str, str]:
     """Make the runs of an entry, a directory for each scenario of its board. Those that are there are not made again.
@@ -119,6 +126,7 @@ def drive(
         cases: The cases of each scenario.
         seed: The seed of the cases; None for the public ones, of which the commands are kept.
         hidden: Folders that the planner must not read.
+        shard: Which share of the batches is run.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
@@ -130,7 +138,7 @@ def drive(
         KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
     """
     failed: dict[str, InputError] = {}
-    for _, scenario in board.load(seed):
+    for number, (_, scenario) in enumerate(board.load(seed)):
         directory = out / scenario.name
         if is_made(directory):
             if progress is not None:
@@ -138,7 +146,7 @@ def drive(
             continue
         try:
             with entrant.started([*hidden, out]) as planner:
-                _run(board, entrant, planner, scenario, cases, directory, seed, progress)
+                _run(board, entrant, planner, scenario, cases, directory, seed, shard.rotated(number), progress)
         except NotWritten:
             raise
         except InputError as error:
@@ -157,6 +165,7 @@ def _run(
     cases: Cases,
     directory: Path,
     seed: int | None,
+    shard: Shard,
     progress: Progress | None,
 ) -> None:
     runs.run(
@@ -169,8 +178,23 @@ def _run(
         asked={"board": board.name, "version": board.spec.version},
         replanning=board.replanning,
         record="commands" if seed is None else "none",
+        batch=BATCH,
+        shard=shard,
         progress=progress,
     )
+
+
+def check_finished(board: Board, out: Path, failed: Mapping[str, str]) -> None:
+    """Raise Unfinished where runs are missing.
+
+    Args:
+        board: The board.
+        out: The folder of the runs.
+        failed: The scenarios that have no run because the planner fails in them.
+    """
+    names = [scenario.name for scenario in board.scenarios if scenario.name not in failed]
+    if missing := [name for name in names if not is_made(out / name)]:
+        raise Unfinished(f"batches of {missing[0]} are missing, which other shards make; whoever ends last goes on")
 
 
 def run_digest(board: Board, entrant: Entrant, package_files: Mapping[str, str]) -> str:

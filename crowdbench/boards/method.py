@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.driving import Entrant, Progress, drive, episodes
+from crowdbench.boards.driving import Entrant, Progress, check_finished, drive, episodes
 from crowdbench.boards.entry import Method, Range
 from crowdbench.boards.ranking import CRITERIA
+from crowdbench.evaluate.shard import WHOLE, Shard
 from crowdbench.evaluate.summary import wilson
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.intervals import mean_over_networks
@@ -40,7 +41,7 @@ def claims(board: Board, networks: Sequence[Mapping[str, Any]]) -> bool:
     return len(networks) + 1 >= LEAST and len(board.scenarios) == 1
 
 
-def measured(
+def drive_others(
     board: Board,
     entrant: Entrant,
     networks: Sequence[Mapping[str, Any]],
@@ -48,32 +49,47 @@ def measured(
     *,
     seed: int,
     hidden: Sequence[Path],
+    shard: Shard = WHOLE,
     progress: Progress | None = None,
-) -> Method:
+) -> None:
     """Drive the other networks of a method through the first cases of a board.
 
     Args:
         board: The board, of one scenario.
-        entrant: The planner of the entry, whose own run is in `kept`.
+        entrant: The planner of the entry.
         networks: The options in which each other network differs.
         kept: The folder of runs.
         seed: The seed of the cases.
         hidden: Folders that the planner must not read.
+        shard: Which share of the batches is run.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
-
-    Returns:
-        The means over all networks, with intervals for other networks on other cases.
 
     Raises:
         InputError: The planner breaks its contract or a limit.
+        Unfinished: Runs are missing that other shards make.
         KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
     """
-    cases = method_cases(board)
-    folders = [kept]
-    for number, options in enumerate(networks):
-        folders.append(kept / "networks" / str(number))
+    cases, folders = method_cases(board), _folders(kept, networks)
+    for number, (folder, options) in enumerate(zip(folders, networks, strict=True), start=1):
         other = dataclasses.replace(entrant, options={**entrant.options, **options})
-        drive(board, other, folders[-1], cases=cases, seed=seed, hidden=hidden, progress=progress)
+        own = shard.rotated(number)
+        drive(board, other, folder, cases=cases, seed=seed, hidden=hidden, shard=own, progress=progress)
+    for folder in folders:
+        check_finished(board, folder, {})
+
+
+def measured(board: Board, networks: Sequence[Mapping[str, Any]], kept: Path) -> Method:
+    """What holds of a method whose networks have all driven.
+
+    Args:
+        board: The board, of one scenario.
+        networks: The options in which each other network differs.
+        kept: The folder of the entry's own run and of theirs.
+
+    Returns:
+        The means over all networks, with intervals for other networks on other cases.
+    """
+    cases, folders = method_cases(board), [kept, *_folders(kept, networks)]
     (scenario,) = board.scenarios
     runs = [episodes(board, folder)[scenario.name].columns for folder in folders]
     found = {}
@@ -81,6 +97,10 @@ def measured(
         values = np.array([run[metric][: len(cases)] for run in runs], float)
         found[metric] = _range(values)
     return Method(networks=len(folders), cases=len(cases), metrics=found)
+
+
+def _folders(kept: Path, networks: Sequence[Mapping[str, Any]]) -> list[Path]:
+    return [kept / "networks" / str(number) for number in range(len(networks))]
 
 
 def _range(values: Float[np.ndarray, "network case"]) -> Range:

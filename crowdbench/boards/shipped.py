@@ -15,10 +15,11 @@ from pydantic import Field
 from crowdbench.boards.board import Board
 from crowdbench.boards.driving import Progress
 from crowdbench.boards.entry import Entry
+from crowdbench.boards.rerun import cases_of
 from crowdbench.boards.season import Season, freeze, read_season
 from crowdbench.boards.standings import MAINTAINERS, read_entries
 from crowdbench.boards.submission import ENTRIES, Submission, submit
-from crowdbench.boards.verification import cases_of, verify
+from crowdbench.boards.verification import verify
 from crowdbench.toml_file import Location, Name, TomlTable, parsed, read_toml
 
 SHIPPED = "shipped.toml"

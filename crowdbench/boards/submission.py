@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,19 @@ from typing import Any
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.copying import check_size, copied_value
-from crowdbench.boards.driving import NO_RUNS, Entrant, InUse, Progress, drive, figures, locked, made, run_digest, timed
+from crowdbench.boards.driving import (
+    NO_RUNS,
+    Entrant,
+    InUse,
+    Progress,
+    check_finished,
+    drive,
+    figures,
+    locked,
+    made,
+    run_digest,
+    timed,
+)
 from crowdbench.boards.entry import (
     CARD,
     NAMES,
@@ -29,6 +42,7 @@ from crowdbench.boards.schema import CardSpec
 from crowdbench.errors import InputError
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.results import read_result
+from crowdbench.evaluate.shard import WHOLE, Shard
 from crowdbench.evaluate.wanted import versions
 from crowdbench.toml_file import Location, parsed, read_toml
 
@@ -65,7 +79,7 @@ class Submission:
 
 
 def submit(
-    submission: Submission, root: Path, work: Path, progress: Progress | None = None
+    submission: Submission, root: Path, work: Path, progress: Progress | None = None, shard: Shard = WHOLE
 ) -> tuple[Entry, dict[str, str]]:
     """Make an entry.
 
@@ -74,11 +88,13 @@ def submit(
         root: The folder of boards, in which the entry gets its folder.
         work: The folder that keeps finished runs until the entry is made.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
+        shard: Which share of the batches is run. The last one makes the entry.
 
     Returns:
         The entry, and the scenarios that its planner cannot drive, with the reason.
 
     Raises:
+        Unfinished: Runs are missing that other shards make.
         InputError: The entry exists, the card is wrong, or the planner cannot be loaded or breaks its contract.
         KeyboardInterrupt: Somebody interrupted it. The same call goes on with what is finished.
     """
@@ -86,20 +102,30 @@ def submit(
     directory = root / board.name / ENTRIES / submission.name
     read_card(submission.card)
     name = f"submit-{board.name}-{submission.name}"
-    with locked(work / name):
-        if directory.exists():
-            raise InUse(f"{directory} exists already: choose another name, or remove it")
+    with contextlib.ExitStack() as lock:
+        if shard == WHOLE:
+            lock.enter_context(locked(work / name))
+        _check_free(directory)
         directory.parent.mkdir(parents=True, exist_ok=True)
         with new_directory(directory, overwrite=False) as folder:
             entrant, networks = _copied(submission, folder)
             kept = work / f"{name}-{run_digest(board, entrant, package_files(entrant.planner))}"
-            failed = drive(board, entrant, kept, cases=board.public_cases, seed=None, progress=progress)
+            failed = drive(board, entrant, kept, cases=board.public_cases, seed=None, shard=shard, progress=progress)
+            if shard != WHOLE:
+                lock.enter_context(locked(work / name))
+                _check_free(directory)  # another shard may have been the last one
+            check_finished(board, kept, failed)
             shutil.copytree(kept, folder / PUBLIC, ignore=NO_RUNS)
             if (folder / PLANNER).exists():  # what is built in is known to be quick enough
                 timed(board, entrant, folder / PUBLIC, [])
             write_entry(folder, _spec(submission, entrant, networks))
     shutil.rmtree(kept)
     return read_entry(directory), failed
+
+
+def _check_free(directory: Path) -> None:
+    if directory.exists():
+        raise InUse(f"{directory} exists already: choose another name, or remove it")
 
 
 def read_card(path: Path) -> CardSpec:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 RootOption = Annotated[Path, typer.Option(help="The folder of boards and entries.")]
 WorkOption = Annotated[Path, typer.Option(help="Folder that keeps finished runs until an entry or a verdict is made.")]
+ShardOption = Annotated[
+    str | None, typer.Option(help="Run one share of the batches, such as 2/8; whoever ends last goes on with all.")
+]
 ROOT = Path("leaderboards")
 WORK = Path("runs/boards")
 
@@ -64,6 +67,7 @@ def submit(
     ] = None,
     root: RootOption = ROOT,
     work: WorkOption = WORK,
+    shard: ShardOption = None,
     threads: ThreadsOption = None,
 ) -> None:
     """Make an entry of a leaderboard: check the planner, copy its files, run the public cases with the copy."""
@@ -73,9 +77,11 @@ def submit(
     from crowdbench.boards.submission import submit as make
     from crowdbench.catalog import PLANNERS
     from crowdbench.cli.console import announce_compilation, progress, say
+    from crowdbench.evaluate.shard import WHOLE, Shard
     from crowdbench.isolation.planner import called
     from crowdbench.plugins import file_and_function, program
 
+    own = Shard.parse(shard) if shard else WHOLE
     asked = find_board(board, root)
     options = assignments(option or [], "--option")
     if Path(planner).is_dir():
@@ -93,7 +99,7 @@ def submit(
     cases = len(asked.public_cases) * len(asked.scenarios)
     kept = f"finished batches are kept in {work}, with which the same command goes on"
     with _interrupts_told(kept), progress(cases, f"of {cases} public cases") as tell:
-        entry, failed = make(wanted, root, work, tell)
+        entry, failed = make(wanted, root, work, tell, own)
     for scenario, reason in failed.items():
         say(f"{scenario}: counts 0, because it cannot be driven: {reason}")
     if entry.spec.privileged:
@@ -132,6 +138,7 @@ def verify(
     ] = False,
     cases: Annotated[int | None, typer.Option(min=1, help="Fewer cases than the board has, without --season.")] = None,
     work: WorkOption = WORK,
+    shard: ShardOption = None,
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -139,12 +146,16 @@ def verify(
     use_threads(threads)
     from crowdbench.boards.board import FILE, find_board, read_board
     from crowdbench.boards.entry import Verdict, read_entry
+    from crowdbench.boards.rerun import cases_of
     from crowdbench.boards.season import read_season
-    from crowdbench.boards.verification import cases_of
     from crowdbench.boards.verification import verify as find
     from crowdbench.cli.console import announce_compilation, progress
+    from crowdbench.evaluate.shard import WHOLE, Shard
     from crowdbench.scenario.cases import Cases
 
+    own = Shard.parse(shard) if shard else WHOLE
+    if shard and not season:
+        raise InputError("--shard goes with --season: without it, each verification draws another seed")
     if season and cases:
         raise InputError("--cases does not go with --season, whose cases the board says")
     if season and not by:
@@ -161,7 +172,7 @@ def verify(
     kept = f"finished batches are kept in {work}, with which the same command goes on" if season else "nothing is kept"
     with _interrupts_told(kept), progress(total, f"of {total} cases") as tell:
         asked = read_season(folder.parent) if season else None
-        result = find(found, board, by=by, work=work, season=asked, cases=driven, progress=tell)
+        result = find(found, board, by=by, work=work, season=asked, cases=driven, shard=own, progress=tell)
     if as_json:
         print(json.dumps(result.model_dump(mode="json"), indent=2))
     else:
@@ -189,11 +200,15 @@ def verify(
 
 @contextlib.contextmanager
 def _interrupts_told(kept: str) -> Iterator[None]:
-    """Says what is kept after an interrupt, and exits."""
+    """Says what is kept after an interrupt, or where other shards are missing, and exits."""
+    from crowdbench.boards.driving import Unfinished
     from crowdbench.cli.console import say
 
     try:
         yield
+    except Unfinished as error:
+        say(f"crowdbench: {error}")
+        sys.exit(0)
     except KeyboardInterrupt:
         say(f"crowdbench: interrupted: {kept}")
         sys.exit(INTERRUPTED)

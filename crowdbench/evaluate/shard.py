@@ -36,5 +36,13 @@ class Shard:
         """Its share of the parts of a run, or of the runs of a study."""
         return all_of[self.number - 1 :: self.count]
 
+    def rotated(self, by: int) -> Shard:
+        """Another share of the same number of shares, so that those of several short runs are spread evenly.
+
+        Args:
+            by: The number of the run.
+        """
+        return Shard((self.number - 1 + by) % self.count + 1, self.count)
+
 
 WHOLE = Shard()
