@@ -1,29 +1,31 @@
-"""A planner that drives with a policy trained by train_ppo.py.
-
-Do not load files that you do not trust: stable-baselines3 unpickles parts of them.
-"""
+"""A planner that drives with a policy trained by train_ppo.py."""
 
 import numpy as np
-from stable_baselines3 import PPO
+from safetensors.torch import load_file
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from train_ppo import NEAREST, NETWORK
 
-from crowdbench import Planner, flatten
-from crowdbench.geometry import norm
+from crowdbench import Planner, load_scenario
+from crowdbench.envs.views import View
 
 
 class PPOPlanner(Planner):
-    """Drives with a saved policy. The scenario must have as many pedestrians as the one it was trained in."""
+    """Drives with the mean action of a saved policy."""
 
     def __init__(self, path):
-        self.model = PPO.load(path, device="cpu")
+        self.view = View(load_scenario("circle_crossing_5"), "dict", "goal_frame", NEAREST)
+        spaces = self.view.observation_space, self.view.action_space
+        self.policy = MultiInputActorCriticPolicy(*spaces, lambda _: 0.0, **NETWORK)
+        self.policy.load_state_dict(load_file(path))
 
     def plan(self, obs):
-        """The policy's mean action, slowed down to the preferred speed."""
-        command, _ = self.model.predict(flatten(obs), deterministic=True)
-        command = command.astype(np.float64)
+        """The velocity that the policy asks for, slowed down to the preferred speed."""
+        action, _ = self.policy.predict(self.view.shown(obs), deterministic=True)
+        command = self.view.commands(obs.vehicle.position, obs.vehicle.goal, action.astype(np.float64))
         limit = obs.vehicle.preferred_speed
-        return command * (limit / np.maximum(norm(command), limit))[:, None]
+        return command * (limit / np.maximum(np.hypot(*command.T), limit))[:, None]
 
 
-def planner(path="ppo.zip"):
+def planner(path="ppo.safetensors"):
     """Make the planner. `path` is the file that train_ppo.py has written."""
     return PPOPlanner(path)

@@ -11,7 +11,7 @@ import torch
 from rich.console import Console
 from safetensors.torch import save_file
 
-from crowdbench.bench import commands, decisions, isolation, simulator, speed_ups, timing, training
+from crowdbench.bench import commands, decisions, environments, isolation, simulator, speed_ups, timing, training
 from crowdbench.bench.measurement import Measurement, Variant, VariantComparison
 from crowdbench.bench.suite import SUITE
 from crowdbench.catalog import load_scenario
@@ -92,6 +92,13 @@ def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
     measured = [one for work in works for one in work()]
     assert len(measured) == 5
     assert all(one.value > 0 and one.unit == "us" for one in measured)
+
+
+def test_environments_of_many_worlds_are_compared(monkeypatch):
+    monkeypatch.setattr(environments, "ROUNDS", 1)
+    gym, own, ratio = environments.measure_vec_env(worlds=3, steps=4)
+    assert gym.unit == own.unit == "steps/s"
+    assert ratio.value == pytest.approx(own.value / gym.value)
 
 
 def test_decisions_stand_beside_what_was_recorded_of_crowdnav():
@@ -234,7 +241,7 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 
 def test_every_measurement_is_taken():
     names = {measure.__name__ for measure in SUITE}
-    modules = (simulator, isolation, decisions, training, commands)
+    modules = (simulator, environments, isolation, decisions, training, commands)
     assert names == {name for module in modules for name in vars(module) if name.startswith("measure_")}
 
 

@@ -8,6 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from helpers import drive
+from safetensors.torch import save_file
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.envs.vector import VehicleVectorEnv
@@ -141,8 +142,9 @@ def test_where_autoreset_is_disabled_an_ended_world_waits_for_its_reset():
 
 @pytest.fixture(scope="module")
 def saved_policy(tmp_path_factory):
-    path = tmp_path_factory.mktemp("ppo") / "ppo.zip"
-    load_module(EXAMPLES / "train_ppo.py").train(2000, "circle_crossing_5", seed=0, rollout=512).save(path)
+    path = tmp_path_factory.mktemp("ppo") / "ppo.safetensors"
+    policy = load_module(EXAMPLES / "train_ppo.py").train(1000, "circle_crossing_5", seed=0, worlds=16).policy
+    save_file({name: tensor.clone() for name, tensor in policy.state_dict().items()}, path)
     return path
 
 

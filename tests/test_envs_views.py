@@ -1,20 +1,26 @@
 """Rewards, observations and actions of environments, and the vector environment for stable-baselines3."""
 
+import warnings
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from crowdbench import InputError, load_scenario
+from crowdbench import InputError, load_scenario, parallel_env
 from crowdbench.envs.rewards import COLLISION, PROGRESS, Step, crowdnav, load_reward, paid, progress
+from crowdbench.envs.seats import seats
 from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS, View
 from crowdbench.planners.policy.features import features, in_disc, to_world
+from crowdbench.plugins import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.types import Outcome
 
 ID = "crowdbench/Vehicle-v0"
+EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
 def worlds(number=6, scenario="circle_crossing_5"):
@@ -202,3 +208,78 @@ def test_the_vec_env_sees_what_a_view_sees():
     again = View(env.scenario, "dict", "goal_frame", 2).observe(env._worlds)
     for name, part in seen.items():
         np.testing.assert_array_equal(part, again[name])
+
+
+def test_every_agent_has_a_world_of_its_own():
+    world = worlds(1, "circle_crossing_5_visible")
+    own = seats(world)
+    assert len(own) == 6
+    for agent in range(6):
+        order = [agent, *(other for other in range(6) if other != agent)]
+        for name in ("position", "velocity", "goal", "radius", "preferred_speed", "present"):
+            np.testing.assert_array_equal(getattr(own, name)[agent], getattr(world, name)[0, order])
+    unseen = seats(worlds(1)).present
+    assert unseen[0].all()
+    assert not unseen[1:, 1].any()
+    assert unseen[1:].sum(axis=1).tolist() == [5] * 5
+
+
+def test_agents_of_pettingzoo_see_and_act_in_the_frames_of_their_goals():
+    env = parallel_env(reward="progress", observation="goal_frame", action="goal_frame", nearest=2)
+    seen, _ = env.reset(seed=3)
+    distance = {agent: row[0] for agent, row in seen.items()}
+    assert all(row.shape == env.observation_space(agent).shape for agent, row in seen.items())
+    seen, rewards, *_ = env.step({agent: np.array([0.8, 0.0]) for agent in env.agents})
+    for agent, row in seen.items():
+        assert row[0] == pytest.approx(distance[agent] - 0.8 * 0.25)
+        assert rewards[agent] == pytest.approx(PROGRESS * 0.8 * 0.25)
+        np.testing.assert_allclose(row[1:3], [0.8, 0.0], atol=1e-12)
+
+
+def test_agents_of_pettingzoo_are_paid_as_the_vehicle_is():
+    """With the vehicle's actions alone, its observations and rewards are those of the Gymnasium environment."""
+    options = {"reward": "progress", "observation": "goal_frame", "action": "goal_frame", "nearest": 3}
+    everybody, alone = parallel_env(**options), gymnasium.make(ID, **options).unwrapped
+    one, _ = everybody.reset(options={"case": "val:2"})
+    other, _ = alone.reset(options={"case": "val:2"})
+    for _ in range(20):
+        np.testing.assert_array_equal(one["vehicle"], other)
+        one, paid_to, *_ = everybody.step({"vehicle": np.array([0.7, 0.2])})
+        other, reward, terminated, _, _ = alone.step(np.array([0.7, 0.2]))
+        assert paid_to["vehicle"] == pytest.approx(reward)
+        if terminated:
+            break
+
+
+def test_agents_of_pettingzoo_have_no_histories():
+    with pytest.raises(
+        InputError, match="observation is 'dict', but agents of this environment see flat or goal_frame"
+    ):
+        parallel_env(observation="dict")
+
+
+@pytest.mark.filterwarnings("ignore:.*A Box observation space (minimum|maximum) value is -?infinity.*")
+def test_pettingzoos_tests_pass_in_the_frame_of_the_goal():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from pettingzoo.test import parallel_api_test
+    parallel_api_test(parallel_env(reward="progress", observation="goal_frame", action="goal_frame"), num_cycles=100)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_vehicle_and_pedestrians_learn_together():
+    example = load_module(EXAMPLES / "learn_together.py")
+    scenario = "circle_crossing_5_visible"
+    before, after = (example.drive(example.train(steps, scenario, 0), scenario, cases=20)[0] for steps in (1, 100_000))
+    assert before < 0.3 < 0.7 < after
+
+
+def test_a_video_is_recorded(tmp_path):
+    pytest.importorskip("moviepy", reason="Gymnasium writes videos with moviepy")
+    env = gymnasium.wrappers.RecordVideo(gymnasium.make(ID, render_mode="rgb_array"), str(tmp_path / "videos"))
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.array([0.5, 0.0]))
+    env.close()
+    assert list(tmp_path.glob("videos/*.mp4"))

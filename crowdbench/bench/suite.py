@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from crowdbench.bench import commands, decisions, isolation, simulator, training
+from crowdbench.bench import commands, decisions, environments, isolation, simulator, training
 from crowdbench.bench.measurement import Measurement
 
 SUITE: tuple[Callable[[], Iterator[Measurement]], ...] = (
@@ -12,6 +12,7 @@ SUITE: tuple[Callable[[], Iterator[Measurement]], ...] = (
     simulator.measure_many_worlds,
     simulator.measure_whole_step,
     simulator.measure_environment,
+    environments.measure_vec_env,
     isolation.measure_isolation,
     decisions.measure_sarl_batch,
     decisions.measure_sarl_single,

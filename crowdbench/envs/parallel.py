@@ -7,15 +7,18 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Space
 from gymnasium.utils import seeding
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pettingzoo import ParallelEnv
 
 from crowdbench.envs import spaces, stepping
 from crowdbench.envs.observations import flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.render import RENDER_MODES, Renderer
+from crowdbench.envs.rewards import Reward, Step, crowdnav, load_reward, paid
+from crowdbench.envs.seats import seats
+from crowdbench.envs.views import NEAREST, View
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
 from crowdbench.scenario.scenario import Scenario
@@ -34,29 +37,40 @@ Infos = dict[str, dict[str, Any]]
 
 
 def parallel_env(
-    scenario: str | Path | Scenario = "circle_crossing_5", render_mode: str | None = None
+    scenario: str | Path | Scenario = "circle_crossing_5",
+    render_mode: str | None = None,
+    reward: str | Reward = "crowdnav",
+    observation: str = "flat",
+    action: str = "world",
+    nearest: int = NEAREST,
 ) -> CrowdParallelEnv:
     """Make the PettingZoo environment of a scenario.
 
     Args:
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
+        reward: The name of a reward, `./mine.py`, or a function of a step.
+        observation: `flat` or `goal_frame`.
+        action: `world` or `goal_frame`: the axes of an action.
+        nearest: How many other agents are seen in the frame of the goal, at most.
 
     Raises:
-        InputError: Scenario or render mode do not exist.
+        InputError: Scenario, render mode, reward, observation or action do not exist.
     """
-    return CrowdParallelEnv(stepping.as_scenario(scenario), render_mode)
+    loaded = stepping.as_scenario(scenario)
+    return CrowdParallelEnv(loaded, render_mode, reward, View(loaded, observation, action, nearest))
 
 
 class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
     """One world of a scenario as a PettingZoo `ParallelEnv`. Make it with `parallel_env`.
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case.
-    - Observations: see `crowdbench.envs.observations`.
-    - Actions: velocities `(vx, vy)` in m/s. An action faster than the agent's preferred speed is slowed down to it. A
-      pedestrian without an action, or with None, follows the scenario's policy. The vehicle must have an action.
-    - Rewards: `crowdbench.reward.reward` of each agent's own outcome and gap, see `crowdbench.envs.outcomes`. All
-      agents are rewarded for reaching their goals without coming too close to others.
+    - Observations: see `crowdbench.envs.views`.
+    - Actions: velocities `(vx, vy)` in m/s, along the axes of the world or in the frame of the agent's goal. An action
+      faster than the agent's preferred speed is slowed down to it. A pedestrian without an action, or with None,
+      follows the scenario's policy. The vehicle must have an action.
+    - Rewards: see `crowdbench.envs.rewards`, of each agent's own outcome and gap (`crowdbench.envs.outcomes`) in its
+      own world (`crowdbench.envs.seats`).
     - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
     - Terminations: a pedestrian terminates when it reaches its goal; it is no agent any more, but stays in the world
       and follows the scenario's policy. All agents terminate when the vehicle reaches its goal or collides.
@@ -67,6 +81,11 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     Args:
         scenario: The scenario.
         render_mode: `human`, `rgb_array` or None.
+        reward: The name of a reward, `./mine.py`, or a function of a step.
+        view: What agents see, and what their actions mean.
+
+    Raises:
+        InputError: There is no such reward, or the view is `dict`: worlds keep no history of the vehicle.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -76,14 +95,18 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         "is_parallelizable": True,
     }
 
-    def __init__(self, scenario: Scenario, render_mode: str | None) -> None:
+    def __init__(self, scenario: Scenario, render_mode: str | None, reward: str | Reward, view: View) -> None:
+        if view.observation == "dict":
+            raise InputError("observation is 'dict', but agents of this environment see flat or goal_frame")
         self.scenario = scenario
+        self.view = view
+        self.reward_name, self.reward = load_reward(reward)
         self.render_mode = render_mode
         fps = round(1 / self.scenario.rules.dt)
         self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(scenario.max_agents - 1))]
         self.agents: list[str] = []
-        self.observation_spaces = {agent: spaces.observation_space(scenario) for agent in self.possible_agents}
+        self.observation_spaces = {agent: view.observation_space for agent in self.possible_agents}
         self.action_spaces = {agent: spaces.pedestrian_action_space(scenario) for agent in self.possible_agents}
         self.action_spaces[VEHICLE] = spaces.vehicle_action_space(scenario)
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
@@ -92,8 +115,9 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self._bodies = 0
         self._case = ""
         self._world: World
+        self._seated: tuple[World, World] | None = None
 
-    def observation_space(self, agent: str) -> Box:
+    def observation_space(self, agent: str) -> Space[Any]:
         """The observation space of an agent, the same object at each call."""
         return self.observation_spaces[agent]
 
@@ -145,7 +169,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         before, agents = self._world, self.agents
         self._world, check = step(before, *self._velocities(actions))
         outcomes, gaps = outcomes_of_agents(before, self._world, check)
-        rewards = reward(outcomes, gaps, before.rules.dt).tolist()
+        rewards = self._rewards(before, outcomes, gaps)
         observations = self._observe()
         outcome, gap_of, case = outcomes.tolist(), gaps.tolist(), self._case
         columns = [(agent, self._column[agent]) for agent in agents]
@@ -171,8 +195,23 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         """Close the window of mode `human`."""
         self._renderer.close()
 
+    def _rewards(
+        self, before: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]
+    ) -> list[float]:
+        if self.reward is crowdnav:  # which needs no worlds of the agents' own
+            return list(reward(outcomes, gaps, before.rules.dt).tolist())
+        step = Step(self._seats(before), self._seats(self._world), outcomes, gaps)
+        return list(paid(self.reward_name, self.reward, step).tolist())
+
+    def _seats(self, world: World) -> World:
+        """As `seats`, made once for each world."""
+        if self._seated is None or self._seated[0] is not world:
+            self._seated = world, seats(world)
+        return self._seated[1]
+
     def _observe(self) -> Observations:
-        views = flatten_everybody(self._world)[0]
+        is_flat = self.view.observation == "flat"
+        views = flatten_everybody(self._world)[0] if is_flat else self.view.observe(self._seats(self._world))
         return {agent: views[self._column[agent]] for agent in self.agents}
 
     def _velocities(
@@ -195,8 +234,10 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
             )
         asked = stepping.velocities(list(given.values()), (len(given), 2))
+        columns = [self._column[agent] for agent in given]
+        asked = self.view.commands(self._world.position[0, columns], self._world.goal[0, columns], asked)
         velocity = np.zeros(self._world.velocity.shape)
         if len(given) < self._bodies:
             velocity[:, 1:] = crowd_velocities(self._world, self.scenario.policies)
-        velocity[0, [self._column[agent] for agent in given]] = asked
+        velocity[0, columns] = asked
         return velocity[:, 0], velocity[:, 1:]

@@ -88,7 +88,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
     def step_wait(self) -> tuple[Observed, Float[np.ndarray, "world"], Bool[np.ndarray, "world"], list[dict[str, Any]]]:
         """Simulate one step in all worlds: observations, rewards, whether episodes are over, and infos."""
         before = self._worlds
-        command = self.view.commands(before, self._action)
+        command = self.view.commands(before.position[:, 0], before.goal[:, 0], self._action)
         worlds, (outcome, gap, _) = step(before, command, crowd_velocities(before, self.scenario.policies))
         rewards = paid(self.reward_name, self.reward, Step(before, worlds, outcome, gap))
         self._return += rewards

@@ -137,7 +137,9 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         if self._worlds is None or (self.autoreset_mode == AutoresetMode.DISABLED and self._over.any()):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
         before = self._worlds
-        command = self.view.commands(before, stepping.velocities(actions, (self.num_envs, 2)))
+        command = self.view.commands(
+            before.position[:, 0], before.goal[:, 0], stepping.velocities(actions, (self.num_envs, 2))
+        )
         crowd = crowd_velocities(before, self.scenario.policies)
         worlds, (outcome, gap, _) = step(before, command, crowd)
         anew = self._over

@@ -100,7 +100,7 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         """
         stepping.require_reset(self._case)
         before = self._world
-        command = self.view.commands(before, stepping.velocities(action, (2,))[None])
+        command = self.view.commands(before.position[:, 0], before.goal[:, 0], stepping.velocities(action, (2,))[None])
         crowd = crowd_velocities(before, self.scenario.policies)
         self._world, (outcomes, gaps, _) = step(before, command, crowd)
         self._renderer.show(self._world, self._case)

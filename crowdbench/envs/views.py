@@ -33,7 +33,7 @@ from crowdbench.planners.policy.features import (
 )
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.sensor import observe
-from crowdbench.types import HISTORY, World
+from crowdbench.types import HISTORY, Observation, World
 
 OBSERVATIONS = ("flat", "goal_frame", "dict")
 ACTIONS = ("world", "goal_frame")
@@ -96,7 +96,10 @@ class View:
 
     def observe(self, worlds: World) -> Observed:
         """What the vehicle sees in each world."""
-        obs = observe(worlds)
+        return self.shown(observe(worlds))
+
+    def shown(self, obs: Observation) -> Observed:
+        """What a policy is shown of what a planner sees."""
         if self.observation == "flat":
             return flatten(obs)
         found = features(obs, self.nearest)
@@ -107,16 +110,20 @@ class View:
         parts = {"vehicle": found.vehicle, "pedestrians": found.pedestrians, "mask": mask}
         return {**parts, "history": histories(obs, found)}
 
-    def commands(self, worlds: World, action: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
+    def commands(
+        self,
+        position: Float[np.ndarray, "world 2"],
+        goal: Float[np.ndarray, "world 2"],
+        action: Float[np.ndarray, "world 2"],
+    ) -> Float[np.ndarray, "world 2"]:
         """The velocities in m/s, along the axes of the world, that actions ask for.
 
         Args:
-            worlds: The worlds before the step.
+            position: Where the vehicles are, in metres.
+            goal: Their goals in metres.
             action: The actions.
         """
-        if self.action == "world":
-            return action
-        return to_world(action, direction(worlds.position[:, 0], worlds.goal[:, 0]))
+        return action if self.action == "world" else to_world(action, direction(position, goal))
 
 
 def _box(*shape: int) -> gym_spaces.Box:

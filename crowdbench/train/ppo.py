@@ -117,8 +117,12 @@ class Validated:
         )
 
 
-class _Encoded(BaseFeaturesExtractor):  # type: ignore[misc]  # stable_baselines3 is not looked into
-    """What the worlds show, encoded by the set encoder: the part that action and value share."""
+class CrowdExtractor(BaseFeaturesExtractor):  # type: ignore[misc]  # stable_baselines3 is not looked into
+    """The set encoder as a features extractor of stable-baselines3, for observations that are a `dict`.
+
+    Args:
+        observation_space: The space of the observations.
+    """
 
     def __init__(self, observation_space: Any) -> None:
         encoder = SetEncoder()
@@ -126,6 +130,7 @@ class _Encoded(BaseFeaturesExtractor):  # type: ignore[misc]  # stable_baselines
         self.encoder = encoder
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
+        """Encode what worlds show."""
         mask = observations["mask"] > 0.5
         return self.encoder(observations["vehicle"], observations["pedestrians"], mask)
 
@@ -165,7 +170,7 @@ class Training:
                 seed=setup.seed,
                 device=setup.device,
                 policy_kwargs={
-                    "features_extractor_class": _Encoded,
+                    "features_extractor_class": CrowdExtractor,
                     "net_arch": {"pi": [64], "vf": [64]},
                     "activation_fn": nn.Tanh,
                     "log_std_init": LOG_STD,

@@ -10,7 +10,7 @@ from crowdbench.errors import InputError
 from crowdbench.train.method import Request, Training, option
 from crowdbench.weights import card as cards
 
-STEPS = 3_000_000
+STEPS = 5_000_000
 """The steps of a training where their number is not given."""
 
 MEASURED = ("success_rate", "collision_rate", "timeout_rate", "navigation_time", "jerk", "max_velocity_change")
