@@ -1,7 +1,7 @@
 """Trains a policy with stable-baselines3's proximal policy optimization (PPO, Schulman et al. 2017).
 
 The policy sees the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in that frame. It
-learns from the reward `progress` in many worlds at once. Each update collects `STEPS` steps of every world, then goes
+learns from a reward in many worlds at once. Each update collects `STEPS` steps of every world, then goes
 through them `EPOCHS` times in batches.
 """
 
@@ -75,6 +75,7 @@ class Setup:
         scenario: The scenario of all episodes.
         validation: The scenarios in which the policy is validated.
         nearest: How many pedestrians the policy is shown, at most.
+        reward: What it learns from, as `crowdbench.envs.rewards` takes it.
         seed: The seed of weights, batches, exploration and training cases.
         steps: How many steps of a world to train for, where `minutes` is None.
         minutes: How long to train, in minutes, or None.
@@ -84,6 +85,7 @@ class Setup:
     scenario: Scenario
     validation: Sequence[Scenario]
     nearest: int
+    reward: str
     seed: int
     steps: int
     minutes: float | None
@@ -156,7 +158,7 @@ class Training:
         self.seconds = 0.0
         self.curve: list[Validated] = []
         self.validated: list[Policy] = []
-        self.worlds = CrowdVecEnv(WORLDS, setup.scenario, setup.seed, nearest=setup.nearest)
+        self.worlds = CrowdVecEnv(WORLDS, setup.scenario, setup.seed, reward=setup.reward, nearest=setup.nearest)
         with torch.random.fork_rng(devices=[]):
             self.ppo = PPO(
                 "MultiInputPolicy",

@@ -23,12 +23,14 @@ class PPORequest(Request):
 
     Attributes:
         steps: The steps that the vehicles of all worlds drive together.
+        reward: The name of a reward of the environments, or a file.
         nearest: How many pedestrians the policy is shown, at most; None for as many as the scenario has.
         validation: The scenarios that choose the checkpoint, by name or path, with commas between them; None for the
             one that is trained in.
     """
 
     steps: int = option(STEPS, "Train for this many steps of a world", least=1)
+    reward: str = option("progress", "The reward: crowdnav, progress or ./mine.py")
     nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
     validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
 
@@ -42,6 +44,8 @@ class PPORequest(Request):
     def arguments(self) -> Sequence[str]:
         """See `Request`."""
         words = [*self.scenario_arguments]
+        if self.reward != "progress":
+            words.append(f"--reward {self.reward}")
         if self.nearest is not None:
             words.append(f"--nearest {self.nearest}")
         return words if self.validation is None else [*words, "--validation", self.validation.replace(" ", "")]
@@ -68,6 +72,7 @@ class PPORequest(Request):
                 scenario=scenario,
                 validation=[load_scenario(name) for name in names] or [scenario],
                 nearest=self.nearest or max(scenario.max_agents - 1, 1),
+                reward=self.reward,
                 seed=self.seed,
                 steps=self.steps,
                 minutes=self.minutes,
@@ -87,6 +92,7 @@ class PPORequest(Request):
             "training": {
                 "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
                 "nearest": setup.nearest,
+                "reward": self.reward,
                 "validation": {
                     "scenarios": [each.name for each in setup.validation],
                     "cases": str(VALIDATION_CASES),
@@ -120,6 +126,7 @@ class PPORequest(Request):
         validation = trained["validation"]
         return {
             "scenario": f"{cards.crowd(trained['scenario'])} (digest {trained['scenario']['digest']})",
+            "reward": str(trained["reward"]),
             "pedestrians shown": f"{trained['nearest']} at most, the nearest",
             "checkpoint": f"chosen at step {trained['kept_after_steps']} of {trained['steps']}, on "
             f"{validation['cases']} of {' and of '.join(validation['scenarios'])}",
