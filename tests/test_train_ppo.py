@@ -3,6 +3,7 @@ import json
 
 import numpy as np
 import pytest
+import torch
 
 from crowdbench import InputError, load_planner, load_scenario
 from crowdbench.evaluate.driver import Driver
@@ -15,14 +16,15 @@ from crowdbench.train.ppo_request import PPORequest
 from crowdbench.train.training_run import TrainingRun
 from crowdbench.weights.store import digest
 
+torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
+
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    for name, size in {"WORLDS": 8, "STEPS": 16, "BATCH": 64, "EPOCHS": 2, "VALIDATIONS": 3}.items():
+    for name, size in {"WORLDS": 8, "STEPS": 16, "BATCH": 64, "EPOCHS": 2, "VALIDATIONS": 3, "CASES": 16}.items():
         monkeypatch.setattr(ppo, name, size)
     monkeypatch.setattr(ppo, "VALIDATION_CASES", Cases("val", 0, 4))
-    monkeypatch.setattr("crowdbench.envs.stable_baselines.CASES", 16)
     cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in value_figures.CASES.items()}
     monkeypatch.setattr(value_figures, "CASES", cases)
 

@@ -7,10 +7,12 @@ through them `EPOCHS` times in batches.
 
 from __future__ import annotations
 
+import contextlib
 import copy
+import random
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +23,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from crowdbench.envs.stable_baselines import CrowdVecEnv
+from crowdbench.envs.stable_baselines import CASES, CrowdVecEnv
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric, jerk, navigation_time_or_limit, success_rate
 from crowdbench.evaluate.rollout import rollout
@@ -149,6 +151,18 @@ class _Returns(BaseCallback):  # type: ignore[misc]
         return True
 
 
+@contextlib.contextmanager
+def _own_randomness() -> Iterator[None]:
+    """Leave the generators of others as they were: stable-baselines3 seeds and uses those that all share."""
+    python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002
+    try:
+        with torch.random.fork_rng(devices=[]):
+            yield
+    finally:
+        random.setstate(python)
+        np.random.set_state(numpy)  # noqa: NPY002
+
+
 class Training:
     """A training of a policy and all its state. `run` may be called on a new or on a restored one."""
 
@@ -158,8 +172,10 @@ class Training:
         self.seconds = 0.0
         self.curve: list[Validated] = []
         self.validated: list[Policy] = []
-        self.worlds = CrowdVecEnv(WORLDS, setup.scenario, setup.seed, reward=setup.reward, nearest=setup.nearest)
-        with torch.random.fork_rng(devices=[]):
+        self.worlds = CrowdVecEnv(
+            WORLDS, setup.scenario, setup.seed, reward=setup.reward, nearest=setup.nearest, cases=CASES
+        )
+        with _own_randomness():
             self.ppo = PPO(
                 "MultiInputPolicy",
                 self.worlds,
@@ -199,16 +215,12 @@ class Training:
     def _segment(self) -> None:
         """Train until the next validation. All that is random in it follows from the seed and the steps so far."""
         goal = len(self.curve) / VALIDATIONS
-        numpy_state = np.random.get_state()  # noqa: NPY002 (stable-baselines3 shuffles its batches with it)
-        with torch.random.fork_rng(devices=[]):
-            try:
-                self.ppo.set_random_seed(self.setup.seed + 1000 * len(self.curve))  # new training cases, too
-                self.ppo._last_obs = None  # so that all worlds start anew, as after a resume
-                _, callback = self.ppo._setup_learn(self.ppo.num_timesteps, self.returns, reset_num_timesteps=False)
-                while self.progress < min(goal, 1.0):
-                    self._update(callback)
-            finally:
-                np.random.set_state(numpy_state)  # noqa: NPY002
+        with _own_randomness():
+            self.ppo.set_random_seed(self.setup.seed + 1000 * len(self.curve))  # new training cases, too
+            self.ppo._last_obs = None  # so that all worlds start anew, as after a resume
+            _, callback = self.ppo._setup_learn(self.ppo.num_timesteps, self.returns, reset_num_timesteps=False)
+            while self.progress < min(goal, 1.0):
+                self._update(callback)
 
     def _update(self, callback: BaseCallback) -> None:
         start = time.perf_counter()
