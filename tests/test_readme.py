@@ -61,6 +61,22 @@ def test_the_policy_of_contributing_keeps_the_contract(tmp_path):
     assert all(point.kept for point in points)
 
 
+def test_the_reward_of_contributing_pays(tmp_path):
+    from crowdbench.envs.vector import VehicleVectorEnv
+
+    (text,) = [block for block in blocks("CONTRIBUTING.md") if "def reward(" in block]
+    (tmp_path / "mine.py").write_text(text)
+    mine, built_in = (VehicleVectorEnv(5, reward=reward) for reward in (str(tmp_path / "mine.py"), "progress"))
+    for envs in (mine, built_in):
+        envs.reset(seed=0)
+    difference = 0.0
+    for _ in range(20):
+        paid, expected = (envs.step([[0.9, 0.3]] * 5)[1] for envs in (mine, built_in))
+        assert (paid <= expected).all()
+        difference += (expected - paid).sum()
+    assert difference > 0.0
+
+
 def test_the_policy_of_crowdnav_in_contributing_drives(tmp_path, monkeypatch):
     class Sarl(Straight):
         query_env = True
