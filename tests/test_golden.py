@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from golden.record import FOLDER, PLANNERS, SEQUENCES, losses, outcomes, states_of
+from golden.record import FOLDER, PLANNERS, POLICY, SEQUENCES, losses, outcomes, states_of
 
 from crowdbench import load_planner
 
@@ -57,7 +57,7 @@ def decides_as_recorded(name, **options):
     return bool((found < TIE).all())
 
 
-@pytest.mark.parametrize("name", [*PLANNERS, SEQUENCES])
+@pytest.mark.parametrize("name", [*PLANNERS, POLICY, SEQUENCES])
 def test_golden_cases_end_as_recorded(name, threads):
     assert outcomes(name) == golden(name)["outcomes"]
 
@@ -65,6 +65,12 @@ def test_golden_cases_end_as_recorded(name, threads):
 @pytest.mark.parametrize("name", PLANNERS)
 def test_golden_commands_are_decided_as_recorded(name, threads):
     assert decides_as_recorded(name)
+
+
+@pytest.mark.parametrize(("weights", "is_same"), [("ppo", True), ("ppo-seed1", False)])
+def test_golden_commands_of_a_policy_are_as_recorded(weights, is_same, threads):
+    commands = load_planner(POLICY, {"weights": weights})[1].plan(states_of(POLICY))
+    assert np.allclose(commands, golden(POLICY)["commands"], rtol=0.0, atol=1e-5) == is_same
 
 
 @pytest.mark.parametrize(("name", "options"), [(name, options) for name in PLANNERS for options in CHANGES[name]])
