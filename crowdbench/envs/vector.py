@@ -13,19 +13,22 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jaxtyping import Bool, Float
 
-from crowdbench.envs import spaces, stepping
-from crowdbench.envs.observations import flatten
+from crowdbench.envs import stepping
+from crowdbench.envs.render import Renderer
+from crowdbench.envs.rewards import Reward, Step, load_reward, paid
+from crowdbench.envs.views import NEAREST, Observed, View
 from crowdbench.errors import InputError
-from crowdbench.reward import reward
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
 LABELS = np.array(stepping.LABELS, object)
 
+MODES = ["rgb_array"]
+"""The render modes: there is no window for many worlds."""
 
-class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+
+class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     """The vehicle in many worlds of a scenario, `crowdbench/Vehicle-v0` for `gymnasium.make_vec`.
 
     Observations, actions, rewards, terminations, truncations and infos of each world are those of a `VehicleEnv` with
@@ -35,9 +38,14 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         num_envs: Number of worlds.
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         autoreset_mode: When worlds whose episode is over are reset, as in Gymnasium's `SyncVectorEnv`.
+        render_mode: `rgb_array` or None.
+        reward: As for `VehicleEnv`, and so are the next three.
+        observation: `flat`, `goal_frame` or `dict`.
+        action: `world` or `goal_frame`.
+        nearest: How many pedestrians are seen in the frame of the goal, at most.
 
     Raises:
-        InputError: There is no such scenario.
+        InputError: Scenario, render mode, reward, observation or action do not exist.
     """
 
     def __init__(
@@ -45,13 +53,25 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         num_envs: int = 1,
         scenario: str | Path | Scenario = "circle_crossing_5",
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        reward: str | Reward = "crowdnav",
+        observation: str = "flat",
+        action: str = "world",
+        nearest: int = NEAREST,
     ) -> None:
         self.num_envs = num_envs
         self.scenario = stepping.as_scenario(scenario)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = spaces.observation_space(self.scenario)
-        self.single_action_space = spaces.vehicle_action_space(self.scenario)
+        fps = round(1 / self.scenario.rules.dt)
+        self.metadata = {"render_modes": MODES, "render_fps": fps, "autoreset_mode": self.autoreset_mode}
+        if render_mode is not None and render_mode not in MODES:
+            raise InputError(f"render_mode is {render_mode!r}, but many worlds have {', '.join(MODES)} alone, or None")
+        self.render_mode = render_mode
+        self._renderers = [Renderer(render_mode) for _ in range(num_envs)]
+        self.view = View(self.scenario, observation, action, nearest)
+        self.reward_name, self.reward = load_reward(reward)
+        self.single_observation_space = self.view.observation_space
+        self.single_action_space = self.view.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
@@ -61,7 +81,7 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Float[np.ndarray, "world features"], dict[str, Any]]:
+    ) -> tuple[Observed, dict[str, Any]]:
         """Start new episodes.
 
         Args:
@@ -90,12 +110,12 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._over[mask] = False
         infos: dict[str, Any] = {}
         _tell(infos, mask, case=self._cases)
-        return flatten(observe(self._worlds)), infos
+        return self.view.observe(self._worlds), infos
 
     def step(
         self, actions: np.ndarray
     ) -> tuple[
-        Float[np.ndarray, "world features"],
+        Observed,
         Float[np.ndarray, "world"],
         Bool[np.ndarray, "world"],
         Bool[np.ndarray, "world"],
@@ -116,15 +136,16 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if self._worlds is None or (self.autoreset_mode == AutoresetMode.DISABLED and self._over.any()):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
-        command = stepping.velocities(actions, (self.num_envs, 2))
-        crowd = crowd_velocities(self._worlds, self.scenario.policies)
-        worlds, (outcome, gap, _) = step(self._worlds, command, crowd)
+        before = self._worlds
+        command = self.view.commands(before, stepping.velocities(actions, (self.num_envs, 2)))
+        crowd = crowd_velocities(before, self.scenario.policies)
+        worlds, (outcome, gap, _) = step(before, command, crowd)
         anew = self._over
+        rewards = paid(self.reward_name, self.reward, Step(before, worlds, outcome, gap))
         if anew.any():
             # NEXT_STEP: this step is the reset of these worlds. They were simulated with the rest, for nothing.
             worlds = self._restarted(worlds, anew)
-            outcome[anew], gap[anew] = Outcome.RUNNING, np.inf
-        rewards = reward(outcome, gap, self.scenario.rules.dt)
+            outcome[anew], gap[anew], rewards[anew] = Outcome.RUNNING, np.inf, 0.0
         truncated = outcome == Outcome.TIMEOUT
         terminated = (outcome != Outcome.RUNNING) & ~truncated
         self._over = terminated | truncated
@@ -136,7 +157,19 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         _tell(infos, ~anew, outcome=LABELS[outcome], gap=gap)
         _tell(infos, np.ones(self.num_envs, bool), case=self._cases)
         self._worlds = worlds
-        return flatten(observe(worlds)), rewards, terminated, truncated, infos
+        return self.view.observe(worlds), rewards, terminated, truncated, infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """The picture `[height, width, 3]` of each world in mode `rgb_array`; None without a mode."""
+        if self._worlds is None:
+            raise error.ResetNeeded("call reset() first")
+        if self.render_mode is None:
+            return None
+        frames = [
+            renderer.frame(self._worlds.take(np.array([row])), self._cases[row])
+            for row, renderer in enumerate(self._renderers)
+        ]
+        return tuple(frame for frame in frames if frame is not None)
 
     def _restarted(
         self, worlds: World | None, mask: Bool[np.ndarray, "world"], cases: Sequence[str | None] | None = None
@@ -155,6 +188,9 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         names = [self._case(row, cases[row] if cases else None) for row in rows.tolist()]
         fresh = stepping.start(self.scenario, names)
         self._cases[rows] = names
+        if self.render_mode is not None:
+            for index, row in enumerate(rows.tolist()):  # the start of an episode sets the scale of its pictures
+                self._renderers[row].show(fresh.take(np.array([index])), names[index])
         return fresh if worlds is None or mask.all() else worlds.put(rows, fresh)
 
     def _case(self, row: int, case: str | None) -> str:
@@ -175,8 +211,10 @@ class VehicleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             gap: The smallest distance in metres to a pedestrian in the step.
         """
         final_obs = np.full(self.num_envs, None, object)
-        for row, obs in zip(np.flatnonzero(ended), flatten(observe(worlds.take(ended))), strict=True):
-            final_obs[row] = obs
+        seen = self.view.observe(worlds.take(ended))
+        for index, row in enumerate(np.flatnonzero(ended)):
+            is_dict = isinstance(seen, dict)
+            final_obs[row] = {name: part[index] for name, part in seen.items()} if is_dict else seen[index]
         final_info: dict[str, Any] = {}
         _tell(final_info, ended, outcome=LABELS[outcome], gap=gap, case=self._cases)
         return {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}

@@ -7,24 +7,22 @@ from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
-from jaxtyping import Float
 
-from crowdbench.envs import spaces, stepping
-from crowdbench.envs.observations import flatten
+from crowdbench.envs import stepping
 from crowdbench.envs.render import RENDER_MODES, Renderer
-from crowdbench.reward import reward
+from crowdbench.envs.rewards import Reward, Step, load_reward, paid
+from crowdbench.envs.views import NEAREST, Observed, View
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
 
-class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
     """The vehicle in one world of a scenario, `crowdbench/Vehicle-v0`.
 
-    - Observation: see `crowdbench.envs.observations`.
+    - Observation: see `crowdbench.envs.views`.
     - Action: a velocity `(vx, vy)` in m/s. If it is faster than the vehicle's preferred speed, it is slowed down to it.
-    - Reward: see `crowdbench.reward.reward`.
+    - Reward: see `crowdbench.envs.rewards`.
     - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
     - Termination: success or collision.
     - Truncation: the scenario's time limit.
@@ -34,27 +32,41 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     Args:
         scenario: The name of a scenario, the path of its file, or a `Scenario`.
         render_mode: `human`, `rgb_array` or None.
+        reward: The name of a reward, `./mine.py`, or a function of a step.
+        observation: `flat`, `goal_frame` or `dict`.
+        action: `world` or `goal_frame`: the axes of an action.
+        nearest: How many pedestrians are seen in the frame of the goal, at most.
 
     Raises:
-        InputError: Scenario or render mode do not exist.
+        InputError: Scenario, render mode, reward, observation or action do not exist.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": RENDER_MODES, "render_fps": 4}  # type: ignore[misc]
 
-    def __init__(self, scenario: str | Path | Scenario = "circle_crossing_5", render_mode: str | None = None) -> None:
+    def __init__(
+        self,
+        scenario: str | Path | Scenario = "circle_crossing_5",
+        render_mode: str | None = None,
+        reward: str | Reward = "crowdnav",
+        observation: str = "flat",
+        action: str = "world",
+        nearest: int = NEAREST,
+    ) -> None:
         self.scenario = stepping.as_scenario(scenario)
         self.render_mode = render_mode
         fps = round(1 / self.scenario.rules.dt)
         self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
-        self.observation_space = spaces.observation_space(self.scenario)
-        self.action_space = spaces.vehicle_action_space(self.scenario)
+        self.view = View(self.scenario, observation, action, nearest)
+        self.reward_name, self.reward = load_reward(reward)
+        self.observation_space = self.view.observation_space
+        self.action_space = self.view.action_space
         self._renderer = Renderer(render_mode)
         self._case = ""
         self._world: World
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Float[np.ndarray, "features"], dict[str, Any]]:
+    ) -> tuple[Observed, dict[str, Any]]:
         """Start a new episode.
 
         Args:
@@ -72,9 +84,9 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._case = stepping.chosen_case(case, self.np_random)
         self._world = stepping.start(self.scenario, [self._case])
         self._renderer.show(self._world, self._case)
-        return flatten(observe(self._world))[0], {"case": self._case}
+        return self._observation(), {"case": self._case}
 
-    def step(self, action: np.ndarray) -> tuple[Float[np.ndarray, "features"], float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
         """Simulate one step; the pedestrians follow the scenario's policies.
 
         Args:
@@ -87,18 +99,23 @@ class VehicleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             InputError: The action is not a finite velocity.
         """
         stepping.require_reset(self._case)
-        command = stepping.velocities(action, (2,))[None]
-        crowd = crowd_velocities(self._world, self.scenario.policies)
-        self._world, (outcomes, gaps, _) = step(self._world, command, crowd)
+        before = self._world
+        command = self.view.commands(before, stepping.velocities(action, (2,))[None])
+        crowd = crowd_velocities(before, self.scenario.policies)
+        self._world, (outcomes, gaps, _) = step(before, command, crowd)
         self._renderer.show(self._world, self._case)
         outcome, gap = int(outcomes[0]), float(gaps[0])
         return (
-            flatten(observe(self._world))[0],
-            float(reward(outcomes, gaps, self._world.rules.dt)[0]),
+            self._observation(),
+            float(paid(self.reward_name, self.reward, Step(before, self._world, outcomes, gaps))[0]),
             outcome not in (Outcome.RUNNING, Outcome.TIMEOUT),
             outcome == Outcome.TIMEOUT,
             {"outcome": stepping.LABELS[outcome], "gap": gap, "case": self._case},
         )
+
+    def _observation(self) -> Observed:
+        seen = self.view.observe(self._world)
+        return {name: part[0] for name, part in seen.items()} if isinstance(seen, dict) else seen[0]
 
     def render(self) -> np.ndarray | None:
         """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.compiled import njit
 from crowdbench.types import Observation
@@ -39,12 +39,14 @@ class Features:
         vehicle: About the vehicle.
         pedestrians: About the nearest pedestrians, 0 where there are fewer.
         seen: Which of these pedestrians there are.
+        index: Which pedestrian of the observation each of them is; -1 where there is none.
         axis: The direction of the goal, a unit vector along the axes of the world.
     """
 
     vehicle: Float[np.ndarray, "world features"]
     pedestrians: Float[np.ndarray, "world nearest features"]
     seen: Bool[np.ndarray, "world nearest"]
+    index: Int[np.ndarray, "world nearest"]
     axis: Float[np.ndarray, "world 2"]
 
 
@@ -63,6 +65,7 @@ def features(obs: Observation, nearest: int) -> Features:
         vehicle=np.empty((worlds, VEHICLE_FEATURES)),
         pedestrians=np.zeros((worlds, nearest, PEDESTRIAN_FEATURES)),
         seen=np.zeros((worlds, nearest), bool),
+        index=np.full((worlds, nearest), -1),
         axis=np.empty((worlds, 2)),
     )
     vehicle, crowd = obs.vehicle, obs.pedestrians
@@ -79,9 +82,42 @@ def features(obs: Observation, nearest: int) -> Features:
         found.vehicle,
         found.pedestrians,
         found.seen,
+        found.index,
         found.axis,
     )
     return found
+
+
+def histories(obs: Observation, found: Features) -> Float[np.ndarray, "world time nearest 2"]:
+    """The last positions of the pedestrians in the frame of the goal, in metres; 0 where there is none.
+
+    Args:
+        obs: What the vehicle sees.
+        found: Its features.
+
+    Returns:
+        From the oldest to the current position, as `Observation.pedestrians.history`.
+    """
+    index = np.maximum(found.index, 0)[:, None, :, None]
+    past = np.take_along_axis(obs.pedestrians.history, index, axis=2) - obs.vehicle.position[:, None, None]
+    c, s = found.axis[:, None, None, 0], found.axis[:, None, None, 1]
+    turned = np.stack([c * past[..., 0] + s * past[..., 1], c * past[..., 1] - s * past[..., 0]], axis=-1)
+    return np.where(found.seen[:, None, :, None], turned, 0.0)
+
+
+def direction(
+    position: Float[np.ndarray, "world 2"], goal: Float[np.ndarray, "world 2"]
+) -> Float[np.ndarray, "world 2"]:
+    """The direction of the goal, a unit vector along the axes of the world, as `features` has it.
+
+    Args:
+        position: Positions of vehicles in metres.
+        goal: Their goals in metres.
+    """
+    way = goal - position
+    distance = np.sqrt((way**2).sum(axis=1, keepdims=True))
+    near = distance > LEAST_DISTANCE
+    return np.where(near, way / np.where(near, distance, 1.0), [1.0, 0.0])
 
 
 def to_world(action: Float[np.ndarray, "world 2"], axis: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
@@ -105,7 +141,7 @@ def in_disc(action: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"
 
 @no_type_check
 @njit
-def _fill(position, velocity, goal, speed, radius, others, motion, radii, seen, own, rows, shown, axis):
+def _fill(position, velocity, goal, speed, radius, others, motion, radii, seen, own, rows, shown, index, axis):
     """Fill features.
 
     Args:
@@ -121,6 +157,7 @@ def _fill(position, velocity, goal, speed, radius, others, motion, radii, seen, 
         own: `[world, 5]`, filled.
         rows: `[world, nearest, 8]`, zeros, filled.
         shown: `[world, nearest]`, False, filled.
+        index: `[world, nearest]`, -1, filled.
         axis: `[world, 2]`, filled.
     """
     gap = np.empty(seen.shape[1])
@@ -148,4 +185,4 @@ def _fill(position, velocity, goal, speed, radius, others, motion, radii, seen, 
             row[4], row[5] = c * motion[w, p, 0] + s * motion[w, p, 1], c * motion[w, p, 1] - s * motion[w, p, 0]
             row[2], row[3] = row[4] - own[w, 1], row[5] - own[w, 2]
             row[6], row[7] = gap[p], radii[w, p]
-            shown[w, k] = True
+            shown[w, k], index[w, k] = True, p

@@ -1,0 +1,125 @@
+"""The rewards of the environments, by name: what a policy learns from. Scores never depend on them.
+
+A reward is a function of a step that gives one number per world. To add one of your own, write a file with a function
+`reward(step)` and name it where an environment takes a reward: `reward="./mine.py"`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench import plugins
+from crowdbench.errors import InputError, plugin_errors
+from crowdbench.geometry import norm
+from crowdbench.reward import reward
+from crowdbench.types import Outcome, World
+
+PROGRESS = 0.2
+"""Of `progress`: reward per metre that the vehicle comes closer to its goal."""
+
+COLLISION = -0.5
+"""Of `progress`: reward for a collision."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of many worlds, as a reward sees it.
+
+    Attributes:
+        before: The worlds before the step. Agent 0 is the vehicle.
+        after: The worlds after it.
+        outcome: How the step ended, an `Outcome`.
+        gap: The smallest distance in metres between the rims of the vehicle and a pedestrian during the step.
+    """
+
+    before: World
+    after: World
+    outcome: Int[np.ndarray, "world"]
+    gap: Float[np.ndarray, "world"]
+
+    @property
+    def dt(self) -> float:
+        """The length of the step in seconds."""
+        return self.after.rules.dt
+
+    @property
+    def progress(self) -> Float[np.ndarray, "world"]:
+        """By how many metres the vehicle has come closer to its goal."""
+        goal = self.before.goal[:, 0]
+        return norm(goal - self.before.position[:, 0]) - norm(goal - self.after.position[:, 0])
+
+    @property
+    def collided(self) -> Bool[np.ndarray, "world"]:
+        """Where the step ended in a collision, with a pedestrian or an obstacle."""
+        return np.isin(self.outcome, (Outcome.COLLISION, Outcome.WALL_COLLISION))
+
+
+Reward = Callable[[Step], Float[np.ndarray, "world"]]
+
+
+def crowdnav(step: Step) -> Float[np.ndarray, "world"]:
+    """The reward of CrowdNav (Chen et al. 2019, equation 3), which also measures planners."""
+    return reward(step.outcome, step.gap, step.dt)
+
+
+def progress(step: Step) -> Float[np.ndarray, "world"]:
+    """CrowdNav's reward with 0.2 for every metre closer to the goal, and -0.5 for a collision.
+
+    CrowdNav's reward says nothing until the goal is reached, which a policy that begins at random never does.
+    """
+    paid = np.where(step.collided, COLLISION, crowdnav(step))
+    return paid + PROGRESS * step.progress
+
+
+REWARDS: dict[str, Reward] = {"crowdnav": crowdnav, "progress": progress}
+"""The built-in rewards by name."""
+
+
+def load_reward(spec: str | Reward) -> tuple[str, Reward]:
+    """Find a reward.
+
+    Args:
+        spec: The name of a built-in reward, `file.py`, whose function is `reward`, `file.py:function`, or a function.
+
+    Returns:
+        What it is called, and the reward.
+
+    Raises:
+        InputError: There is no such reward.
+    """
+    if not isinstance(spec, str):
+        return getattr(spec, "__name__", "reward"), spec
+    file, function = plugins.file_and_function(spec)
+    if file is not None:
+        return function or file.stem, plugins.function_of(file, function or "reward")
+    if spec in REWARDS:
+        return spec, REWARDS[spec]
+    raise InputError(f"no reward is called {spec!r}; there are {', '.join(REWARDS)}, or give a file: ./mine.py")
+
+
+def paid(name: str, reward: Reward, step: Step) -> Float[np.ndarray, "world"]:
+    """The reward of a step, checked.
+
+    Args:
+        name: What the reward is called.
+        reward: The reward.
+        step: The step.
+
+    Raises:
+        InputError: The reward raises, or does not give one finite number per world.
+    """
+    with plugin_errors(f"reward {name} raised"):
+        values = np.asarray(reward(step))
+    if values.shape != step.gap.shape or values.dtype.kind not in "bfiu":
+        raise InputError(
+            f"reward {name} gave shape {list(values.shape)} of {values.dtype}, but must give one number per world, "
+            f"[{len(step.gap)}]"
+        )
+    if not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise InputError(f"reward {name} is {values[row]} in world {row}, but must be finite")
+    return values.astype(np.float64)

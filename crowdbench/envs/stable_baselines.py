@@ -1,0 +1,151 @@
+"""The vehicle in many worlds as a vector environment of stable-baselines3, which simulates them all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from stable_baselines3.common.vec_env import VecEnv
+
+from crowdbench.envs import stepping
+from crowdbench.envs.rewards import Reward, Step, load_reward, paid
+from crowdbench.envs.views import NEAREST, Observed, View
+from crowdbench.errors import InputError
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.types import Outcome, World
+
+CASES = 2048
+"""Training cases that are drawn at the start. Drawing one takes as long as hundreds of steps of a world."""
+
+
+class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not looked into
+    """The vehicle in many worlds of a scenario, for stable-baselines3 (`pip install 'crowdbench[ppo]'`).
+
+    Observations, actions and rewards are as in `crowdbench.envs.vehicle.VehicleEnv`. Episodes start from training cases
+    that are drawn once; each comes as often as chance has it. A world whose episode is over starts the next one in the
+    same step; the info of that step has its last observation as `terminal_observation`, its `outcome`, and the return
+    and the length of the episode as `episode`, as stable-baselines3's `VecMonitor` would add them. Other infos are
+    empty.
+
+    Args:
+        num_envs: Number of worlds.
+        scenario: The name of a scenario, the path of its file, or a `Scenario`.
+        seed: The seed of the training cases and of their order.
+        reward: As for `VehicleEnv`, and so are the next three.
+        observation: `flat`, `goal_frame` or `dict`.
+        action: `world` or `goal_frame`.
+        nearest: How many pedestrians are seen in the frame of the goal, at most.
+        cases: How many training cases there are.
+
+    Raises:
+        InputError: Scenario, reward, observation or action do not exist.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        scenario: str | Path | Scenario = "circle_crossing_5",
+        seed: int = 0,
+        reward: str | Reward = "progress",
+        observation: str = "dict",
+        action: str = "goal_frame",
+        nearest: int = NEAREST,
+        cases: int = CASES,
+    ) -> None:
+        self.scenario = stepping.as_scenario(scenario)
+        self.view = View(self.scenario, observation, action, nearest)
+        self.reward_name, self.reward = load_reward(reward)
+        self.render_mode = None
+        self._cases = cases
+        self._action = np.zeros((num_envs, 2))
+        self._return = np.zeros(num_envs)
+        self._length = np.zeros(num_envs, np.int64)
+        self._worlds: World
+        super().__init__(num_envs, self.view.observation_space, self.view.action_space)
+        self.seed(seed)
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Draw the training cases and their order anew. Without a seed, a random one is taken."""
+        self._order = np.random.default_rng(seed)
+        numbers = self._order.choice(stepping.TRAINING_CASES, self._cases, replace=False)
+        self._starts = self.scenario.draw("train", numbers)
+        return [seed] * self.num_envs
+
+    def reset(self) -> Observed:
+        """Start new episodes in all worlds, and return what is seen."""
+        self._return[:], self._length[:] = 0.0, 0
+        self._worlds = self._fresh(self.num_envs)
+        return self.view.observe(self._worlds)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions `[world, 2]` of `step_wait`."""
+        self._action = stepping.velocities(actions, (self.num_envs, 2))
+
+    def step_wait(self) -> tuple[Observed, Float[np.ndarray, "world"], Bool[np.ndarray, "world"], list[dict[str, Any]]]:
+        """Simulate one step in all worlds: observations, rewards, whether episodes are over, and infos."""
+        before = self._worlds
+        command = self.view.commands(before, self._action)
+        worlds, (outcome, gap, _) = step(before, command, crowd_velocities(before, self.scenario.policies))
+        rewards = paid(self.reward_name, self.reward, Step(before, worlds, outcome, gap))
+        self._return += rewards
+        self._length += 1
+        done = outcome != Outcome.RUNNING
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if done.any():
+            rows = np.flatnonzero(done)
+            self._tell(infos, rows, worlds, outcome)
+            worlds = worlds.put(rows, self._fresh(len(rows)))
+            self._return[rows], self._length[rows] = 0.0, 0
+        self._worlds = worlds
+        return self.view.observe(worlds), rewards, done, infos
+
+    def _fresh(self, number: int) -> World:
+        return self._starts.take(self._order.integers(len(self._starts), size=number))
+
+    def _tell(
+        self,
+        infos: list[dict[str, Any]],
+        rows: Int[np.ndarray, "row"],
+        worlds: World,
+        outcome: Int[np.ndarray, "world"],
+    ) -> None:
+        """Fill the infos of worlds whose episode is over.
+
+        Args:
+            infos: An empty one per world.
+            rows: These worlds.
+            worlds: All worlds after the step.
+            outcome: The `Outcome` of each world.
+        """
+        last = self.view.observe(worlds.take(rows))
+        for index, row in enumerate(rows.tolist()):
+            is_dict = isinstance(last, dict)
+            infos[row] |= {
+                "terminal_observation": {name: part[index] for name, part in last.items()} if is_dict else last[index],
+                "TimeLimit.truncated": bool(outcome[row] == Outcome.TIMEOUT),
+                "outcome": stepping.LABELS[outcome[row]],
+                "episode": {"r": float(self._return[row]), "l": int(self._length[row])},
+            }
+
+    def close(self) -> None:
+        """Nothing is left open."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute of the environment, which all worlds share, once for each."""
+        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refused, with an InputError: worlds have no attributes of their own."""
+        raise InputError(f"{attr_name} cannot be set for single worlds: make another environment")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Refused, with an InputError: worlds have no methods of their own."""
+        raise InputError(f"worlds have no method {method_name} of their own")
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Worlds are never wrapped."""
+        return [False] * len(list(self._get_indices(indices)))

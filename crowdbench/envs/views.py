@@ -1,0 +1,123 @@
+"""How a policy sees the worlds of a scenario and acts in them: observations, actions and their spaces.
+
+Observations, of the vehicle:
+
+- `flat`: a vector along the axes of the world, see `crowdbench.envs.observations`.
+- `goal_frame`: a vector in the frame of the goal, see `crowdbench.planners.policy.features`: the vehicle's numbers,
+  then those of each pedestrian and 1 where there is one.
+- `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 where there is a pedestrian), and `history`,
+  the last 8 positions of each pedestrian.
+
+Actions are velocities in m/s, along the axes of the world (`world`) or in the frame of the goal (`goal_frame`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces as gym_spaces
+from jaxtyping import Float
+
+from crowdbench.envs import spaces
+from crowdbench.envs.observations import flatten
+from crowdbench.errors import InputError
+from crowdbench.planners.policy.features import (
+    PEDESTRIAN_FEATURES,
+    VEHICLE_FEATURES,
+    direction,
+    features,
+    histories,
+    to_world,
+)
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.sensor import observe
+from crowdbench.types import HISTORY, World
+
+OBSERVATIONS = ("flat", "goal_frame", "dict")
+ACTIONS = ("world", "goal_frame")
+
+NEAREST = 10
+"""Pedestrians that are seen in the frame of the goal, where the scenario has more."""
+
+Observed = Any
+"""An array `[world, features]`, or a dictionary of arrays `[world, ...]`."""
+
+
+@dataclass(frozen=True)
+class View:
+    """How a policy sees the worlds of a scenario and acts in them.
+
+    Attributes:
+        scenario: The scenario.
+        observation: One of `OBSERVATIONS`.
+        action: One of `ACTIONS`.
+        nearest: How many pedestrians are seen in the frame of the goal, at most.
+
+    Raises:
+        InputError: There is no such observation or action.
+    """
+
+    scenario: Scenario
+    observation: str = "flat"
+    action: str = "world"
+    nearest: int = NEAREST
+
+    def __post_init__(self) -> None:
+        for name, value, known in (
+            ("observation", self.observation, OBSERVATIONS),
+            ("action", self.action, ACTIONS),
+        ):
+            if value not in known:
+                raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}")
+        if not (isinstance(self.nearest, int) and self.nearest >= 1):
+            raise InputError(f"nearest is {self.nearest!r}, but must be a whole number of pedestrians, 1 or more")
+
+    @property
+    def observation_space(self) -> gym_spaces.Space[Any]:
+        """The space of the observations of one world."""
+        if self.observation == "flat":
+            return spaces.observation_space(self.scenario)
+        k = self.nearest
+        parts = {
+            "vehicle": _box(VEHICLE_FEATURES),
+            "pedestrians": _box(k, PEDESTRIAN_FEATURES),
+            "mask": gym_spaces.Box(0.0, 1.0, (k,), np.float64),
+        }
+        if self.observation == "dict":
+            return gym_spaces.Dict({**parts, "history": _box(HISTORY, k, 2)})
+        return _box(VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1))
+
+    @property
+    def action_space(self) -> gym_spaces.Box:
+        """The space of the actions in one world: velocities in m/s."""
+        return spaces.vehicle_action_space(self.scenario)
+
+    def observe(self, worlds: World) -> Observed:
+        """What the vehicle sees in each world."""
+        obs = observe(worlds)
+        if self.observation == "flat":
+            return flatten(obs)
+        found = features(obs, self.nearest)
+        mask = found.seen.astype(np.float64)
+        if self.observation == "goal_frame":
+            each = np.concatenate([found.pedestrians, mask[..., None]], axis=2)
+            return np.concatenate([found.vehicle, each.reshape(len(obs), -1)], axis=1)
+        parts = {"vehicle": found.vehicle, "pedestrians": found.pedestrians, "mask": mask}
+        return {**parts, "history": histories(obs, found)}
+
+    def commands(self, worlds: World, action: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
+        """The velocities in m/s, along the axes of the world, that actions ask for.
+
+        Args:
+            worlds: The worlds before the step.
+            action: The actions.
+        """
+        if self.action == "world":
+            return action
+        return to_world(action, direction(worlds.position[:, 0], worlds.goal[:, 0]))
+
+
+def _box(*shape: int) -> gym_spaces.Box:
+    return gym_spaces.Box(-np.inf, np.inf, shape, np.float64)

@@ -1,0 +1,267 @@
+"""Trains a policy with stable-baselines3's proximal policy optimization (PPO, Schulman et al. 2017).
+
+The policy sees the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in that frame. It
+learns from the reward `progress` in many worlds at once. Each update collects `STEPS` steps of every world, then goes
+through them `EPOCHS` times in batches.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import Tensor, nn
+
+from crowdbench.envs.stable_baselines import CrowdVecEnv
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import Metric, jerk, navigation_time_or_limit, success_rate
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.policy.network import NAME, Policy, SetEncoder
+from crowdbench.planners.policy.planner import PolicyPlanner
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.train.checkpoint import State, optimizer_state, part_of, restore_optimizer, tensors_of
+from crowdbench.train.value import chosen as chosen_of
+
+WORLDS = 128
+"""Worlds that are driven at once."""
+
+STEPS = 64
+"""Steps of each world between two updates."""
+
+BATCH = 1024
+"""Steps per step of the optimizer."""
+
+EPOCHS = 6
+"""How often each update goes through its steps."""
+
+GAMMA = 0.97
+"""Discount per step."""
+
+LAMBDA = 0.95
+"""Of the generalized advantage estimate (Schulman et al. 2016)."""
+
+LEARNING_RATE = 7e-4
+"""At the start; it falls linearly to 0."""
+
+LOG_STD = -0.5
+"""Logarithm of the standard deviation of actions at the start, in m/s."""
+
+VALIDATIONS = 20
+"""Validations of a training, after which it can be resumed."""
+
+VALIDATION_CASES = Cases("val", 0, 200)
+"""The cases of a validation, in each of its scenarios."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is trained, and for how long.
+
+    Attributes:
+        scenario: The scenario of all episodes.
+        validation: The scenarios in which the policy is validated.
+        nearest: How many pedestrians the policy is shown, at most.
+        seed: The seed of weights, batches, exploration and training cases.
+        steps: How many steps of a world to train for, where `minutes` is None.
+        minutes: How long to train, in minutes, or None.
+        device: `cpu` or `cuda`.
+    """
+
+    scenario: Scenario
+    validation: Sequence[Scenario]
+    nearest: int
+    seed: int
+    steps: int
+    minutes: float | None
+    device: str
+
+
+@dataclass(frozen=True)
+class Validated:
+    """One validation: a point of the training curve. Its means are over the cases of all validation scenarios.
+
+    Attributes:
+        steps: The steps driven so far, of all worlds together.
+        seconds: The training time so far in seconds, without validations.
+        reward: The mean return of the training episodes that ended since the last point; 0 if none did.
+        success: The success rate on validation cases, from 0 to 1.
+        navigation_time_or_limit: The mean time to the goal in seconds, the time limit for failures.
+        jerk: The mean jerk in m/s^3.
+    """
+
+    steps: int
+    seconds: float
+    reward: float
+    success: float
+    navigation_time_or_limit: float
+    jerk: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.steps:8d} steps, {self.seconds:4.0f} s: on validation cases {100 * self.success:.1f} % success in "
+            f"{self.navigation_time_or_limit:.2f} s (a failure counts as the time limit), jerk {self.jerk:.1f}"
+        )
+
+
+class _Encoded(BaseFeaturesExtractor):
+    """What the worlds show, encoded by the set encoder: the part that action and value share."""
+
+    def __init__(self, observation_space: spaces.Dict) -> None:
+        encoder = SetEncoder()
+        super().__init__(observation_space, encoder.encoded)
+        self.encoder = encoder
+
+    def forward(self, observations: dict[str, Tensor]) -> Tensor:
+        mask = observations["mask"] > 0.5
+        return self.encoder(observations["vehicle"], observations["pedestrians"], mask)
+
+
+class _Returns(BaseCallback):
+    """Keeps the returns of the episodes that ended."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.returns: list[float] = []
+
+    def _on_step(self) -> bool:
+        self.returns += [info["episode"]["r"] for info in self.locals["infos"] if "episode" in info]
+        return True
+
+
+class Training:
+    """A training of a policy and all its state. `run` may be called on a new or on a restored one."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self.steps = 0
+        self.seconds = 0.0
+        self.curve: list[Validated] = []
+        self.validated: list[Policy] = []
+        self.worlds = CrowdVecEnv(WORLDS, setup.scenario, setup.seed, nearest=setup.nearest)
+        with torch.random.fork_rng(devices=[]):
+            self.ppo = PPO(
+                "MultiInputPolicy",
+                self.worlds,
+                learning_rate=lambda left: LEARNING_RATE * left,
+                n_steps=STEPS,
+                batch_size=BATCH,
+                n_epochs=EPOCHS,
+                gamma=GAMMA,
+                gae_lambda=LAMBDA,
+                seed=setup.seed,
+                device=setup.device,
+                policy_kwargs={
+                    "features_extractor_class": _Encoded,
+                    "net_arch": {"pi": [64], "vf": [64]},
+                    "activation_fn": nn.Tanh,
+                    "log_std_init": LOG_STD,
+                },
+            )
+        self.returns = _Returns()
+
+    @property
+    def progress(self) -> float:
+        """The part of the training that is done, from 0 to 1."""
+        steps, minutes = self.setup.steps, self.setup.minutes
+        return min(1.0, self.seconds / (60.0 * minutes) if minutes else self.steps / steps)
+
+    def run(self, after_validation: Callable[[], None]) -> None:
+        """Train to the end, and call `after_validation` whenever the curve has a new point."""
+        if not self.curve:
+            self._validate()
+            after_validation()
+        while self.progress < 1.0:
+            self._segment()
+            self._validate()
+            after_validation()
+
+    def _segment(self) -> None:
+        """Train until the next validation. All that is random in it follows from the seed and the steps so far."""
+        goal = len(self.curve) / VALIDATIONS
+        numpy_state = np.random.get_state()  # noqa: NPY002 (stable-baselines3 shuffles its batches with it)
+        with torch.random.fork_rng(devices=[]):
+            try:
+                self.ppo.set_random_seed(self.setup.seed + 1000 * len(self.curve))  # new training cases, too
+                self.ppo._last_obs = None  # so that all worlds start anew, as after a resume
+                _, callback = self.ppo._setup_learn(self.ppo.num_timesteps, self.returns, reset_num_timesteps=False)
+                while self.progress < min(goal, 1.0):
+                    self._update(callback)
+            finally:
+                np.random.set_state(numpy_state)  # noqa: NPY002
+
+    def _update(self, callback: BaseCallback) -> None:
+        start = time.perf_counter()
+        ppo = self.ppo
+        ppo.collect_rollouts(self.worlds, callback, ppo.rollout_buffer, n_rollout_steps=STEPS)
+        ppo._current_progress_remaining = 1.0 - self.progress
+        ppo.train()
+        self.steps += STEPS * WORLDS
+        self.seconds += time.perf_counter() - start
+
+    def _validate(self) -> None:
+        """Add a point to the curve, and keep its policy."""
+        policy = self.policy
+        driver = Driver(PolicyPlanner(policy, self.setup.nearest), NAME)
+        traces = [rollout(driver, scenario, VALIDATION_CASES) for scenario in self.setup.validation]
+
+        def mean(metric: Metric) -> float:
+            return float(np.nanmean([metric(trace) for trace in traces]))
+
+        self.curve.append(
+            Validated(
+                steps=self.steps,
+                seconds=self.seconds,
+                reward=float(np.mean(self.returns.returns)) if self.returns.returns else 0.0,
+                success=mean(success_rate),
+                navigation_time_or_limit=mean(navigation_time_or_limit),
+                jerk=mean(jerk),
+            )
+        )
+        self.returns.returns.clear()
+        self.validated.append(policy)
+
+    @property
+    def policy(self) -> Policy:
+        """The policy as it is: a copy of what a planner needs."""
+        actor, found = self.ppo.policy, Policy()
+        found.encoder.load_state_dict(actor.features_extractor.encoder.state_dict())
+        found.hidden.load_state_dict(actor.mlp_extractor.policy_net.state_dict())
+        found.action.load_state_dict(actor.action_net.state_dict())
+        return copy.deepcopy(found).cpu()
+
+    @property
+    def chosen(self) -> Validated:
+        """The point of the curve whose policy is `best`."""
+        return chosen_of(self.curve, len(VALIDATION_CASES) * len(self.setup.validation))
+
+    @property
+    def best(self) -> Policy:
+        """See `crowdbench.train.method.Training`. Before the first validation, the policy as it is."""
+        return self.validated[self.curve.index(self.chosen)] if self.curve else self.policy
+
+    def state(self) -> State:
+        """The state of the training, for a checkpoint. Worlds are not in it: each segment begins with new episodes."""
+        tensors = tensors_of("policy", self.ppo.policy) | optimizer_state("optimizer", self.ppo.policy.optimizer)
+        for number, policy in enumerate(self.validated):
+            tensors |= tensors_of(f"validated.{number}", policy)
+        return State(tensors, {"steps": self.steps, "seconds": self.seconds}, self.curve)
+
+    def restore(self, state: State) -> None:
+        """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
+        self.validated.clear()
+        self.ppo.policy.load_state_dict(part_of("policy", state.tensors))
+        restore_optimizer(self.ppo.policy.optimizer, part_of("optimizer", state.tensors))
+        for number in range(len(state.curve)):
+            policy = Policy()
+            policy.load_state_dict(part_of(f"validated.{number}", state.tensors))
+            self.validated.append(policy)
+        self.steps, self.seconds = state.facts["steps"], state.facts["seconds"]
+        self.curve = [Validated(**point) for point in state.curve]
