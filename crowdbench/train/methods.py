@@ -12,6 +12,7 @@ from typing import Any
 
 from crowdbench.errors import InputError
 from crowdbench.train.method import Option, Request
+from crowdbench.train.ppo_request import PPORequest
 from crowdbench.train.social_gan_request import SocialGANRequest
 from crowdbench.train.value_request import ValueRequest
 from crowdbench.weights import card as cards
@@ -19,6 +20,7 @@ from crowdbench.weights import card as cards
 METHODS: dict[str, type[Request]] = {
     "cadrl": ValueRequest,
     "lstm_rl": ValueRequest,
+    "ppo": PPORequest,
     "sarl": ValueRequest,
     "sgan": SocialGANRequest,
 }

@@ -11,6 +11,7 @@ import copy
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
 import numpy as np
 import torch
 from gymnasium import spaces
@@ -28,7 +29,7 @@ from crowdbench.planners.policy.planner import PolicyPlanner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.train.checkpoint import State, optimizer_state, part_of, restore_optimizer, tensors_of
-from crowdbench.train.value import chosen as chosen_of
+from crowdbench.train.choice import chosen
 
 WORLDS = 128
 """Worlds that are driven at once."""
@@ -111,7 +112,7 @@ class Validated:
         )
 
 
-class _Encoded(BaseFeaturesExtractor):
+class _Encoded(BaseFeaturesExtractor):  # type: ignore[misc]  # stable_baselines3 is not looked into
     """What the worlds show, encoded by the set encoder: the part that action and value share."""
 
     def __init__(self, observation_space: spaces.Dict) -> None:
@@ -124,7 +125,7 @@ class _Encoded(BaseFeaturesExtractor):
         return self.encoder(observations["vehicle"], observations["pedestrians"], mask)
 
 
-class _Returns(BaseCallback):
+class _Returns(BaseCallback):  # type: ignore[misc]
     """Keeps the returns of the episodes that ended."""
 
     def __init__(self) -> None:
@@ -240,7 +241,7 @@ class Training:
     @property
     def chosen(self) -> Validated:
         """The point of the curve whose policy is `best`."""
-        return chosen_of(self.curve, len(VALIDATION_CASES) * len(self.setup.validation))
+        return chosen(self.curve, len(VALIDATION_CASES) * len(self.setup.validation))
 
     @property
     def best(self) -> Policy:

@@ -14,7 +14,6 @@ take minutes:
 from __future__ import annotations
 
 import copy
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,6 +33,7 @@ from crowdbench.predict import ConstantVelocity, Predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.train.checkpoint import State, optimizer_state, part_of, restore_optimizer, tensors_of
+from crowdbench.train.choice import chosen
 from crowdbench.train.exploration import EpsilonGreedy
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
 from crowdbench.types import Trace
@@ -307,25 +307,3 @@ class Training:
         self.replay.added = state.facts["added"]
         self.rounds, self.seconds = state.facts["rounds"], state.facts["seconds"]
         self.curve = [Validated(**point) for point in state.curve]
-
-
-def chosen(curve: Sequence[Validated], cases: int) -> Validated:
-    """The point of a training curve whose network is kept: by success first, within noise, and by time second.
-
-    Args:
-        curve: The points.
-        cases: The number of cases of each point.
-
-    Returns:
-        The quickest of the points whose success is at most one standard error below the largest (the rule of Breiman
-        et al., *Classification and Regression Trees*, 1984); the latest one, if several are as quick. For the standard
-        error two successes and two failures are added (Agresti and Coull 1998), or else it would be 0 where all
-        cases succeed.
-    """
-    most = max(point.success for point in curve)
-    share = (most * cases + 2) / (cases + 4)
-    error = math.sqrt(share * (1 - share) / (cases + 4))
-    return min(
-        (point for point in reversed(curve) if point.success >= most - error),
-        key=lambda point: point.navigation_time_or_limit,
-    )

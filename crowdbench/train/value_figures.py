@@ -1,14 +1,15 @@
-"""What a trained value network is measured to do, for its card."""
+"""What a trained network is measured to do, for its card."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes, to_json
 from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.predict import ConstantVelocity
@@ -38,8 +39,27 @@ def figures(
     Returns:
         For every split of `CASES` the cases and the mean of every metric with its 95 % interval, as JSON.
     """
-    driver = Driver(ValuePlanner(ConstantVelocity(), network, limits=limits), network.name)
-    metrics = {name: METRICS[name] for name in MEASURED}
+    planner = ValuePlanner(ConstantVelocity(), network, limits=limits)
+    return measured(planner, network.name, scenario, MEASURED, progress)
+
+
+def measured(
+    planner: Planner, name: str, scenario: Scenario, wanted: Sequence[str], progress: Callable[[float], None]
+) -> dict[str, Any]:
+    """Run a planner through the cases of a card.
+
+    Args:
+        planner: The planner.
+        name: What it is called in errors.
+        scenario: The scenario.
+        wanted: The names of the metrics.
+        progress: Called as by `rollout`.
+
+    Returns:
+        For every split of `CASES` the cases and the mean of every metric with its 95 % interval, as JSON.
+    """
+    driver = Driver(planner, name)
+    metrics = {name: METRICS[name] for name in wanted}
     found = {}
     for split, cases in CASES.items():
         traces = (rollout(driver, scenario, part, progress=progress) for part in cases.batches(BATCH))

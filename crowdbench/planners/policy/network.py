@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from crowdbench.planners.policy.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES
 
-NAME = "policy"
+NAME = "ppo"
 """The name of the network on cards."""
 
 SCALE = 3.0

@@ -6,12 +6,14 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from crowdbench.errors import InputError
+from crowdbench.numbers import is_integer
 from crowdbench.planners.base import Planner
 from crowdbench.planners.policy.features import features, in_disc, to_world
 from crowdbench.planners.policy.network import NAME, Policy
 from crowdbench.threads import in_chunks
 from crowdbench.types import Observation
-from crowdbench.weights.store import digest
+from crowdbench.weights.store import digest, load_into, read_card, weights_file
 
 CHUNK = 4096
 """Worlds that go through the network at once."""
@@ -48,6 +50,27 @@ class PolicyPlanner(Planner):
         pedestrians: Float[np.ndarray, "world nearest others"],
         seen: np.ndarray,
     ) -> np.ndarray:
-        single = torch.float32
-        tensors = torch.from_numpy(vehicle).to(single), torch.from_numpy(pedestrians).to(single), torch.from_numpy(seen)
-        return self.policy(*tensors).double().numpy()
+        device = next(self.policy.parameters()).device
+        inputs = (vehicle.astype(np.float32), pedestrians.astype(np.float32), seen)
+        return self.policy(*(torch.from_numpy(each).to(device) for each in inputs)).double().cpu().numpy()
+
+
+def load_policy(weights: str, device: str = "cpu") -> PolicyPlanner:
+    """A planner with a trained policy.
+
+    Args:
+        weights: The name of built-in weights, or a file.
+        device: `cpu` or `cuda`.
+
+    Returns:
+        The planner.
+
+    Raises:
+        InputError: The weights are missing, altered or not those of a policy.
+    """
+    path = weights_file(weights)
+    policy = load_into(Policy(), NAME, path, device)
+    nearest = read_card(path).get("training", {}).get("nearest")
+    if not is_integer(nearest) or nearest < 1:
+        raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
+    return PolicyPlanner(policy, int(nearest))

@@ -1,0 +1,142 @@
+"""What a user asks for in the training of a policy, and what the card says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from crowdbench.errors import InputError
+from crowdbench.train.method import Request, Training, option
+from crowdbench.weights import card as cards
+
+STEPS = 3_000_000
+"""The steps of a training where their number is not given."""
+
+MEASURED = ("success_rate", "collision_rate", "timeout_rate", "navigation_time", "jerk", "max_velocity_change")
+"""The metrics on the card."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPORequest(Request):
+    """What is asked for of the training in `crowdbench.train.ppo`.
+
+    Attributes:
+        steps: The steps that the vehicles of all worlds drive together.
+        nearest: How many pedestrians the policy is shown, at most; None for as many as the scenario has.
+        validation: The scenarios that choose the checkpoint, by name or path, with commas between them; None for the
+            one that is trained in.
+    """
+
+    steps: int = option(STEPS, "Train for this many steps of a world", least=1)
+    nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
+    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
+
+    length: ClassVar[str] = "steps"
+
+    @classmethod
+    def check(cls, options: Mapping[str, Any]) -> None:
+        """See `Request`. Any options go together."""
+
+    @property
+    def arguments(self) -> Sequence[str]:
+        """See `Request`."""
+        words = [*self.scenario_arguments]
+        if self.nearest is not None:
+            words.append(f"--nearest {self.nearest}")
+        return words if self.validation is None else [*words, "--validation", self.validation.replace(" ", "")]
+
+    @property
+    def use(self) -> str:
+        """See `Request`."""
+        return "run --planner ppo"
+
+    def training(self, device: str) -> Training:
+        """See `Request`. Raises InputError where there is no such scenario, or stable-baselines3 is missing."""
+        from crowdbench.catalog import load_scenario
+
+        try:
+            from crowdbench.train.ppo import Setup, Training
+        except ModuleNotFoundError as error:
+            if error.name != "stable_baselines3":
+                raise
+            raise InputError("crowdbench train ppo needs stable-baselines3: pip install 'crowdbench[ppo]'") from None
+        scenario = load_scenario(self.scenario, self.overrides)
+        names = [name.strip() for name in self.validation.split(",")] if self.validation else []
+        return Training(
+            Setup(
+                scenario=scenario,
+                validation=[load_scenario(name) for name in names] or [scenario],
+                nearest=self.nearest or max(scenario.max_agents - 1, 1),
+                seed=self.seed,
+                steps=self.steps,
+                minutes=self.minutes,
+                device=device,
+            )
+        )
+
+    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
+        """See `Request`. The figures are those of the best policy in the scenario that it was trained in."""
+        from crowdbench.planners.policy.planner import PolicyPlanner
+        from crowdbench.train.ppo import VALIDATION_CASES
+        from crowdbench.train.value_figures import measured
+
+        setup = training.setup
+        scenario = setup.scenario
+        return {
+            "training": {
+                "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
+                "nearest": setup.nearest,
+                "validation": {
+                    "scenarios": [each.name for each in setup.validation],
+                    "cases": str(VALIDATION_CASES),
+                },
+                "seed": self.seed,
+                "steps": training.curve[-1].steps,
+                "kept_after_steps": training.chosen.steps,
+                "minutes": round(training.seconds / 60, 1),
+            },
+            "figures": measured(PolicyPlanner(training.best, setup.nearest), "ppo", scenario, MEASURED, progress),
+            "data": "simulated episodes only",
+        }
+
+    @property
+    def card_cases(self) -> int:
+        """See `Request`."""
+        from crowdbench.train.value_figures import CASES
+
+        return sum(map(len, CASES.values()))
+
+    @staticmethod
+    def card_headline(card: Mapping[str, Any]) -> str:
+        """See `Request`."""
+        trained, success = card["training"], card["figures"]["test"]["metrics"]["success_rate"]
+        return f"in {cards.crowd(trained['scenario'])}: {cards.rate(success)} success on test cases"
+
+    @staticmethod
+    def card_rows(card: Mapping[str, Any]) -> Mapping[str, str]:
+        """See `Request`."""
+        trained = card["training"]
+        validation = trained["validation"]
+        return {
+            "scenario": f"{cards.crowd(trained['scenario'])} (digest {trained['scenario']['digest']})",
+            "pedestrians shown": f"{trained['nearest']} at most, the nearest",
+            "checkpoint": f"chosen at step {trained['kept_after_steps']} of {trained['steps']}, on "
+            f"{validation['cases']} of {' and of '.join(validation['scenarios'])}",
+        }
+
+    @staticmethod
+    def card_figures(card: Mapping[str, Any]) -> Sequence[str]:
+        """See `Request`."""
+        lines = [
+            "Measured once, after training, in the same scenario (95 % intervals):",
+            "",
+            "| cases | success | collisions | time-outs | navigation time | jerk |",
+            "|---|---|---|---|---|---|",
+        ]
+        for split, figures in card["figures"].items():
+            found = figures["metrics"]
+            rates = [cards.rate(found[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
+            time, jerk = cards.seconds(found["navigation_time"]), f"{found['jerk']['mean']:.2f} m/s³"
+            lines.append(f"| {split} {figures['cases']} | {' | '.join(rates)} | {time} | {jerk} |")
+        return lines
