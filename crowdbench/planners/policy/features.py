@@ -44,7 +44,7 @@ class Features:
     """
 
     vehicle: Float[np.ndarray, "world features"]
-    pedestrians: Float[np.ndarray, "world nearest features"]
+    pedestrians: Float[np.ndarray, "world nearest others"]
     seen: Bool[np.ndarray, "world nearest"]
     index: Int[np.ndarray, "world nearest"]
     axis: Float[np.ndarray, "world 2"]

@@ -1,0 +1,204 @@
+"""Rewards, observations and actions of environments, and the vector environment for stable-baselines3."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from crowdbench import InputError, load_scenario
+from crowdbench.envs.rewards import COLLISION, PROGRESS, Step, crowdnav, load_reward, paid, progress
+from crowdbench.envs.stable_baselines import CrowdVecEnv
+from crowdbench.envs.views import ACTIONS, OBSERVATIONS, View
+from crowdbench.planners.policy.features import features, in_disc, to_world
+from crowdbench.scenario.cases import Cases
+from crowdbench.sim.sensor import observe
+from crowdbench.types import Outcome
+
+ID = "crowdbench/Vehicle-v0"
+
+
+def worlds(number=6, scenario="circle_crossing_5"):
+    return load_scenario(scenario).worlds(Cases("val", 0, number))
+
+
+def turned(world, angle):
+    """The same worlds, turned around the origin."""
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = np.array([[c, s], [-s, c]])
+    names = ("position", "velocity", "goal", "history")
+    return world.replace(**{name: getattr(world, name) @ rotation for name in names})
+
+
+def test_features_are_the_same_in_a_scene_that_is_turned():
+    start = worlds()
+    start = start.replace(velocity=np.random.default_rng(0).normal(size=start.velocity.shape))
+    one, other = (features(observe(world), 3) for world in (start, turned(start, 2.1)))
+    np.testing.assert_allclose(one.vehicle, other.vehicle, atol=1e-12)
+    np.testing.assert_allclose(one.pedestrians, other.pedestrians, atol=1e-12)
+    np.testing.assert_array_equal(one.index, other.index)
+
+
+def test_the_nearest_pedestrians_come_first_and_others_are_left_out():
+    start = worlds()
+    found = features(observe(start), 3)
+    assert (np.diff(found.pedestrians[..., 6], axis=1) >= 0).all()
+    distance = np.linalg.norm(start.position[:, 1:] - start.position[:, :1], axis=2)
+    np.testing.assert_array_equal(found.index, np.argsort(distance, axis=1, kind="stable")[:, :3])
+    np.testing.assert_allclose(found.pedestrians[..., 6] + 0.6, np.sort(distance, axis=1)[:, :3])
+
+
+def test_a_crowd_of_any_size_has_features_of_one_size():
+    few, many = (features(observe(worlds(2, name)), 8) for name in ("circle_crossing_5", "circle_crossing_10"))
+    assert few.pedestrians.shape == many.pedestrians.shape == (2, 8, 8)
+    assert few.seen.sum(axis=1).tolist() == [5, 5]
+    assert many.seen.all()
+    assert (few.pedestrians[:, 5:] == 0.0).all()
+
+
+def test_an_action_along_the_goal_leads_there():
+    start = worlds()
+    found = features(observe(start), 3)
+    way = start.goal[:, 0] - start.position[:, 0]
+    ahead = to_world(np.tile([1.0, 0.0], (len(start), 1)), found.axis)
+    np.testing.assert_allclose(ahead, way / np.linalg.norm(way, axis=1, keepdims=True))
+    left = to_world(np.tile([0.0, 1.0], (len(start), 1)), found.axis)
+    np.testing.assert_allclose(left, np.stack([-ahead[:, 1], ahead[:, 0]], axis=1))
+
+
+def test_long_actions_are_shortened_and_short_ones_kept():
+    np.testing.assert_allclose(in_disc(np.array([[3.0, 4.0], [0.1, 0.2]])), [[0.6, 0.8], [0.1, 0.2]])
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize("action", ACTIONS)
+@pytest.mark.filterwarnings("ignore:.*A Box observation space (minimum|maximum) value is -?infinity.*")
+def test_every_view_passes_the_check_of_gymnasium(observation, action):
+    env = gymnasium.make(ID, observation=observation, action=action, reward="progress", nearest=3)
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_many_worlds_show_what_one_world_shows(observation):
+    options = {"observation": observation, "action": "goal_frame", "reward": "progress", "nearest": 3}
+    many = gymnasium.make_vec(ID, num_envs=3, **options)
+    ones = [gymnasium.make(ID, **options) for _ in range(3)]
+    seen, _ = many.reset(seed=5)
+    each = [env.reset(seed=5 + row)[0] for row, env in enumerate(ones)]
+    actions = np.random.default_rng(0).uniform(-1, 1, (8, 3, 2))
+    for action in actions:
+        for row in range(3):
+            part = {key: value[row] for key, value in seen.items()} if isinstance(seen, dict) else seen[row]
+            for name in part if isinstance(part, dict) else [...]:
+                np.testing.assert_array_equal(part[name], each[row][name])
+        seen, rewards, *_ = many.step(action)
+        stepped = [env.step(own) for env, own in zip(ones, action, strict=True)]
+        each = [one[0] for one in stepped]
+        np.testing.assert_array_equal(rewards, [one[1] for one in stepped])
+
+
+def test_many_worlds_are_rendered():
+    env = gymnasium.make_vec(ID, num_envs=2, render_mode="rgb_array")
+    env.reset(seed=1)
+    env.step(np.zeros((2, 2)))
+    frames = env.render()
+    assert [frame.shape for frame in frames] == [(600, 600, 3)] * 2
+    assert (frames[0] != frames[1]).any()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"reward": "nothing"}, r"^no reward is called 'nothing'; there are crowdnav, progress, or give a file"),
+        ({"reward": "./missing.py"}, r"^there is no file .*missing\.py"),
+        ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict$"),
+        ({"action": "up"}, r"^action is 'up', but must be one of world, goal_frame$"),
+        ({"nearest": 0}, r"^nearest is 0, but must be a whole number of pedestrians, 1 or more$"),
+    ],
+)
+def test_what_does_not_exist_gets_one_sentence(options, sentence):
+    for make in (gymnasium.make, lambda *given, **more: gymnasium.make_vec(*given, num_envs=2, **more)):
+        with pytest.raises(InputError, match=sentence):
+            make(ID, **options)
+
+
+def a_step(outcome, moved=0.25):
+    """A step of two worlds whose vehicles come closer to their goals, with the same outcome."""
+    before = worlds(2)
+    way = before.goal[:, 0] - before.position[:, 0]
+    position = before.position.copy()
+    position[:, 0] += moved * way / np.linalg.norm(way, axis=1, keepdims=True)
+    return Step(before, before.replace(position=position), np.full(2, int(outcome)), np.full(2, 1.0))
+
+
+def test_progress_pays_for_metres_and_collisions():
+    np.testing.assert_allclose(progress(a_step(Outcome.RUNNING)), PROGRESS * 0.25)
+    np.testing.assert_allclose(progress(a_step(Outcome.SUCCESS)), 1.0 + PROGRESS * 0.25)
+    np.testing.assert_allclose(progress(a_step(Outcome.COLLISION)), COLLISION + PROGRESS * 0.25)
+    np.testing.assert_allclose(crowdnav(a_step(Outcome.COLLISION)), -0.25)
+
+
+def test_a_reward_of_ones_own_is_a_file(tmp_path):
+    (tmp_path / "mine.py").write_text("def reward(step):\n    return 10.0 * step.progress\n")
+    name, mine = load_reward(str(tmp_path / "mine.py"))
+    assert name == "mine"
+    np.testing.assert_allclose(paid(name, mine, a_step(Outcome.RUNNING)), 2.5)
+
+
+@pytest.mark.parametrize(
+    ("answer", "sentence"),
+    [
+        (
+            lambda step: np.zeros(3),
+            r"^reward mine gave shape \[3\] of float64, but must give one number per world, \[2\]$",
+        ),
+        (
+            lambda step: np.array(["a", "b"]),
+            r"^reward mine gave shape \[2\] of <U1, but must give one number per world",
+        ),
+        (lambda step: np.array([0.0, np.nan]), r"^reward mine is nan in world 1, but must be finite$"),
+        (lambda step: 1 / 0, r"^reward mine raised ZeroDivisionError"),
+    ],
+)
+def test_a_reward_that_is_wrong_gets_one_sentence(answer, sentence):
+    with pytest.raises(InputError, match=sentence):
+        paid("mine", answer, a_step(Outcome.RUNNING))
+
+
+def test_the_vec_env_keeps_the_contract_of_stable_baselines():
+    env = CrowdVecEnv(4, seed=3, cases=16, nearest=3)
+    seen = env.reset()
+    assert {name: part.shape for name, part in seen.items()} == {
+        "vehicle": (4, 5),
+        "pedestrians": (4, 3, 8),
+        "mask": (4, 3),
+        "history": (4, 8, 3, 2),
+    }
+    ends = 0
+    for _ in range(130):
+        seen, rewards, dones, infos = env.step(np.tile([1.0, 0.0], (4, 1)))
+        assert rewards.shape == dones.shape == (4,)
+        for done, info in zip(dones, infos, strict=True):
+            assert ("terminal_observation" in info) == bool(done)
+            if done:
+                ends += 1
+                assert info["episode"]["l"] <= 100
+                assert info["outcome"] in ("success", "collision", "timeout")
+                assert info["terminal_observation"]["vehicle"].shape == (5,)
+    assert ends > 4
+
+
+def test_the_vec_env_repeats_itself():
+    runs = []
+    for _ in range(2):
+        env = CrowdVecEnv(3, seed=8, cases=16)
+        env.reset()
+        runs.append([env.step(np.full((3, 2), 0.5))[1] for _ in range(60)])
+    np.testing.assert_array_equal(*runs)
+
+
+def test_the_vec_env_sees_what_a_view_sees():
+    env = CrowdVecEnv(3, seed=8, cases=16, nearest=2)
+    seen = env.reset()
+    again = View(env.scenario, "dict", "goal_frame", 2).observe(env._worlds)
+    for name, part in seen.items():
+        np.testing.assert_array_equal(part, again[name])
