@@ -8,13 +8,14 @@ through them `EPOCHS` times in batches.
 from __future__ import annotations
 
 import copy
+import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
@@ -60,6 +61,10 @@ VALIDATIONS = 20
 
 VALIDATION_CASES = Cases("val", 0, 200)
 """The cases of a validation, in each of its scenarios."""
+
+
+ALIAS = re.compile("(pi_|vf_)(?=features_extractor)")
+"""Stable-baselines3 names the encoder that action and value share three times; one of them is kept."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,7 @@ class Validated:
 class _Encoded(BaseFeaturesExtractor):  # type: ignore[misc]  # stable_baselines3 is not looked into
     """What the worlds show, encoded by the set encoder: the part that action and value share."""
 
-    def __init__(self, observation_space: spaces.Dict) -> None:
+    def __init__(self, observation_space: Any) -> None:
         encoder = SetEncoder()
         super().__init__(observation_space, encoder.encoded)
         self.encoder = encoder
@@ -250,7 +255,8 @@ class Training:
 
     def state(self) -> State:
         """The state of the training, for a checkpoint. Worlds are not in it: each segment begins with new episodes."""
-        tensors = tensors_of("policy", self.ppo.policy) | optimizer_state("optimizer", self.ppo.policy.optimizer)
+        own = {name: tensor for name, tensor in tensors_of("policy", self.ppo.policy).items() if not ALIAS.search(name)}
+        tensors = own | optimizer_state("optimizer", self.ppo.policy.optimizer)
         for number, policy in enumerate(self.validated):
             tensors |= tensors_of(f"validated.{number}", policy)
         return State(tensors, {"steps": self.steps, "seconds": self.seconds}, self.curve)
@@ -258,7 +264,9 @@ class Training:
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
         self.validated.clear()
-        self.ppo.policy.load_state_dict(part_of("policy", state.tensors))
+        own = part_of("policy", state.tensors)
+        whole = {name: own[ALIAS.sub("", name)] for name in self.ppo.policy.state_dict()}
+        self.ppo.policy.load_state_dict(whole)
         restore_optimizer(self.ppo.policy.optimizer, part_of("optimizer", state.tensors))
         for number in range(len(state.curve)):
             policy = Policy()

@@ -1,0 +1,110 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from crowdbench import InputError, load_planner, load_scenario
+from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.policy.planner import load_policy
+from crowdbench.scenario.cases import Cases
+from crowdbench.train import ppo, value_figures
+from crowdbench.train.directories import CHECKPOINT
+from crowdbench.train.ppo_request import PPORequest
+from crowdbench.train.training_run import TrainingRun
+from crowdbench.weights.store import digest
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """A training of seconds."""
+    for name, size in {"WORLDS": 8, "STEPS": 16, "BATCH": 64, "EPOCHS": 2, "VALIDATIONS": 3}.items():
+        monkeypatch.setattr(ppo, name, size)
+    monkeypatch.setattr(ppo, "VALIDATION_CASES", Cases("val", 0, 4))
+    monkeypatch.setattr("crowdbench.envs.stable_baselines.CASES", 16)
+    cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in value_figures.CASES.items()}
+    monkeypatch.setattr(value_figures, "CASES", cases)
+
+
+REQUEST = PPORequest(network="ppo", overrides={"pedestrians.number": [1, 3], "time_limit": 8.0}, seed=7, steps=700)
+
+
+class Killed(Exception):
+    """Stops a training, as a signal would."""
+
+
+def ignore(*arguments):
+    """A listener that does nothing."""
+
+
+def killed_after(points):
+    seen = []
+
+    def tell(*point):
+        seen.append(point)
+        if len(seen) == points:
+            raise Killed
+
+    return tell
+
+
+def trained(directory):
+    run = TrainingRun.new(REQUEST, directory, "cpu")
+    run.train(ignore)
+    return run
+
+
+def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
+    one, two = (trained(tmp_path / name).training for name in ("a", "b"))
+    assert digest(one.policy) == digest(two.policy)
+    assert [dataclasses.replace(point, seconds=0.0) for point in one.curve] == [
+        dataclasses.replace(point, seconds=0.0) for point in two.curve
+    ]
+    other = TrainingRun.new(dataclasses.replace(REQUEST, seed=8), tmp_path / "c", "cpu")
+    other.train(ignore)
+    assert digest(other.training.policy) != digest(one.policy)
+
+
+@pytest.mark.parametrize("points", [1, 3])
+def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):
+    whole = trained(tmp_path / "whole").training
+    with pytest.raises(Killed):
+        TrainingRun.new(REQUEST, tmp_path / "killed", "cpu").train(killed_after(points))
+    again = TrainingRun.resumed(tmp_path / "killed", "cpu")
+    again.train(ignore)
+    assert digest(again.training.policy) == digest(whole.policy)
+    assert [point.success for point in again.training.curve] == [point.success for point in whole.curve]
+
+
+def test_training_changes_nothing_that_is_random_elsewhere(tmp_path):
+    np.random.seed(3)  # noqa: NPY002
+    expected = np.random.random(3)  # noqa: NPY002
+    np.random.seed(3)  # noqa: NPY002
+    trained(tmp_path / "a")
+    np.testing.assert_array_equal(np.random.random(3), expected)  # noqa: NPY002
+
+
+def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
+    run = trained(tmp_path / "a")
+    weights = run.finish(ignore)
+    assert not (tmp_path / "a" / CHECKPOINT).exists()
+    card = json.loads(weights.with_suffix(".json").read_text())
+    assert card["network"] == "ppo"
+    assert card["training"]["nearest"] == 3
+    assert card["command"].startswith("crowdbench train ppo --scenario circle_crossing_mixed --set ")
+    assert "jerk" in weights.with_suffix(".md").read_text()
+    name, planner = load_planner("ppo", {"weights": str(weights)})
+    trace = rollout(Driver(planner, name), load_scenario("circle_crossing_10", {"time_limit": 2.0}), Cases("val", 0, 3))
+    assert np.nanmax(np.linalg.norm(trace.command, axis=2)) <= 1.0 + 1e-9
+
+
+def test_weights_that_are_not_a_policys_get_one_sentence(tmp_path):
+    with pytest.raises(InputError, match="are of the network sarl, but must be of ppo"):
+        load_policy("sarl")
+    weights = trained(tmp_path / "a").finish(ignore)
+    card = json.loads(weights.with_suffix(".json").read_text())
+    del card["training"]["nearest"]
+    weights.with_suffix(".json").write_text(json.dumps(card))
+    with pytest.raises(InputError, match="does not say how many pedestrians the policy is shown"):
+        load_policy(str(weights))
