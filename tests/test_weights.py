@@ -69,7 +69,8 @@ def test_cards_of_an_earlier_version_keep_their_figures(path):
         assert f"{figure} and FDE" in shipped
     else:
         figure = f"{100 * card['figures']['test']['metrics']['success_rate']['mean']:.1f} %"
-        chosen = f"episode {trained['kept_after_episodes']} of {trained['episodes']}"
+        unit = "step" if card["network"] == "ppo" else "episode"
+        chosen = f"{unit} {trained[f'kept_after_{unit}s']} of {trained[f'{unit}s']}"
         assert text.count("| test ") == 1
     assert f"| checkpoint | chosen at {chosen}" in text
     assert figure in headline(card)
