@@ -96,9 +96,9 @@ def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
 
 def test_environments_of_many_worlds_are_compared(monkeypatch):
     monkeypatch.setattr(environments, "ROUNDS", 1)
-    gym, own, ratio = environments.measure_vec_env(worlds=3, steps=4)
-    assert gym.unit == own.unit == "steps/s"
-    assert ratio.value == pytest.approx(own.value / gym.value)
+    measured = list(environments.measure_vec_env(worlds=3, steps=4))
+    assert len(measured) == 2
+    assert all(one.value > 0 and one.unit == "us" for one in measured)
 
 
 def test_decisions_stand_beside_what_was_recorded_of_crowdnav():

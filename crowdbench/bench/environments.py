@@ -1,4 +1,4 @@
-"""How many steps a second a policy can be trained with: the environments of many worlds."""
+"""How long the steps take with which a policy is trained: the environments of many worlds."""
 
 from __future__ import annotations
 
@@ -31,17 +31,15 @@ def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]
     """
     if importlib.util.find_spec("stable_baselines3") is None:
         return
-    works = [functools.partial(work, worlds, steps) for work in (gymnasium_steps, stable_baselines_steps)]
+    works = [functools.partial(work, worlds, steps) for work in (gymnasium_step, stable_baselines_step)]
     gym, own = in_turns(ROUNDS, *works)
-    yield Measurement(
-        f"Gymnasium's vector environment, {worlds} worlds, 5 pedestrians, frame of the goal", gym, "steps/s"
-    )
-    yield Measurement("the same as stable-baselines3's VecEnv", own, "steps/s")
-    yield Measurement("steps of the VecEnv for one of Gymnasium's", own / gym, "steps")
+    work = f"{worlds} worlds, 5 pedestrians, frame of the goal, per vehicle and step"
+    yield Measurement(f"Gymnasium's vector environment, {work}", 1e6 * gym, "us")
+    yield Measurement("the same as stable-baselines3's VecEnv", 1e6 * own, "us")
 
 
-def gymnasium_steps(worlds: int, steps: int) -> float:
-    """Steps a second of `gymnasium.make_vec`.
+def gymnasium_step(worlds: int, steps: int) -> float:
+    """Seconds per vehicle and step of `gymnasium.make_vec`.
 
     Args:
         worlds: Number of worlds.
@@ -53,11 +51,11 @@ def gymnasium_steps(worlds: int, steps: int) -> float:
     begin = time.perf_counter()
     for _ in range(steps):
         envs.step(actions)
-    return worlds * steps / (time.perf_counter() - begin)
+    return (time.perf_counter() - begin) / (worlds * steps)
 
 
-def stable_baselines_steps(worlds: int, steps: int) -> float:
-    """Steps a second of `CrowdVecEnv`.
+def stable_baselines_step(worlds: int, steps: int) -> float:
+    """Seconds per vehicle and step of `CrowdVecEnv`.
 
     Args:
         worlds: Number of worlds.
@@ -72,4 +70,4 @@ def stable_baselines_steps(worlds: int, steps: int) -> float:
     for _ in range(steps):
         envs.step_async(actions)
         envs.step_wait()
-    return worlds * steps / (time.perf_counter() - begin)
+    return (time.perf_counter() - begin) / (worlds * steps)
