@@ -52,7 +52,7 @@ def train(steps: int, scenario: str, seed: int, worlds: int = 128, progress_bar:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--steps", type=int, default=2_000_000)
+    parser.add_argument("--steps", type=int, default=3_000_000)
     parser.add_argument("--scenario", default="circle_crossing_5")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("ppo.safetensors"))

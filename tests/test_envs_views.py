@@ -6,6 +6,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium.utils.env_checker import check_env
 
 from crowdbench import InputError, load_scenario, parallel_env
@@ -14,6 +15,8 @@ from crowdbench.envs.seats import seats
 from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS, View
 from crowdbench.planners.policy.features import features, in_disc, to_world
+from crowdbench.planners.policy.network import Policy
+from crowdbench.planners.policy.planner import PolicyPlanner
 from crowdbench.plugins import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
@@ -72,7 +75,8 @@ def test_an_action_along_the_goal_leads_there():
 
 
 def test_long_actions_are_shortened_and_short_ones_kept():
-    np.testing.assert_allclose(in_disc(np.array([[3.0, 4.0], [0.1, 0.2]])), [[0.6, 0.8], [0.1, 0.2]])
+    actions, limits = np.array([[3.0, 4.0], [0.1, 0.2], [3.0, 4.0]]), np.array([1.0, 1.0, 0.5])
+    np.testing.assert_allclose(in_disc(actions, limits), [[0.6, 0.8], [0.1, 0.2], [0.3, 0.4]])
 
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
@@ -283,3 +287,54 @@ def test_a_video_is_recorded(tmp_path):
         env.step(np.array([0.5, 0.0]))
     env.close()
     assert list(tmp_path.glob("videos/*.mp4"))
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS)
+def test_a_world_without_pedestrians_is_seen(observation):
+    env = gymnasium.make(
+        ID, scenario=load_scenario("circle_crossing_5", {"pedestrians.number": 0}), observation=observation
+    )
+    seen, _ = env.reset(seed=0)
+    assert env.observation_space.contains(seen)
+
+
+def test_rewards_are_asked_only_for_steps_of_episodes():
+    def strict(step):
+        assert (step.before.step < step.before.rules.max_steps).all()
+        return np.ones(len(step.gap))
+
+    envs = gymnasium.make_vec(
+        ID, num_envs=3, scenario=load_scenario("circle_crossing_5", {"time_limit": 3.0}), reward=strict
+    )
+    envs.reset(seed=0)
+    rewards = np.array([envs.step(np.zeros((3, 2)))[1] for _ in range(2 * envs.unwrapped.scenario.rules.max_steps)])
+    assert (rewards == 0.0).sum(axis=0).tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"num_envs": 0}, "num_envs is 0"),
+        ({"num_envs": 2, "cases": 0}, "cases is 0"),
+        ({"num_envs": 2, "seed": -1}, "seed"),
+    ],
+)
+def test_a_vec_env_that_cannot_be_gets_one_sentence(options, sentence):
+    with pytest.raises(InputError, match=f"^{sentence}.*but must be"):
+        CrowdVecEnv(**options)
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
+def test_a_policy_drives_as_it_was_trained(speed):
+    """A planner's command is the velocity that the same action has in the environment."""
+    scenario = load_scenario("circle_crossing_5", {"vehicle.preferred_speed": speed})
+    env = CrowdVecEnv(4, scenario, nearest=5, cases=4)
+    seen = env.reset()
+    policy = Policy()
+    inputs = (torch.as_tensor(seen[name], dtype=torch.float32) for name in ("vehicle", "pedestrians"))
+    with torch.no_grad():
+        action = policy(*inputs, torch.as_tensor(seen["mask"] > 0.5)).double().numpy()
+    command = PolicyPlanner(policy, 5).plan(observe(env._worlds))
+    env.step_async(action)
+    env.step_wait()
+    np.testing.assert_allclose(env._worlds.velocity[:, 0], command, atol=1e-6)

@@ -56,7 +56,7 @@ def train(
     ] = None,
     **own: Any,
 ) -> None:
-    """Train a value network for planners, or Social GAN for prediction.
+    """Train a value network or a policy for planners, or Social GAN for prediction.
 
     A value network imitates demonstrations by ORCA, then learns from its own episodes. In validation the lookahead
     predicts with constant velocity, whichever predictor is used in training. The checkpoint that is kept is the

@@ -33,7 +33,8 @@ class Step:
         before: The worlds before the step. Agent 0 is the vehicle.
         after: The worlds after it.
         outcome: How the step ended, an `Outcome`.
-        gap: The smallest distance in metres between the rims of the vehicle and a pedestrian during the step.
+        gap: The smallest distance in metres between the rims of the vehicle and a pedestrian during the step; infinite
+            without pedestrians.
     """
 
     before: World
@@ -91,8 +92,10 @@ def load_reward(spec: str | Reward) -> tuple[str, Reward]:
     Raises:
         InputError: There is no such reward.
     """
-    if not isinstance(spec, str):
+    if callable(spec):
         return getattr(spec, "__name__", "reward"), spec
+    if not isinstance(spec, str):
+        raise InputError(f"reward is {spec!r}, but must be a name, the path of a file as a text, or a function")
     file, function = plugins.file_and_function(spec)
     if file is not None:
         return function or file.stem, plugins.function_of(file, function or "reward")

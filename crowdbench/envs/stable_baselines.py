@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium import error
 from jaxtyping import Bool, Float, Int
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -42,7 +43,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         cases: How many training cases there are.
 
     Raises:
-        InputError: Scenario, reward, observation or action do not exist.
+        InputError: Scenario, reward, observation or action do not exist, or there is no world or no case.
     """
 
     def __init__(
@@ -56,6 +57,9 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         nearest: int = NEAREST,
         cases: int = CASES,
     ) -> None:
+        for name, number in {"num_envs": num_envs, "cases": cases}.items():
+            if number < 1:
+                raise InputError(f"{name} is {number}, but must be 1 or more")
         self.scenario = stepping.as_scenario(scenario)
         self.view = View(self.scenario, observation, action, nearest)
         self.reward_name, self.reward = load_reward(reward)
@@ -64,19 +68,26 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         self._action = np.zeros((num_envs, 2))
         self._return = np.zeros(num_envs)
         self._length = np.zeros(num_envs, np.int64)
-        self._worlds: World
+        self._starts: World | None = None
+        self._worlds: World | None = None
         super().__init__(num_envs, self.view.observation_space, self.view.action_space)
         self.seed(seed)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Draw the training cases and their order anew. Without a seed, a random one is taken."""
-        self._order = np.random.default_rng(seed)
-        numbers = self._order.choice(stepping.TRAINING_CASES, self._cases, replace=False)
-        self._starts = self.scenario.draw("train", numbers)
+        """Have the training cases and their order drawn anew at the next reset. Without a seed, a random one is taken.
+
+        Raises InputError where the seed is negative.
+        """
+        if seed is not None and seed < 0:
+            raise InputError(f"seed is {seed}, but must be 0 or more")
+        self._order, self._starts = np.random.default_rng(seed), None
         return [seed] * self.num_envs
 
     def reset(self) -> Observed:
         """Start new episodes in all worlds, and return what is seen."""
+        if self._starts is None:
+            numbers = self._order.choice(stepping.TRAINING_CASES, self._cases, replace=False)
+            self._starts = self.scenario.draw("train", numbers)
         self._return[:], self._length[:] = 0.0, 0
         self._worlds = self._fresh(self.num_envs)
         return self.view.observe(self._worlds)
@@ -87,6 +98,8 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
 
     def step_wait(self) -> tuple[Observed, Float[np.ndarray, "world"], Bool[np.ndarray, "world"], list[dict[str, Any]]]:
         """Simulate one step in all worlds: observations, rewards, whether episodes are over, and infos."""
+        if self._worlds is None:
+            raise error.ResetNeeded("call reset() first")
         before = self._worlds
         command = self.view.commands(before.position[:, 0], before.goal[:, 0], self._action)
         worlds, (outcome, gap, _) = step(before, command, crowd_velocities(before, self.scenario.policies))
@@ -104,6 +117,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         return self.view.observe(worlds), rewards, done, infos
 
     def _fresh(self, number: int) -> World:
+        assert self._starts is not None  # drawn by the first reset
         return self._starts.take(self._order.integers(len(self._starts), size=number))
 
     def _tell(

@@ -11,7 +11,7 @@ from gymnasium import error
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.envs import stepping
 from crowdbench.envs.render import Renderer
@@ -143,11 +143,11 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         crowd = crowd_velocities(before, self.scenario.policies)
         worlds, (outcome, gap, _) = step(before, command, crowd)
         anew = self._over
-        rewards = paid(self.reward_name, self.reward, Step(before, worlds, outcome, gap))
+        rewards = self._rewards(before, worlds, outcome, gap)
         if anew.any():
             # NEXT_STEP: this step is the reset of these worlds. They were simulated with the rest, for nothing.
             worlds = self._restarted(worlds, anew)
-            outcome[anew], gap[anew], rewards[anew] = Outcome.RUNNING, np.inf, 0.0
+            outcome[anew], gap[anew] = Outcome.RUNNING, np.inf
         truncated = outcome == Outcome.TIMEOUT
         terminated = (outcome != Outcome.RUNNING) & ~truncated
         self._over = terminated | truncated
@@ -172,6 +172,18 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             for row, renderer in enumerate(self._renderers)
         ]
         return tuple(frame for frame in frames if frame is not None)
+
+    def _rewards(
+        self, before: World, after: World, outcome: Int[np.ndarray, "world"], gap: Float[np.ndarray, "world"]
+    ) -> Float[np.ndarray, "world"]:
+        """The rewards of a step, 0 in worlds whose episode was over before it."""
+        if not self._over.any():
+            return paid(self.reward_name, self.reward, Step(before, after, outcome, gap))
+        rewards, rows = np.zeros(self.num_envs), np.flatnonzero(~self._over)
+        if len(rows):
+            step = Step(before.take(rows), after.take(rows), outcome[rows], gap[rows])
+            rewards[rows] = paid(self.reward_name, self.reward, step)
+        return rewards
 
     def _restarted(
         self, worlds: World | None, mask: Bool[np.ndarray, "world"], cases: Sequence[str | None] | None = None

@@ -8,7 +8,7 @@ through them `EPOCHS` times in batches.
 from __future__ import annotations
 
 import contextlib
-import copy
+import math
 import random
 import re
 import time
@@ -163,6 +163,11 @@ def _own_randomness() -> Iterator[None]:
         np.random.set_state(numpy)  # noqa: NPY002
 
 
+def _untrained() -> Policy:
+    with torch.random.fork_rng(devices=[]):
+        return Policy()
+
+
 class Training:
     """A training of a policy and all its state. `run` may be called on a new or on a restored one."""
 
@@ -204,23 +209,25 @@ class Training:
 
     def run(self, after_validation: Callable[[], None]) -> None:
         """Train to the end, and call `after_validation` whenever the curve has a new point."""
-        if not self.curve:
-            self._validate()
-            after_validation()
-        while self.progress < 1.0:
-            self._segment()
-            self._validate()
-            after_validation()
+        with _own_randomness():
+            if not self.curve:
+                self._validate()
+                after_validation()
+            while self.progress < 1.0:
+                self._segment()
+                self._validate()
+                after_validation()
 
     def _segment(self) -> None:
-        """Train until the next validation. All that is random in it follows from the seed and the steps so far."""
-        goal = len(self.curve) / VALIDATIONS
-        with _own_randomness():
-            self.ppo.set_random_seed(self.setup.seed + 1000 * len(self.curve))  # new training cases, too
-            self.ppo._last_obs = None  # so that all worlds start anew, as after a resume
-            _, callback = self.ppo._setup_learn(self.ppo.num_timesteps, self.returns, reset_num_timesteps=False)
-            while self.progress < min(goal, 1.0):
-                self._update(callback)
+        """Train until the next validation. All that is random in it follows from the seed and the curve so far."""
+        goal = (math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS
+        self.ppo.set_random_seed(self.setup.seed + 1000 * len(self.curve))  # new training cases, too
+        self.ppo._last_obs = None  # so that all worlds start anew, as after a resume
+        start = time.perf_counter()  # training cases are drawn
+        _, callback = self.ppo._setup_learn(self.ppo.num_timesteps, self.returns, reset_num_timesteps=False)
+        self.seconds += time.perf_counter() - start
+        while self.progress < min(goal, 1.0):
+            self._update(callback)
 
     def _update(self, callback: BaseCallback) -> None:
         start = time.perf_counter()
@@ -256,11 +263,11 @@ class Training:
     @property
     def policy(self) -> Policy:
         """The policy as it is: a copy of what a planner needs."""
-        actor, found = self.ppo.policy, Policy()
+        actor, found = self.ppo.policy, _untrained()
         found.encoder.load_state_dict(actor.features_extractor.encoder.state_dict())
         found.hidden.load_state_dict(actor.mlp_extractor.policy_net.state_dict())
         found.action.load_state_dict(actor.action_net.state_dict())
-        return copy.deepcopy(found).cpu()
+        return found.cpu()
 
     @property
     def chosen(self) -> Validated:
@@ -288,7 +295,7 @@ class Training:
         self.ppo.policy.load_state_dict(whole)
         restore_optimizer(self.ppo.policy.optimizer, part_of("optimizer", state.tensors))
         for number in range(len(state.curve)):
-            policy = Policy()
+            policy = _untrained()
             policy.load_state_dict(part_of(f"validated.{number}", state.tensors))
             self.validated.append(policy)
         self.steps, self.seconds = state.facts["steps"], state.facts["seconds"]

@@ -98,6 +98,8 @@ def histories(obs: Observation, found: Features) -> Float[np.ndarray, "world tim
     Returns:
         From the oldest to the current position, as `Observation.pedestrians.history`.
     """
+    if obs.pedestrians.history.shape[2] == 0:
+        return np.zeros((len(obs), obs.pedestrians.history.shape[1], found.index.shape[1], 2))
     index = np.maximum(found.index, 0)[:, None, :, None]
     past = np.take_along_axis(obs.pedestrians.history, index, axis=2) - obs.vehicle.position[:, None, None]
     c, s = found.axis[:, None, None, 0], found.axis[:, None, None, 1]
@@ -134,9 +136,15 @@ def to_world(action: Float[np.ndarray, "world 2"], axis: Float[np.ndarray, "worl
     return x * axis + y * np.stack([-axis[:, 1], axis[:, 0]], axis=1)
 
 
-def in_disc(action: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
-    """Actions of length 1 at most: longer ones are shortened."""
-    return action / np.maximum(np.sqrt((action**2).sum(axis=1, keepdims=True)), 1.0)
+def in_disc(action: Float[np.ndarray, "world 2"], radius: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world 2"]:
+    """Actions of a largest length: longer ones are shortened.
+
+    Args:
+        action: Vectors.
+        radius: The largest length of each.
+    """
+    length = np.sqrt((action**2).sum(axis=1))
+    return action / np.maximum(length / radius, 1.0)[:, None]
 
 
 @no_type_check

@@ -60,7 +60,7 @@ class Policy(nn.Module):
     Attributes:
         encoder: Encodes what the vehicle sees.
         hidden: Layers between the code and the action.
-        action: The last layer: an action in the frame of the goal, in units of the preferred speed.
+        action: The last layer: a velocity in the frame of the goal, in m/s.
     """
 
     def __init__(self, width: int = 64, encoded: int = 128, hidden: int = 64) -> None:
@@ -75,5 +75,5 @@ class Policy(nn.Module):
         pedestrians: Float[Tensor, "world nearest others"],
         seen: Bool[Tensor, "world nearest"],
     ) -> Float[Tensor, "world 2"]:
-        """The action in the frame of the goal; it may be longer than 1, and is shortened then."""
+        """The velocity in the frame of the goal, in m/s; it may be faster than the vehicle, and is limited then."""
         return self.action(self.hidden(self.encoder(vehicle, pedestrians, seen)))

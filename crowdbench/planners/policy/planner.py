@@ -41,7 +41,8 @@ class PolicyPlanner(Planner):
             action[part] = self._actions(shown.vehicle[part], shown.pedestrians[part], shown.seen[part])
 
         in_chunks(fill, len(obs), CHUNK)
-        return to_world(in_disc(action), shown.axis) * obs.vehicle.preferred_speed[:, None]
+        # The direction is kept. (In training, the bounds of the action space limit each axis first.)
+        return to_world(in_disc(action, obs.vehicle.preferred_speed), shown.axis)
 
     @torch.inference_mode()
     def _actions(
