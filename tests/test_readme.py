@@ -108,7 +108,7 @@ def test_the_policy_of_crowdnav_in_contributing_drives(tmp_path, monkeypatch):
 COMMANDS = [
     command
     for command in re.findall(r"`crowdbench (run [^`]*)`", (ROOT / "README.md").read_text())
-    if "ppo.zip" not in command and "weights=runs" not in command
+    if "weights=runs" not in command
 ]
 
 
