@@ -105,6 +105,18 @@ def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
     assert np.nanmax(np.linalg.norm(trace.command, axis=2)) <= 1.0 + 1e-9
 
 
+def test_a_reward_of_ones_own_is_on_the_card(tmp_path):
+    (tmp_path / "my reward.py").write_text("from crowdbench.envs.rewards import progress as reward\n")
+    own = dataclasses.replace(REQUEST, reward=str(tmp_path / "my reward.py"), validation="circle_crossing_5, empty")
+    assert own.arguments[-1] == "circle_crossing_5,empty"
+    own = dataclasses.replace(own, validation=None)
+    run = TrainingRun.new(own, tmp_path / "a", "cpu")
+    run.train(ignore)
+    card = json.loads(run.finish(ignore).with_suffix(".json").read_text())
+    assert list(card["training"]["reward_files"]) == ["my reward.py"]
+    assert f"--reward '{tmp_path / 'my reward.py'}'" in card["command"]
+
+
 def test_weights_that_are_not_a_policys_get_one_sentence(tmp_path):
     with pytest.raises(InputError, match="are of the network sarl, but must be of ppo"):
         load_policy("sarl")

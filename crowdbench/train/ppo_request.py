@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from crowdbench.errors import InputError
+from crowdbench.plugin_files import file_digests
+from crowdbench.plugins import file_and_function
 from crowdbench.train.method import Request, Training, option
 from crowdbench.weights import card as cards
 
@@ -45,10 +48,14 @@ class PPORequest(Request):
         """See `Request`."""
         words = [*self.scenario_arguments]
         if self.reward != "progress":
-            words.append(f"--reward {self.reward}")
+            words.append(f"--reward {shlex.quote(self.reward)}")
         if self.nearest is not None:
             words.append(f"--nearest {self.nearest}")
-        return words if self.validation is None else [*words, "--validation", self.validation.replace(" ", "")]
+        return words if self.validation is None else [*words, "--validation", shlex.quote(",".join(self._validated))]
+
+    @property
+    def _validated(self) -> list[str]:
+        return [name.strip() for name in self.validation.split(",")] if self.validation else []
 
     @property
     def use(self) -> str:
@@ -66,11 +73,10 @@ class PPORequest(Request):
                 raise
             raise InputError("crowdbench train ppo needs stable-baselines3: pip install 'crowdbench[ppo]'") from None
         scenario = load_scenario(self.scenario, self.overrides)
-        names = [name.strip() for name in self.validation.split(",")] if self.validation else []
         return Training(
             Setup(
                 scenario=scenario,
-                validation=[load_scenario(name) for name in names] or [scenario],
+                validation=[load_scenario(name) for name in self._validated] or [scenario],
                 nearest=self.nearest or max(scenario.max_agents - 1, 1),
                 reward=self.reward,
                 seed=self.seed,
@@ -93,6 +99,7 @@ class PPORequest(Request):
                 "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
                 "nearest": setup.nearest,
                 "reward": self.reward,
+                **({"reward_files": file_digests(file)} if (file := file_and_function(self.reward)[0]) else {}),
                 "validation": {
                     "scenarios": [each.name for each in setup.validation],
                     "cases": str(VALIDATION_CASES),
