@@ -13,13 +13,14 @@ from crowdbench import InputError, load_scenario, parallel_env
 from crowdbench.envs.rewards import COLLISION, PROGRESS, Step, crowdnav, load_reward, paid, progress
 from crowdbench.envs.seats import seats
 from crowdbench.envs.stable_baselines import CrowdVecEnv
-from crowdbench.envs.views import ACTIONS, OBSERVATIONS, View
+from crowdbench.envs.views import ACTIONS, OBSERVATIONS
 from crowdbench.planners.policy.features import features, in_disc, to_world
 from crowdbench.planners.policy.network import Policy
 from crowdbench.planners.policy.planner import PolicyPlanner
 from crowdbench.plugins import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome
 
 ID = "crowdbench/Vehicle-v0"
@@ -206,12 +207,32 @@ def test_the_vec_env_repeats_itself():
     np.testing.assert_array_equal(*runs)
 
 
-def test_the_vec_env_sees_what_a_view_sees():
-    env = CrowdVecEnv(3, seed=8, cases=16, nearest=2)
-    seen = env.reset()
-    again = View(env.scenario, "dict", "goal_frame", 2).observe(env._worlds)
-    for name, part in seen.items():
-        np.testing.assert_array_equal(part, again[name])
+def test_the_vec_env_tells_the_end_of_an_episode_as_it_was():
+    """Against the simulator: last observations, outcomes and returns of the episodes that end, by time or otherwise."""
+    scenario = load_scenario("circle_crossing_5", {"time_limit": 9.0})
+    env = CrowdVecEnv(6, scenario, seed=8, cases=16, nearest=2)
+    env.reset()
+    action, returned, ends = np.tile([[1.0, 0.0], [0.2, 0.1]], (3, 1)), np.zeros(6), []
+    for _ in range(70):
+        before = env._worlds
+        command = env.view.commands(before.position[:, 0], before.goal[:, 0], action)
+        after, (outcome, gap, _) = step(before, command, crowd_velocities(before, scenario.policies))
+        last = env.view.observe(after)
+        seen, rewards, dones, infos = env.step(action)
+        returned += rewards
+        np.testing.assert_array_equal(rewards, progress(Step(before, after, outcome, gap)))
+        np.testing.assert_array_equal(dones, outcome != Outcome.RUNNING)
+        for row, done in enumerate(dones):
+            told = infos[row]["terminal_observation"] if done else {name: part[row] for name, part in seen.items()}
+            for name, part in last.items():
+                np.testing.assert_array_equal(told[name], part[row])
+            if done:
+                ends.append(infos[row]["outcome"])
+                assert infos[row]["TimeLimit.truncated"] == (outcome[row] == Outcome.TIMEOUT)
+                assert infos[row]["episode"]["r"] == pytest.approx(returned[row])
+                assert not np.array_equal(seen["vehicle"][row], last["vehicle"][row])
+                returned[row] = 0.0
+    assert {"timeout", "collision"} <= set(ends)
 
 
 def test_every_agent_has_a_world_of_its_own():
