@@ -69,8 +69,8 @@ if __name__ == "__main__":
     parser.add_argument("--scenario", default="circle_crossing_5_visible")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    for steps in (1, asked.steps):  # with 1, PPO learns from its first few steps alone
-        arrived, clean = drive(train(steps, asked.scenario, asked.seed, steps > 1), asked.scenario)
+    for steps in (0, asked.steps):
+        arrived, clean = drive(train(steps, asked.scenario, asked.seed, steps > 0), asked.scenario)
         print(
             f"after {steps} steps, {100 * arrived:.0f} % of vehicles arrive, {100 * clean:.0f} % of agents touch nobody"
         )

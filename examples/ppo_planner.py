@@ -12,8 +12,8 @@ from crowdbench.envs.views import View
 class PPOPlanner(Planner):
     """Drives with the mean action of a saved policy."""
 
-    def __init__(self, path):
-        self.view = View(load_scenario("circle_crossing_5"), "dict", "goal_frame", NEAREST)
+    def __init__(self, path, scenario):
+        self.view = View(load_scenario(scenario), "dict", "goal_frame", NEAREST)
         spaces = self.view.observation_space, self.view.action_space
         self.policy = MultiInputActorCriticPolicy(*spaces, lambda _: 0.0, **NETWORK)
         self.policy.load_state_dict(load_file(path))
@@ -26,6 +26,6 @@ class PPOPlanner(Planner):
         return command * (limit / np.maximum(np.hypot(*command.T), limit))[:, None]
 
 
-def planner(path="ppo.safetensors"):
-    """Make the planner. `path` is the file that train_ppo.py has written."""
-    return PPOPlanner(path)
+def planner(path="ppo.safetensors", scenario="circle_crossing_5"):
+    """Make the planner. `path` is the file that train_ppo.py has written, `scenario` the one that it trained in."""
+    return PPOPlanner(path, scenario)

@@ -63,7 +63,7 @@ def stable_baselines_step(worlds: int, steps: int) -> float:
     """
     from crowdbench.envs.stable_baselines import CrowdVecEnv
 
-    envs = CrowdVecEnv(worlds, SCENARIO, **OPTIONS)
+    envs = CrowdVecEnv(worlds, SCENARIO, **OPTIONS, cases=worlds)
     envs.reset()
     actions = np.tile([0.5, 0.1], (worlds, 1))
     begin = time.perf_counter()

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from crowdbench.envs import stepping
 from crowdbench.envs.rewards import Reward, Step, load_reward, paid
-from crowdbench.envs.views import NEAREST, Observed, View
+from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import crowd_velocities, step
@@ -28,9 +28,9 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
 
     Observations, actions and rewards are as in `crowdbench.envs.vehicle.VehicleEnv`. Episodes start from training cases
     that are drawn once; each comes as often as chance has it. A world whose episode is over starts the next one in the
-    same step; the info of that step has its last observation as `terminal_observation`, its `outcome`, and the return
-    and the length of the episode as `episode`, as stable-baselines3's `VecMonitor` would add them. Other infos are
-    empty.
+    same step; the info of that step has its last observation as `terminal_observation`, its `outcome`, whether that is
+    a time-out as `TimeLimit.truncated`, and the return `r` and the length `l` of the episode as `episode`. Other infos
+    are empty.
 
     Args:
         num_envs: Number of worlds.
@@ -137,9 +137,8 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         """
         last = self.view.observe(worlds.take(rows))
         for index, row in enumerate(rows.tolist()):
-            is_dict = isinstance(last, dict)
             infos[row] |= {
-                "terminal_observation": {name: part[index] for name, part in last.items()} if is_dict else last[index],
+                "terminal_observation": row_of(last, index),
                 "TimeLimit.truncated": bool(outcome[row] == Outcome.TIMEOUT),
                 "outcome": stepping.LABELS[outcome[row]],
                 "episode": {"r": float(self._return[row]), "l": int(self._length[row])},

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.envs import stepping
 from crowdbench.envs.render import Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward, paid
-from crowdbench.envs.views import NEAREST, Observed, View
+from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import crowd_velocities, step
@@ -227,8 +227,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         final_obs = np.full(self.num_envs, None, object)
         seen = self.view.observe(worlds.take(ended))
         for index, row in enumerate(np.flatnonzero(ended)):
-            is_dict = isinstance(seen, dict)
-            final_obs[row] = {name: part[index] for name, part in seen.items()} if is_dict else seen[index]
+            final_obs[row] = row_of(seen, index)
         final_info: dict[str, Any] = {}
         _tell(final_info, ended, outcome=LABELS[outcome], gap=gap, case=self._cases)
         return {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}

@@ -11,7 +11,7 @@ import numpy as np
 from crowdbench.envs import stepping
 from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward, paid
-from crowdbench.envs.views import NEAREST, Observed, View
+from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
@@ -114,8 +114,7 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         )
 
     def _observation(self) -> Observed:
-        seen = self.view.observe(self._world)
-        return {name: part[0] for name, part in seen.items()} if isinstance(seen, dict) else seen[0]
+        return row_of(self.view.observe(self._world), 0)
 
     def render(self) -> np.ndarray | None:
         """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""

@@ -126,5 +126,15 @@ class View:
         return action if self.action == "world" else to_world(action, direction(position, goal))
 
 
+def row_of(seen: Observed, index: int) -> Observed:
+    """What one of several worlds shows.
+
+    Args:
+        seen: What all of them show.
+        index: Which one.
+    """
+    return {name: part[index] for name, part in seen.items()} if isinstance(seen, dict) else seen[index]
+
+
 def _box(*shape: int) -> gym_spaces.Box:
     return gym_spaces.Box(-np.inf, np.inf, shape, np.float64)

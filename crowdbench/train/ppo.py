@@ -79,7 +79,7 @@ class Setup:
         nearest: How many pedestrians the policy is shown, at most.
         reward: What it learns from, as `crowdbench.envs.rewards` takes it.
         seed: The seed of weights, batches, exploration and training cases.
-        steps: How many steps of a world to train for, where `minutes` is None.
+        steps: How many steps to train for, of all worlds together, where `minutes` is None.
         minutes: How long to train, in minutes, or None.
         device: `cpu` or `cuda`.
     """

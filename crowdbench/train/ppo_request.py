@@ -32,7 +32,7 @@ class PPORequest(Request):
             one that is trained in.
     """
 
-    steps: int = option(STEPS, "Train for this many steps of a world", least=1)
+    steps: int = option(STEPS, "Train for this many steps, of all worlds together", least=1)
     reward: str = option("progress", "The reward: crowdnav, progress or ./mine.py")
     nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
     validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
@@ -130,27 +130,16 @@ class PPORequest(Request):
     def card_rows(card: Mapping[str, Any]) -> Mapping[str, str]:
         """See `Request`."""
         trained = card["training"]
-        validation = trained["validation"]
         return {
             "scenario": f"{cards.crowd(trained['scenario'])} (digest {trained['scenario']['digest']})",
             "reward": str(trained["reward"]),
             "pedestrians shown": f"{trained['nearest']} at most, the nearest",
-            "checkpoint": f"chosen at step {trained['kept_after_steps']} of {trained['steps']}, on "
-            f"{validation['cases']} of {' and of '.join(validation['scenarios'])}",
+            "checkpoint": f"chosen at step {trained['kept_after_steps']} of {trained['steps']}"
+            + cards.chosen_on(trained),
         }
 
     @staticmethod
     def card_figures(card: Mapping[str, Any]) -> Sequence[str]:
         """See `Request`."""
-        lines = [
-            "Measured once, after training, in the same scenario (95 % intervals):",
-            "",
-            "| cases | success | collisions | time-outs | navigation time | jerk |",
-            "|---|---|---|---|---|---|",
-        ]
-        for split, figures in card["figures"].items():
-            found = figures["metrics"]
-            rates = [cards.rate(found[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
-            time, jerk = cards.seconds(found["navigation_time"]), f"{found['jerk']['mean']:.2f} m/s³"
-            lines.append(f"| {split} {figures['cases']} | {' | '.join(rates)} | {time} | {jerk} |")
-        return lines
+        said = "Measured once, after training, in the same scenario (95 % intervals):"
+        return [said, "", *cards.driving_table(card["figures"])]

@@ -140,36 +140,20 @@ class ValueRequest(Request):
             "predictor in the lookahead": trained["predictor"],
             **({"limits": limits} if (limits := _limits(trained)) else {}),
             "checkpoint": f"chosen at episode {trained['kept_after_episodes']} of {trained['episodes']}"
-            + _chosen_on(trained),
+            + cards.chosen_on(trained),
         }
 
     @staticmethod
     def card_figures(card: Mapping[str, Any]) -> Sequence[str]:
         """See `Request`."""
         within = " and within the same limits" if _limits(card["training"]) else ""
-        lines = [
+        said = (
             f"Measured once, after training, in the same scenario{within}, with the constant-velocity predictor in the "
-            "lookahead (95 % intervals):",
-            "",
-            "| cases | success | collisions | time-outs | navigation time |",
-            "|---|---|---|---|---|",
-        ]
-        for split, figures in card["figures"].items():
-            measured = figures["metrics"]
-            rates = [cards.rate(measured[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
-            time = cards.seconds(measured["navigation_time"])
-            lines.append(f"| {split} {figures['cases']} | {' | '.join(rates)} | {time} |")
-        return lines
+            "lookahead (95 % intervals):"
+        )
+        return [said, "", *cards.driving_table(card["figures"])]
 
 
 def _limits(trained: Mapping[str, Any]) -> str:
     """The limits that a card names; empty where there are none."""
     return ", ".join(f"{name} {limit:g}" for name, limit in trained.get("limits", {}).items())
-
-
-def _chosen_on(trained: Mapping[str, Any]) -> str:
-    """Where a checkpoint was chosen, which cards of older trainings do not say."""
-    if "validation" not in trained:
-        return ""
-    validation = trained["validation"]
-    return f", on {validation['cases']} of {' and of '.join(validation['scenarios'])}"

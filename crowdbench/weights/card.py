@@ -57,3 +57,28 @@ def rate(estimate: Mapping[str, Any]) -> str:
 def seconds(estimate: Mapping[str, Any]) -> str:
     """A mean time with its 95 % interval, in seconds; empty where there was nothing to measure."""
     return f"{estimate['mean']:.2f} s ({estimate['low']:.2f} to {estimate['high']:.2f})" if estimate["n"] else ""
+
+
+def chosen_on(trained: Mapping[str, Any]) -> str:
+    """Where a checkpoint was chosen, as the end of a sentence; cards of older trainings do not say it."""
+    if "validation" not in trained:
+        return ""
+    validation = trained["validation"]
+    return f", on {validation['cases']} of {' and of '.join(validation['scenarios'])}"
+
+
+def driving_table(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """What a network does as a driver, as lines of Markdown: rates, time, and the jerk where it was measured.
+
+    Args:
+        figures: By split, the cases and the metrics with their intervals.
+    """
+    has_jerk = all("jerk" in each["metrics"] for each in figures.values())
+    head = ["cases", "success", "collisions", "time-outs", "navigation time", *["jerk"] * has_jerk]
+    rows = [head, ["---"] * len(head)]
+    for split, each in figures.items():
+        found = each["metrics"]
+        rates = [rate(found[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
+        jerk = [f"{found['jerk']['mean']:.2f} m/s³"] if has_jerk else []
+        rows.append([f"{split} {each['cases']}", *rates, seconds(found["navigation_time"]), *jerk])
+    return [f"| {' | '.join(row)} |" for row in rows]

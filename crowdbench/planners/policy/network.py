@@ -41,7 +41,16 @@ class SetEncoder(nn.Module):
         pedestrians: Float[Tensor, "world nearest others"],
         seen: Bool[Tensor, "world nearest"],
     ) -> Float[Tensor, "world encoded"]:
-        """Encode what `crowdbench.planners.policy.features` gives."""
+        """Encode what `crowdbench.planners.policy.features` gives.
+
+        Args:
+            vehicle: About the vehicle, in metres and m/s.
+            pedestrians: About the nearest pedestrians, likewise; 0 where there are fewer.
+            seen: Which of them there are.
+
+        Returns:
+            The code, without units.
+        """
         vehicle = vehicle / vehicle.new_tensor([SCALE, 1.0, 1.0, 1.0, 1.0])
         pedestrians = pedestrians / pedestrians.new_tensor([SCALE, SCALE, 1.0, 1.0, 1.0, 1.0, SCALE, 1.0])
         own = vehicle[:, None].expand(-1, pedestrians.shape[1], -1)
@@ -75,5 +84,11 @@ class Policy(nn.Module):
         pedestrians: Float[Tensor, "world nearest others"],
         seen: Bool[Tensor, "world nearest"],
     ) -> Float[Tensor, "world 2"]:
-        """The velocity in the frame of the goal, in m/s; it may be faster than the vehicle, and is limited then."""
+        """The velocity in the frame of the goal, in m/s; it may be faster than the vehicle, and is limited then.
+
+        Args:
+            vehicle: As `SetEncoder` takes it, and so are the next two.
+            pedestrians: About the nearest pedestrians.
+            seen: Which of them there are.
+        """
         return self.action(self.hidden(self.encoder(vehicle, pedestrians, seen)))
