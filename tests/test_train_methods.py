@@ -19,11 +19,11 @@ from crowdbench.value.networks import NETWORKS
 
 
 def test_every_network_has_a_method():
-    assert set(METHODS) == {*NETWORKS, NAME}
+    assert set(METHODS) == {*NETWORKS, NAME, "ppo"}
 
 
 def test_a_network_that_does_not_exist_is_refused():
-    with pytest.raises(InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, sarl, sgan"):
+    with pytest.raises(InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, ppo, sarl, sgan"):
         check_options("mlp", {})
 
 
@@ -102,9 +102,9 @@ def test_the_command_on_a_card_asks_for_the_same_training(request_, asked):
 class Third(ValueRequest):
     """A method with an option of its own and one that it shares."""
 
-    steps: int = option(100, "Train for this many steps", least=1)
+    updates: int = option(100, "Train for this many updates", least=1)
 
-    length: ClassVar[str] = "steps"
+    length: ClassVar[str] = "updates"
 
     @classmethod
     def check(cls, options: Mapping[str, Any]) -> None:
@@ -114,22 +114,22 @@ class Third(ValueRequest):
 
 def test_a_third_method_is_one_line_of_the_table(monkeypatch):
     monkeypatch.setitem(METHODS, "third", Third)
-    assert own_options()["steps"][1] == ["third"]
+    assert own_options()["updates"][1] == ["third"]
     assert own_options()["episodes"][1] == ["cadrl", "lstm_rl", "sarl", "third"]
     kind = inspect.Parameter.VAR_KEYWORD
     options = train._with_own_options(inspect.Signature([inspect.Parameter("own", kind)])).parameters
     assert options.keys() == own_options().keys()
-    [shown] = options["steps"].annotation.__metadata__
-    assert (shown.help, shown.min, shown.show_default) == ("Train for this many steps.", 1, "100")
+    [shown] = options["updates"].annotation.__metadata__
+    assert (shown.help, shown.min, shown.show_default) == ("Train for this many updates.", 1, "100")
     assert shown.rich_help_panel == "Options for third only"
     for network, options, message in [
-        ("sgan", {"steps": 5}, "--steps is not for sgan, only for third"),
-        ("sarl", {"steps": 5}, "--steps is not for sarl, only for third"),
+        ("sgan", {"updates": 5}, "--updates is not for sgan, only for third"),
+        ("sarl", {"updates": 5}, "--updates is not for sarl, only for third"),
         ("third", {"epochs": 5}, "--epochs is not for third, only for sgan"),
-        ("third", {"steps": 5, "minutes": 1.0}, "--minutes and --steps both say how long to train"),
+        ("third", {"updates": 5, "minutes": 1.0}, "--minutes and --updates both say how long to train"),
         ("third", {"episodes": 5, "predictor": "linear"}, "--episodes and --predictor exclude each other"),
-        ("mlp", {}, "there are cadrl, lstm_rl, sarl, sgan, third"),
+        ("mlp", {}, "there are cadrl, lstm_rl, ppo, sarl, sgan, third"),
     ]:
         with pytest.raises(InputError, match=message):
             check_options(network, options)
-    assert Third(network="third", steps=7).command.endswith("--seed 0 --steps 7")
+    assert Third(network="third", updates=7).command.endswith("--seed 0 --updates 7")
