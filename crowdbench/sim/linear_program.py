@@ -136,12 +136,8 @@ def least_violation(lines, n, hard, failed, speed, x, y, scratch):
         if dx * (py - y) - dy * (px - x) <= worst:
             continue
         for j in range(hard):
-            scratch[j, 0], scratch[j, 1], scratch[j, 2], scratch[j, 3] = (
-                lines[j, 0],
-                lines[j, 1],
-                lines[j, 2],
-                lines[j, 3],
-            )
+            for part in range(4):
+                scratch[j, part] = lines[j, part]
         m = hard
         for j in range(hard, k):
             cross = dx * lines[j, 3] - dy * lines[j, 2]

@@ -47,7 +47,7 @@ def orca_velocities(
     neighbor_distance: float | Float[np.ndarray, "world agent"] = 10.0,
     max_neighbors: int | Shaped[np.ndarray, "..."] = 10,
     time_horizon: float | Float[np.ndarray, "world agent"] = 5.0,
-    obstacles: Float[np.ndarray, "world polygon corner 2"] | None = None,
+    obstacles: Float[np.ndarray, "_ polygon corner 2"] | None = None,
     time_horizon_obst: float | Float[np.ndarray, "world agent"] = 5.0,
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
@@ -64,7 +64,7 @@ def orca_velocities(
         neighbor_distance: Agents whose centres are at least this far away, in metres, are not avoided.
         max_neighbors: An agent avoids at most this many, the nearest ones: one number, or one per world or agent.
         time_horizon: The paper's tau: an agent avoids collisions that would happen within this time, in seconds.
-        obstacles: Polygons in metres, see `crowdbench.sim.orca_obstacles`; none if None.
+        obstacles: Polygons in metres of each world, or one for all, see `crowdbench.sim.orca_obstacles`.
         time_horizon_obst: An agent avoids collisions with obstacles that would happen within this time, in seconds.
         seen: Whether the agent is avoided by the others; all are if None.
         moves: Whether the agent's velocity is computed; all are if None.

@@ -1,12 +1,12 @@
 """The half-planes that obstacles allow an agent of ORCA (van den Berg et al. 2011), compiled.
 
-What an edge of a polygon forbids is computed as the library RVO2 does it (its version 2.0.2): the velocities that lead
-to the edge within the time horizon are a truncated cone, and the half-plane is tangent to it at the point nearest to the
+What an edge of a polygon forbids is computed as the library RVO2 does it (version 2.0.2): the velocities that lead to
+the edge within the time horizon are a truncated cone, and the half-plane is tangent to it at the point nearest to the
 agent's velocity. The agent alone is responsible for avoiding an edge, so that the half-plane moves by all of the
 distance and not by half of it. RVO2 looks through walls, and so does this.
 
-Corners are listed counter-clockwise around what is solid, so that an agent sees an edge from its right side. A polygon of
-two corners is a wall that is seen from both sides.
+Corners are listed counter-clockwise around what is solid, so that an agent sees an edge from its right side. A polygon
+of two corners is a wall that is seen from both sides.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from crowdbench.compiled import njit
 from crowdbench.sim.linear_program import unit
 
 EDGE = 12
-"""Numbers about an edge: first corner x, y, second corner x, y, direction x, y, direction of the edge before it x, y and
-after it x, y, and whether its first and its second corner stand out (1) or are concave (0)."""
+"""Numbers about an edge: first corner x, y, second corner x, y, direction x, y, direction of the edge before it x, y,
+of the edge after it x, y, and whether its first and its second corner stand out (1) or are concave (0)."""
 
 _COVERED = 1e-5
 """An edge is left out where it lies behind a half-plane by this much in m/s, as in RVO2."""
