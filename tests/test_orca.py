@@ -23,6 +23,40 @@ def test_a_step_agrees_with_rvo2(reference, agents):
     assert (error < 1e-4).mean() >= 0.995
 
 
+@pytest.mark.parametrize("agents", [1, 2, 6, 21])
+def test_a_step_among_walls_agrees_with_rvo2(reference, agents):
+    data = reference("orca_walls")
+    arrays = (data[f"n{agents}_{name}"].astype(float) for name in INPUTS)
+    ours = orca_velocities(
+        *arrays,
+        max_neighbors=20,
+        obstacles=data[f"n{agents}_obstacles"].astype(float),
+        time_horizon_obst=np.repeat(data[f"n{agents}_time_horizon_obst"][:, None], agents, axis=1).astype(float),
+    )
+    error = np.abs(ours - data[f"n{agents}_new_velocity"]).max(axis=-1)
+    for kind in range(5):
+        assert (error[data[f"n{agents}_kind"] == kind] < 1e-4).mean() >= 0.99
+
+
+def test_obstacles_far_away_change_nothing():
+    inputs = scenes(30, 6)
+    far = np.full((1, 2, 5, 2), np.nan)
+    far[0, 0, :2] = [[40.0, -5.0], [40.0, 5.0]]
+    far[0, 1, :4] = [[-50.0, 0.0], [-49.0, 0.0], [-49.0, 1.0], [-50.0, 1.0]]
+    assert np.array_equal(orca_velocities(*inputs), orca_velocities(*inputs, obstacles=far))
+    assert np.array_equal(orca_velocities(*inputs), orca_velocities(*inputs, obstacles=np.empty((1, 0, 0, 2))))
+
+
+def test_nobody_walks_through_a_wall():
+    wall = np.array([[[[-3.0, 1.0], [3.0, 1.0]]]])
+    position, up = np.array([[[0.2, 0.0]]]), np.array([[[0.0, 1.0]]])
+    velocity = np.zeros_like(up)
+    for _ in range(40):
+        velocity = orca_velocities(position, velocity, up, np.full((1, 1), 0.3), np.ones((1, 1)), obstacles=wall)
+        position = position + 0.25 * velocity
+    assert 0.6 < position[0, 0, 1] <= 0.7 + 1e-6
+
+
 def test_one_thread_and_many_give_the_same_bits(monkeypatch):
     inputs = scenes(200, 8)
     monkeypatch.setattr(orca, "PARALLEL_AGENTS", 10**9)

@@ -113,12 +113,13 @@ def nearest_permitted(lines, n, speed, x, y, as_direction):
 
 @no_type_check
 @njit(error_model="numpy")
-def least_violation(lines, n, failed, speed, x, y, scratch):
+def least_violation(lines, n, hard, failed, speed, x, y, scratch):
     """The velocity whose largest distance beyond a line is smallest (section 5.3).
 
     Args:
         lines (array): `[line, 4]`.
         n (int): Number of lines.
+        hard (int): How many of the first lines are kept all the same: those of obstacles.
         failed (int): Index of the first line that cannot be met.
         speed (float): Largest speed in m/s.
         x (float): x of the best velocity for the lines before `failed`, in m/s.
@@ -134,8 +135,11 @@ def least_violation(lines, n, failed, speed, x, y, scratch):
         px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
         if dx * (py - y) - dy * (px - x) <= worst:
             continue
-        m = 0
-        for j in range(k):
+        for j in range(hard):
+            for part in range(4):
+                scratch[j, part] = lines[j, part]
+        m = hard
+        for j in range(hard, k):
             cross = dx * lines[j, 3] - dy * lines[j, 2]
             if abs(cross) <= _PARALLEL:
                 if dx * lines[j, 2] + dy * lines[j, 3] > 0.0:

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Shaped
 from crowdbench.compiled import njit, prange
 from crowdbench.sim.kernels import at, per_agent, serial_and_parallel
 from crowdbench.sim.linear_program import least_violation, nearest_permitted, unit
+from crowdbench.sim.orca_obstacles import EDGE, edge_half_planes, fill_edges, nearest_edges
 
 PARALLEL_AGENTS = 400
 """Batches with at least this many agents run on several threads, whose start takes 110 microseconds."""
@@ -29,6 +30,7 @@ _BLOCKS = 64
 """Worlds are divided among threads in this many blocks. Each block allocates its working memory once."""
 
 _EVERYBODY = per_agent(True, np.bool_)
+_NO_OBSTACLES = np.empty((1, 0, 0, 2))
 
 _TINY = 1e-9
 """Smallest time horizon in seconds, in place of 0, with which only overlapping agents avoid each other."""
@@ -45,6 +47,8 @@ def orca_velocities(
     neighbor_distance: float | Float[np.ndarray, "world agent"] = 10.0,
     max_neighbors: int | Shaped[np.ndarray, "..."] = 10,
     time_horizon: float | Float[np.ndarray, "world agent"] = 5.0,
+    obstacles: Float[np.ndarray, "_ polygon corner 2"] | None = None,
+    time_horizon_obst: float | Float[np.ndarray, "world agent"] = 5.0,
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
 ) -> Float[np.ndarray, "world agent 2"]:
@@ -60,6 +64,8 @@ def orca_velocities(
         neighbor_distance: Agents whose centres are at least this far away, in metres, are not avoided.
         max_neighbors: An agent avoids at most this many, the nearest ones: one number, or one per world or agent.
         time_horizon: The paper's tau: an agent avoids collisions that would happen within this time, in seconds.
+        obstacles: Polygons in metres of each world, or one for all, see `crowdbench.sim.orca_obstacles`.
+        time_horizon_obst: An agent avoids collisions with obstacles that would happen within this time, in seconds.
         seen: Whether the agent is avoided by the others; all are if None.
         moves: Whether the agent's velocity is computed; all are if None.
 
@@ -78,6 +84,8 @@ def orca_velocities(
         per_agent(neighbor_distance),
         per_agent(max_neighbors, np.int64),
         per_agent(time_horizon),
+        _NO_OBSTACLES if obstacles is None else np.ascontiguousarray(obstacles),
+        per_agent(time_horizon_obst),
         _EVERYBODY if seen is None else np.ascontiguousarray(seen),
         _EVERYBODY if moves is None else np.ascontiguousarray(moves),
         out,
@@ -96,6 +104,8 @@ def _orca(
     neighbor_distance,
     max_neighbors,
     time_horizon,
+    obstacles,
+    time_horizon_obst,
     seen,
     moves,
     out,
@@ -112,6 +122,8 @@ def _orca(
         neighbor_distance: In metres, read by `at` like all that follow.
         max_neighbors: Number of agents.
         time_horizon: In seconds.
+        obstacles: `[world, polygon, corner, 2]`, in metres; one world may stand for all.
+        time_horizon_obst: In seconds.
         seen: Whether the agent is avoided.
         moves: Whether the agent's velocity is computed.
         out: `[world, agent, 2]`, filled: velocities in m/s.
@@ -120,22 +132,33 @@ def _orca(
     blocks = min(worlds, _BLOCKS)
     for block in prange(blocks):
         neighbor, distance = np.empty(agents, np.int64), np.empty(agents)
-        lines, scratch = np.empty((agents, 4)), np.empty((agents, 4))
+        most = obstacles.shape[1] * obstacles.shape[2]
+        lines, scratch = np.empty((agents + most, 4)), np.empty((agents + most, 4))
+        edges, order, apart = np.empty((most, EDGE)), np.empty(most, np.int64), np.empty(most)
         # The index of a prange is unsigned, which would turn the bounds into floats.
         first = np.int64(block) * worlds // blocks
         for w in range(first, (np.int64(block) + 1) * worlds // blocks):
+            number = fill_edges(obstacles[min(w, len(obstacles) - 1)], edges) if most > 0 else 0
             for i in range(agents):
                 x, y = 0.0, 0.0
                 if at(moves, w, i):
+                    hard = 0
+                    if number > 0:
+                        own, speed = at(time_horizon_obst, w, i), max_speed[w, i]
+                        px, py, size = position[w, i, 0], position[w, i, 1], radius[w, i]
+                        near = nearest_edges(edges, number, px, py, own * speed + size, order, apart)
+                        vx, vy, rate = velocity[w, i, 0], velocity[w, i, 1], 1.0 / max(own, _TINY)
+                        hard = edge_half_planes(edges, order, near, px, py, vx, vy, size, rate, lines)
                     reach, limit = at(neighbor_distance, w, i), at(max_neighbors, w, i)
                     horizon = at(time_horizon, w, i)
                     n = _nearest(w, i, position, seen, reach, limit, neighbor, distance)
                     for k in range(n):
-                        _half_plane(position, velocity, radius, w, i, neighbor[k], horizon, time_step, lines, k)
+                        _half_plane(position, velocity, radius, w, i, neighbor[k], horizon, time_step, lines, hard + k)
+                    n += hard
                     x, y = preferred[w, i, 0], preferred[w, i, 1]
                     failed, x, y = nearest_permitted(lines, n, max_speed[w, i], x, y, False)
                     if failed < n:
-                        x, y = least_violation(lines, n, failed, max_speed[w, i], x, y, scratch)
+                        x, y = least_violation(lines, n, hard, failed, max_speed[w, i], x, y, scratch)
                 out[w, i, 0], out[w, i, 1] = x, y
 
 
