@@ -4,8 +4,8 @@ import torch
 from helpers import world
 from lookahead_scenes import Forks, Nearer, assert_best, crowded, network, scene, slow_step, slow_values, within
 
+from crowdbench.dynamics.grids import speeds_and_headings
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.aggregate import AGGREGATES, mean_future
 from crowdbench.planners.lookahead.kce import Exploration
 from crowdbench.planners.lookahead.one_step import Scene

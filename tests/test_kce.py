@@ -7,10 +7,10 @@ from helpers import drive
 from lookahead_scenes import Forks, Nearer, crowded, network, scene, slow_values, within
 
 from crowdbench import load_planner
+from crowdbench.dynamics.grids import speeds_and_headings
 from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import METRICS
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.predict import ConstantVelocity
 from crowdbench.types import Outcome

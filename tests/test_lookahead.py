@@ -19,8 +19,8 @@ from lookahead_scenes import (
     within,
 )
 
+from crowdbench.dynamics.grids import speeds_and_headings
 from crowdbench.planners.lookahead import ValuePlanner, planner
-from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.aggregate import AGGREGATES
 from crowdbench.predict import ConstantVelocity, Oracle
 from crowdbench.sim.sensor import observe

@@ -5,8 +5,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from crowdbench import InputError, load_network, load_scenario
+from crowdbench.dynamics.grids import speeds_and_headings
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.predict import ConstantVelocity
 from crowdbench.scenario.cases import Cases

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.spaces import Box
 
+from crowdbench.dynamics import SPEED_TOLERANCE
 from crowdbench.envs.observations import AGENT_FEATURES
 from crowdbench.scenario.scenario import Quantity, Scenario
-from crowdbench.sim.simulator import SPEED_TOLERANCE
 
 
 def vehicle_action_space(scenario: Scenario) -> Box:

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from crowdbench.dynamics import SPEED_TOLERANCE
 from crowdbench.errors import is_interrupt
 from crowdbench.geometry import norm
-from crowdbench.sim.simulator import SPEED_TOLERANCE
 from crowdbench.types import Observation
 
 

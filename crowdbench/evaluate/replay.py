@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from crowdbench.dynamics import SPEED_TOLERANCE
 from crowdbench.errors import InputError
 from crowdbench.evaluate import commands, differences, seal
 from crowdbench.evaluate.commands import COMMANDS, Commands
@@ -39,7 +40,6 @@ from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.settings import BATCH
-from crowdbench.sim.simulator import SPEED_TOLERANCE
 from crowdbench.types import Observation, Trace
 
 if TYPE_CHECKING:

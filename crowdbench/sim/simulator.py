@@ -10,15 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.compiled import njit
+from crowdbench.dynamics import SPEED_TOLERANCE
 from crowdbench.errors import plugin_errors
 from crowdbench.geometry import heading_of, turn
 from crowdbench.sim.checked import finite, shaped
 from crowdbench.sim.episode import StepCheck, check_step
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import World
-
-SPEED_TOLERANCE = 1e-6
-"""Relative tolerance for rounding: a speed is limited only where it exceeds the preferred speed by more than this."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:

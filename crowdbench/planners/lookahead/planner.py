@@ -8,11 +8,11 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.dynamics.grids import speeds_and_headings
 from crowdbench.errors import InputError
 from crowdbench.geometry import norm
 from crowdbench.numbers import is_integer
 from crowdbench.planners.base import Planner
-from crowdbench.planners.lookahead.actions import speeds_and_headings
 from crowdbench.planners.lookahead.aggregate import MEAN, Aggregate, mean_future
 from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.planners.lookahead.one_step import Scene, scene_of, try_commands
