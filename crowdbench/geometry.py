@@ -6,7 +6,7 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from crowdbench.compiled import njit
 
@@ -119,3 +119,66 @@ def _toward_goal(position, goal, preferred_speed, out):
         x, y = goal[i, 0] - position[i, 0], goal[i, 1] - position[i, 1]
         scale = preferred_speed[i] / max(math.sqrt(x * x + y * y), preferred_speed[i])
         out[i, 0], out[i, 1] = scale * x, scale * y
+
+
+def polygons(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[Float[np.ndarray, "corners 2"]]:
+    """The corners of each polygon of a world in metres, without the padding."""
+    corners = [polygon[~np.isnan(polygon[:, 0])] for polygon in obstacles]
+    return [each for each in corners if len(each)]
+
+
+def local_goals(
+    position: Float[np.ndarray, "*batch 2"],
+    goal: Float[np.ndarray, "*batch 2"],
+    route: Float[np.ndarray, "*batch waypoint 2"],
+    waypoint: Int[np.ndarray, "*batch"],
+) -> Float[np.ndarray, "*batch 2"]:
+    """The local goals of agents on their routes.
+
+    A local goal lies in the direction of the next waypoint, as far away as the goal is along the route. Who heads for
+    it turns at waypoints and does not slow down at them. Where no waypoint is left, it is the goal itself.
+
+    Args:
+        position: Positions in metres.
+        goal: Goals in metres.
+        route: Waypoints on the way to the goal, in metres, NaN after the last one.
+        waypoint: Index of the next waypoint.
+
+    Returns:
+        Points in metres.
+    """
+    if route.shape[-2] == 0:
+        return goal
+    out = np.empty(position.shape)
+    _local_goals(
+        np.ascontiguousarray(position).reshape(-1, 2),
+        np.ascontiguousarray(goal).reshape(-1, 2),
+        np.ascontiguousarray(route).reshape(-1, *route.shape[-2:]),
+        np.ascontiguousarray(waypoint).reshape(-1),
+        out.reshape(-1, 2),
+    )
+    return out
+
+
+@no_type_check
+@njit
+def _local_goals(position, goal, route, waypoint, out):
+    """See `local_goals`; fills `out`."""
+    for i in range(len(out)):
+        x, y = position[i, 0], position[i, 1]
+        ahead_x, ahead_y, first, length = 0.0, 0.0, 0.0, 0.0
+        px, py = x, y
+        for k in range(waypoint[i], route.shape[1] + 1):
+            if k < route.shape[1] and math.isnan(route[i, k, 0]):
+                continue
+            qx, qy = (route[i, k, 0], route[i, k, 1]) if k < route.shape[1] else (goal[i, 0], goal[i, 1])
+            leg = math.hypot(qx - px, qy - py)
+            # A waypoint on which the agent stands has no direction.
+            if length == 0.0:
+                ahead_x, ahead_y, first = qx - x, qy - y, leg
+            length += leg
+            px, py = qx, qy
+        if first == length:
+            out[i, 0], out[i, 1] = goal[i, 0], goal[i, 1]
+        else:
+            out[i, 0], out[i, 1] = x + ahead_x * (length / first), y + ahead_y * (length / first)

@@ -73,6 +73,8 @@ def trace(position, outcome=Outcome.SUCCESS, *, gap=None, goal=None, undisturbed
         preferred_speed=np.ones((1, agents)),
         present=always(np.ones(agents, bool)),
         person=always(np.arange(agents - 1)),
+        route=np.empty((1, 0, 2)),
+        obstacles=np.empty((1, 0, 0, 2)),
         seen=always(np.ones(agents - 1, bool)),
         rules=rules,
         undisturbed=None if undisturbed is None else padded(np.array(undisturbed, float), rules.max_steps + 1),

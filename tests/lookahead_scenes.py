@@ -128,6 +128,7 @@ def scene(obs, prediction, ahead=0, position=None):
         position=obs.vehicle.position if position is None else position,
         velocity=obs.vehicle.velocity,
         goal=obs.vehicle.goal,
+        local_goal=obs.vehicle.goal,
         radius=obs.vehicle.radius,
         preferred_speed=obs.vehicle.preferred_speed,
         crowd=before,
@@ -135,6 +136,7 @@ def scene(obs, prediction, ahead=0, position=None):
         next_velocity=prediction.velocity[:, :, ahead],
         crowd_radius=obs.pedestrians.radius,
         present=obs.pedestrians.seen,
+        obstacles=obs.obstacles,
         dt=obs.dt,
     )
 

@@ -27,6 +27,9 @@ def futures_of(obs, prediction):
         crowd_velocity=prediction.velocity[:, :, -1].mean(axis=1),
         crowd_radius=obs.pedestrians.radius,
         present=obs.pedestrians.seen,
+        route=obs.vehicle.route,
+        waypoint=obs.vehicle.waypoint,
+        obstacles=obs.obstacles,
         dt=obs.dt,
     )
 

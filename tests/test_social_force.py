@@ -292,7 +292,16 @@ def test_the_crowd_fluctuates_the_same_in_any_batch_and_at_any_padding():
             row = world.take(np.array([w]))
             narrow = {
                 name: getattr(row, name)[:, :agents]
-                for name in ("position", "velocity", "goal", "radius", "preferred_speed", "present")
+                for name in (
+                    "position",
+                    "velocity",
+                    "goal",
+                    "route",
+                    "waypoint",
+                    "radius",
+                    "preferred_speed",
+                    "present",
+                )
             }
             table = {name: values[:, :agents] for name, values in row.parameters["social_force"].items()}
             alone = crowd_velocities(row.replace(**narrow, parameters={"social_force": table}), scenario.policies)

@@ -1,7 +1,8 @@
 """The environments' observations: a vector of `6 * agents` float64 numbers per observing agent.
 
 The first six numbers are of the observing agent, the next six of each other agent, in metres and m/s. Positions are
-relative to the observing agent; the axes are those of the world, not turned with the agent:
+relative to the observing agent; the axes are those of the world, not turned with the agent. The goal is the local goal
+(`crowdbench.geometry.local_goals`):
 
     observing agent: goal x, goal y, velocity x, velocity y, radius, preferred speed
     other agent:     position x, position y, velocity x, velocity y, radius, 1.0
@@ -18,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.compiled import njit
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.types import Observation, World
 
 AGENT_FEATURES = 6
@@ -27,7 +29,7 @@ AGENT_FEATURES = 6
 def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
     """What a planner sees, as the vector that the environments return for the vehicle."""
     position, velocity, radius, present = obs.everybody()
-    goal = np.ascontiguousarray(obs.vehicle.goal[:, None])
+    goal = np.ascontiguousarray(obs.vehicle.local_goal[:, None])
     speed = np.ascontiguousarray(obs.vehicle.preferred_speed[:, None])
     out = np.zeros((len(obs), 1, AGENT_FEATURES * radius.shape[1]))
     _flatten(position, velocity, radius, present, goal, speed, True, out)
@@ -46,7 +48,7 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
         world.velocity,
         world.radius,
         world.present,
-        world.goal,
+        goals_on_way(world),
         world.preferred_speed,
         world.rules.visible,
         out,

@@ -22,6 +22,7 @@ from crowdbench.envs.views import NEAREST, View
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
@@ -235,7 +236,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             )
         asked = stepping.velocities(list(given.values()), (len(given), 2))
         columns = [self._column[agent] for agent in given]
-        asked = self.view.commands(self._world.position[0, columns], self._world.goal[0, columns], asked)
+        asked = self.view.commands(self._world.position[0, columns], goals_on_way(self._world)[0, columns], asked)
         velocity = np.zeros(self._world.velocity.shape)
         if len(given) < self._bodies:
             velocity[:, 1:] = crowd_velocities(self._world, self.scenario.policies)

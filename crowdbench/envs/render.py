@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from crowdbench.errors import InputError
+from crowdbench.geometry import polygons
 from crowdbench.types import World
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -18,7 +19,7 @@ SIZE = 600
 """Width and height of the picture in pixels."""
 
 MARGIN = 1.0
-"""Margin in metres around all starts and goals."""
+"""Margin in metres around all starts, goals and obstacles."""
 
 SMOOTHING = 2
 """The picture is drawn this many times larger and scaled down, so that its edges are smooth."""
@@ -26,6 +27,7 @@ SMOOTHING = 2
 BACKGROUND = (250, 250, 247)
 GRID = (228, 228, 222)
 TEXT = (70, 70, 70)
+WALL = (196, 196, 190)
 VEHICLE = (222, 122, 0)
 PEDESTRIAN = (38, 104, 178)
 
@@ -57,7 +59,7 @@ class Renderer:
         """
         if int(world.step[0]) == 0:
             shown = np.abs(np.stack([world.position[0], world.goal[0]])[:, world.present[0]])
-            self._half_width = float(shown.max()) + MARGIN
+            self._half_width = float(max(shown.max(), np.nanmax(np.abs(world.obstacles[0]), initial=0.0))) + MARGIN
         if self.mode != "human":
             return
         pygame = importlib.import_module("pygame")
@@ -97,6 +99,8 @@ class Renderer:
         large.fill(BACKGROUND)
         canvas = _Canvas(pygame, large, self._half_width)
         canvas.grid()
+        for corners in polygons(world.obstacles[0]):
+            canvas.obstacle(corners)
         agents = np.flatnonzero(world.present[0]).tolist()
         colors = [VEHICLE] + [PEDESTRIAN] * (len(agents) - 1)
         for agent, color in zip(agents, colors, strict=True):
@@ -135,6 +139,13 @@ class _Canvas:
         for metre in range(-last, last + 1):
             for one, other in (((metre, -99.0), (metre, 99.0)), ((-99.0, metre), (99.0, metre))):
                 self.draw.line(self.surface, GRID, self.pixel(np.array(one)), self.pixel(np.array(other)), SMOOTHING)
+
+    def obstacle(self, corners: Float[np.ndarray, "corner 2"]) -> None:
+        """Draw an obstacle, filled if it has more than two corners; these are in metres."""
+        pixels = [self.pixel(corner) for corner in corners]
+        if len(pixels) > 2:
+            self.draw.polygon(self.surface, WALL, pixels)
+        self.draw.lines(self.surface, TEXT, True, pixels, 2 * SMOOTHING)
 
     def goal(self, at: Float[np.ndarray, "2"], radius: float, color: tuple[int, int, int]) -> None:
         """Draw a ring: an agent whose centre is inside it has arrived.

@@ -16,6 +16,7 @@ from crowdbench import plugins
 from crowdbench.errors import InputError, plugin_errors
 from crowdbench.geometry import norm
 from crowdbench.reward import reward
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.types import Outcome, World
 
 PROGRESS = 0.2
@@ -49,14 +50,18 @@ class Step:
 
     @property
     def progress(self) -> Float[np.ndarray, "world"]:
-        """By how many metres the vehicle has come closer to its goal."""
-        goal = self.before.goal[:, 0]
-        return norm(goal - self.before.position[:, 0]) - norm(goal - self.after.position[:, 0])
+        """By how many metres the vehicle has come closer to its goal, along its route."""
+        return _left(self.before) - _left(self.after)
 
     @property
     def collided(self) -> Bool[np.ndarray, "world"]:
         """Where the step ended in a collision, with a pedestrian or an obstacle."""
         return np.isin(self.outcome, (Outcome.COLLISION, Outcome.WALL_COLLISION))
+
+
+def _left(world: World) -> Float[np.ndarray, "world"]:
+    """Length in metres of the vehicle's way to its goal."""
+    return norm(goals_on_way(world)[:, 0] - world.position[:, 0])
 
 
 Reward = Callable[[Step], Float[np.ndarray, "world"]]

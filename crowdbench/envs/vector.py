@@ -19,6 +19,7 @@ from crowdbench.envs.rewards import Reward, Step, load_reward, paid
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
@@ -138,7 +139,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
         before = self._worlds
         command = self.view.commands(
-            before.position[:, 0], before.goal[:, 0], stepping.velocities(actions, (self.num_envs, 2))
+            before.position[:, 0], goals_on_way(before)[:, 0], stepping.velocities(actions, (self.num_envs, 2))
         )
         crowd = crowd_velocities(before, self.scenario.policies)
         worlds, (outcome, gap, _) = step(before, command, crowd)

@@ -13,6 +13,7 @@ from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward, paid
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
@@ -100,7 +101,9 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         """
         stepping.require_reset(self._case)
         before = self._world
-        command = self.view.commands(before.position[:, 0], before.goal[:, 0], stepping.velocities(action, (2,))[None])
+        command = self.view.commands(
+            before.position[:, 0], goals_on_way(before)[:, 0], stepping.velocities(action, (2,))[None]
+        )
         crowd = crowd_velocities(before, self.scenario.policies)
         self._world, (outcomes, gaps, _) = step(before, command, crowd)
         self._renderer.show(self._world, self._case)

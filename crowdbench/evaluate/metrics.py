@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.geometry import norm, wrap_angle
+from crowdbench.geometry import local_goals, norm, wrap_angle
 from crowdbench.reward import discount, episode_rewards
 from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
 
@@ -34,6 +34,11 @@ def success_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 def collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended in a collision, with a pedestrian or an obstacle [1]."""
     return np.isin(trace.outcome, (Outcome.COLLISION, Outcome.WALL_COLLISION))
+
+
+def wall_collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended in a collision with an obstacle [1]."""
+    return trace.outcome == Outcome.WALL_COLLISION
 
 
 def timeout_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
@@ -59,10 +64,10 @@ def path_length(trace: Trace) -> Float[np.ndarray, "world"]:
 def spl(trace: Trace) -> Float[np.ndarray, "world"]:
     """Success weighted by path length: shortest over real path, 0 for a failure [1].
 
-    Anderson et al. (2018). The shortest path is the straight line to the rim of the goal, whose radius is the
-    vehicle's. It is 1 for a vehicle that starts within its goal.
+    Anderson et al. (2018). The shortest path is the way along the vehicle's route, the straight line where it has none,
+    to the rim of the goal, whose radius is the vehicle's. It is 1 for a vehicle that starts within its goal.
     """
-    shortest = np.maximum(norm(trace.goal[:, 0, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0, 0], 0.0)
+    shortest = _shortest_way(trace)
     longest = np.maximum(path_length(trace), shortest)
     share = np.where(shortest > 0.0, shortest / np.where(longest > 0.0, longest, 1.0), 1.0)
     return success_rate(trace) * share
@@ -71,11 +76,10 @@ def spl(trace: Trace) -> Float[np.ndarray, "world"]:
 def sct(trace: Trace) -> Float[np.ndarray, "world"]:
     """Success weighted by completion time: least over real time, 0 for a failure [1].
 
-    Yokoyama et al. (2021). The least time is that of the straight way to the rim of the goal, whose radius is the
-    vehicle's, at the preferred speed, in whole steps.
+    Yokoyama et al. (2021). The least time is that of the shortest path, as in `spl`, at the preferred speed, in whole
+    steps.
     """
-    way = np.maximum(norm(trace.goal[:, 0, 0] - trace.position[:, 0, 0]) - trace.radius[:, 0, 0], 0.0)
-    least = np.ceil(way / (trace.preferred_speed[:, 0] * trace.rules.dt))
+    least = np.ceil(_shortest_way(trace) / (trace.preferred_speed[:, 0] * trace.rules.dt))
     return success_rate(trace) * np.maximum(least, 1.0) / np.maximum(trace.steps, np.maximum(least, 1.0))
 
 
@@ -200,6 +204,7 @@ METRICS: dict[str, Metric] = {
     for metric in (
         success_rate,
         collision_rate,
+        wall_collision_rate,
         timeout_rate,
         navigation_time,
         navigation_time_or_limit,
@@ -230,6 +235,13 @@ OVER_ALL = frozenset({"navigation_time_or_limit", "spl", "sct", "discounted_retu
 
 POOLED = frozenset({"discomfort_frequency"})
 """Metrics that are averaged over the steps of all episodes, not over episodes."""
+
+
+def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Length in metres of the vehicle's route from its start to the rim of its goal."""
+    start, none = trace.position[:, 0, 0], np.zeros(len(trace), np.int64)
+    ahead = local_goals(start, trace.goal[:, 0, 0], trace.route, none)
+    return np.maximum(norm(ahead - start) - trace.radius[:, 0, 0], 0.0)
 
 
 def _velocity_changes(trace: Trace) -> Float[np.ndarray, "world step"]:

@@ -16,6 +16,7 @@ from crowdbench.geometry import norm
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.episode import StepCheck
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import advance, crowd_velocities, step, taken_velocities
 from crowdbench.types import Outcome, Trace, World
@@ -120,7 +121,7 @@ class _Shares:
             after: The worlds after it.
             running: Whether each of them is still running.
         """
-        seconds_left = norm(after.goal[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
+        seconds_left = norm(goals_on_way(after)[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
         expected = np.minimum(after.step + seconds_left / after.rules.dt, after.rules.max_steps)
         share = np.where(running, np.maximum(after.step / expected, self.share[rows]), 1.0)
         self.progress(float((share - self.share[rows]).sum()))
@@ -230,6 +231,8 @@ class _States:
             present=self._always(self.start.present),
             person=self._always(self.start.person),
             seen=self._always(self.start.present[:, 1:]),
+            route=self.start.route[:, 0],
+            obstacles=self.start.obstacles,
             rules=self.start.rules,
             undisturbed=undisturbed,
             logs=self.logs,

@@ -5,12 +5,24 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.geometry import toward_goal
+from crowdbench.geometry import norm, toward_goal
 from crowdbench.planners.base import Planner
+from crowdbench.planners.walls import along_walls
 from crowdbench.sim.orca import orca_velocities
 from crowdbench.sim.pedestrians import ORCA_MARGIN
 from crowdbench.sim.social_force import social_force_velocities
 from crowdbench.types import Observation
+
+
+class Straight(Planner):
+    """Drives straight to the next waypoint at the preferred speed, whatever is in the way, and never slows down."""
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle = obs.vehicle
+        way = vehicle.local_goal - vehicle.position
+        distance = np.maximum(norm(way), 1e-9)
+        return way * (vehicle.preferred_speed / distance)[:, None]
 
 
 class ORCAPlanner(Planner):
@@ -28,7 +40,7 @@ class ORCAPlanner(Planner):
         vehicle = obs.vehicle
         position, velocity, radius, present = obs.everybody()
         preferred = np.zeros_like(position)
-        preferred[:, 0] = toward_goal(vehicle.position, vehicle.goal, vehicle.preferred_speed)
+        preferred[:, 0] = toward_goal(vehicle.position, vehicle.local_goal, vehicle.preferred_speed)
         return orca_velocities(
             position,
             velocity,
@@ -36,6 +48,7 @@ class ORCAPlanner(Planner):
             radius + (ORCA_MARGIN + self.safety_space),
             np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
             time_step=obs.dt,
+            obstacles=obs.obstacles,
             seen=present,
             moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
         )[:, 0]
@@ -45,7 +58,7 @@ class SocialForcePlanner(Planner):
     """The social force model with the parameters of Helbing and Molnár (1995).
 
     It assumes that the other agents keep their velocities. Differs from the pedestrians' model because it adds no
-    fluctuation: a planner's command is not noisy.
+    fluctuation: a planner's command is not noisy. Where a wall stands in the way it goes along it, as pedestrians do.
 
     Args:
         safety_space: Margin that is added to every radius [m].
@@ -59,8 +72,8 @@ class SocialForcePlanner(Planner):
         vehicle = obs.vehicle
         position, velocity, radius, present = obs.everybody()
         goal = position.copy()
-        goal[:, 0] = vehicle.goal
-        return social_force_velocities(
+        goal[:, 0] = vehicle.local_goal
+        velocity = social_force_velocities(
             position,
             velocity,
             goal,
@@ -68,6 +81,8 @@ class SocialForcePlanner(Planner):
             np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
             np.zeros_like(position),
             time_step=obs.dt,
+            obstacles=obs.obstacles,
             seen=present,
             moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
         )[:, 0]
+        return along_walls(obs, velocity)

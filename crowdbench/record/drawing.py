@@ -13,10 +13,11 @@ import rerun as rr
 from jaxtyping import Float, Int
 from rerun.chunk import Chunk
 
-from crowdbench.geometry import nearest_in_step
+from crowdbench.geometry import nearest_in_step, polygons
 from crowdbench.record.chunks import still, times
 from crowdbench.record.plots import logs, plots
 from crowdbench.record.style import ARROW, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
+from crowdbench.record.walls import drawn
 from crowdbench.sim.episode import swept_motion
 from crowdbench.types import Outcome, Trace
 
@@ -44,7 +45,10 @@ def episode(trace: Trace, row: int, title: str, values: Mapping[str, float]) -> 
     low, high = extent(trace, row)
     label = 0.035 * float((high - low).max())  # height of a line of text in the viewer, in metres
     yield still("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]))
-    yield _ground(low, high, position, goal, float(radius[0]))
+    way = np.concatenate([position[0, :1], trace.route[row][~np.isnan(trace.route[row][:, 0])], goal[:1]])
+    yield _ground(low, high, position, goal, way, float(radius[0]))
+    if len(walls := polygons(trace.obstacles[row])):
+        yield drawn(walls)
     yield from _trails(position, times(1, states, dt))
     timelines = times(0, states, dt)
     yield from _discs(timelines, position, velocity, radius)
@@ -68,7 +72,7 @@ def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
     """
     present = trace.present[row, 0]
     path = trace.position[row, : trace.steps[row] + 1, present].reshape(-1, 2)
-    points = np.concatenate([path, trace.goal[row, 0, present]])
+    points = np.concatenate([path, trace.goal[row, 0, present], *polygons(trace.obstacles[row])])
     return np.stack([np.floor(points.min(0) - 0.5), np.ceil(points.max(0) + 0.5)])
 
 
@@ -77,20 +81,22 @@ def _ground(
     high: Float[np.ndarray, "2"],
     position: Float[np.ndarray, "agent time 2"],
     goal: Float[np.ndarray, "agent 2"],
+    way: Float[np.ndarray, "point 2"],
     radius: float,
 ) -> Chunk:
-    """What does not move: a grid of 1 m, the goals, the vehicle's straight line, and the path of each agent.
+    """What does not move: a grid of 1 m, the goals, the vehicle's shortest way, and the path of each agent.
 
     Args:
         low: Smallest x and y of the grid in metres.
         high: Largest x and y of the grid in metres.
         position: In metres.
         goal: In metres.
+        way: The vehicle's start, its waypoints and its goal, in metres.
         radius: The vehicle's radius in metres: the ring around its goal.
     """
     grid = [np.array([(x, low[1]), (x, high[1])]) for x in np.arange(low[0], high[0] + 1)]
     grid += [np.array([(low[0], y), (high[0], y)]) for y in np.arange(low[1], high[1] + 1)]
-    paths = [np.stack([position[0, 0], goal[0]]), *position]
+    paths = [way, *position]
     lines = [*grid, *paths, goal[0] + radius * CIRCLE]
     colors = [GRID] * len(grid) + [FAINT] * len(paths) + [VEHICLE]
     widths = rr.Radius.ui_points([0.5] * (len(lines) - 1) + [1.5])
@@ -233,7 +239,7 @@ def _summary(trace: Trace, row: int, title: str, sentence: str, values: Mapping[
         sentence: How it ended.
         values: Its metrics by name.
     """
-    lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize()}: {sentence}"]
+    lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize().replace('_', ' ')}: {sentence}"]
     lines += [f"{trace.split} case {trace.case[row]} · {title}", "", KEY, ""]
     cells = [f"{name.replace('_', ' ')} | {value:.4g}" for name, value in values.items() if np.isfinite(value)]
     cells += [" | "] * (len(cells) % 2)

@@ -4,7 +4,8 @@
 that the step leads to. `/exact/episode` has one row with the rest.
 
 Format 1 had no heading, command, gap to obstacles, person and sight. When it is read, the heading is computed from the
-velocities, the command is the vehicle's velocity, and the rest has the only value that was possible then.
+velocities, the command is the vehicle's velocity, and the rest has the only value that was possible then. Format 2 had
+no route and obstacles, because there were none.
 
 `write` and `read` use this module; `drawing` makes what the viewer shows.
 """
@@ -25,10 +26,10 @@ from crowdbench.geometry import heading_of
 from crowdbench.record.chunks import times
 from crowdbench.types import Rules, Trace
 
-FORMAT = 2
+FORMAT = 3
 """Version of what is under `/exact`."""
 
-READABLE = (1, 2)
+READABLE = (1, 2, 3)
 """Versions that `trace` can read."""
 
 OF_STATES = ("position", "velocity", "heading", "goal", "radius", "present", "person", "seen")
@@ -62,6 +63,11 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     still["preferred_speed"] = trace.preferred_speed[row : row + 1]
     # In one column, because each column needs one or two kilobytes in the file's index.
     still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
+    if trace.route.shape[1]:
+        still["route"] = trace.route[row : row + 1]
+    if trace.obstacles.shape[1]:
+        still["obstacles"] = trace.obstacles[row : row + 1]
+        still["corners"] = np.array([[trace.obstacles.shape[2]]])
     columns = {name: _lists(array) for name, array in still.items()}
     facts = {**run, "format": FORMAT, "split": trace.split, "rules": dataclasses.asdict(trace.rules)}
     columns["facts"] = pa.array([[json.dumps(facts)]])
@@ -135,6 +141,8 @@ def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
         "person": np.full((len(each), times, agents - 1), -1),
         "seen": np.zeros((len(each), times, agents - 1), bool),
     }
+    for name in ("route", "obstacles"):
+        empty[name] = np.full((len(each), *np.max([one[name].shape for one in each], axis=0)), np.nan)
     if "undisturbed" in each[0]:
         empty["undisturbed"] = np.full((len(each), times, agents - 1, 2), np.nan)
     for name, filled in empty.items():
@@ -153,10 +161,10 @@ def _restored(episode: Episode, version: int) -> Episode:
 
     Args:
         episode: The episode.
-        version: Version of its format. What format 1 lacks is derived.
+        version: Version of its format. What old formats lack is derived.
 
     Returns:
-        Arrays `[time, ...]` by name.
+        Arrays `[time, ...]` by name, and the route and the obstacles.
     """
     agents, steps = len(episode["preferred_speed"]), int(episode["case_outcome_steps"][2])
     shapes: dict[str, tuple[int, ...]] = {
@@ -175,6 +183,10 @@ def _restored(episode: Episode, version: int) -> Episode:
     }
     found = {name: _in_time(episode[name], shape, name, steps) for name, shape in shapes.items() if name in episode}
     found["preferred_speed"] = episode["preferred_speed"]
+    found["route"] = episode["route"].reshape(-1, 2) if "route" in episode else np.empty((0, 2))
+    found["obstacles"] = np.empty((0, 0, 2))
+    if "obstacles" in episode:
+        found["obstacles"] = episode["obstacles"].reshape(-1, int(episode["corners"][0]), 2)
     if version == 1:
         found["heading"] = _heading(found["velocity"][:, 0], found["goal"][0, 0] - found["position"][0, 0])
         found["command"] = found["velocity"][1:, 0]

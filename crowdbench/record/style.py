@@ -13,6 +13,7 @@ ARROW: Color = (255, 255, 255)
 MUTED: Color = (140, 146, 158)
 FAINT: Color = (72, 78, 90)
 GRID: Color = (33, 36, 43)
+WALL: Color = (150, 156, 168)
 BACKGROUND: Color = (17, 19, 24)
 
 CURVES: tuple[Color, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0))

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.compiled import njit
 from crowdbench.geometry import nearest_in_step
+from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.types import Outcome, Rules, World
 
 
@@ -24,7 +25,7 @@ class StepCheck(NamedTuple):
         outcome: An `Outcome`.
         gap: Smallest distance in metres between the vehicle's rim and a pedestrian's in the step; infinite where
             there are no pedestrians.
-        wall_gap: The same to the obstacles. No scenario has obstacles yet, so that it is always infinite.
+        wall_gap: The same to the obstacles; infinite where there are none.
     """
 
     outcome: Int[np.ndarray, "world"]
@@ -38,6 +39,7 @@ def check_step(before: World, after: World) -> StepCheck:
     - Time-out: it is the last step of `Rules.max_steps`, whatever else happens in it.
     - Collision: the discs of the vehicle and of a pedestrian overlap during the step. Under the rule `swept` both move
       as they really did; under `crowdnav` the pedestrian moves with its velocity from before the step, as in CrowdNav.
+    - Collision with a wall: the vehicle's disc overlaps an obstacle during the step.
     - Success: after the step, the vehicle's centre is nearer to its goal than its radius.
 
     The first of these that applies is the outcome, in CrowdNav's order.
@@ -58,6 +60,7 @@ def check_step(before: World, after: World) -> StepCheck:
         before.goal,
         before.radius,
         before.present,
+        before.obstacles,
         before.step,
         before.rules.max_steps,
         *check,
@@ -117,7 +120,7 @@ def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
 
 @no_type_check
 @njit
-def _check(position, motion, end, goal, radius, present, step, max_steps, outcome, gap, wall_gap):
+def _check(position, motion, end, goal, radius, present, obstacles, step, max_steps, outcome, gap, wall_gap):
     """Check a step of each world's vehicle.
 
     Args:
@@ -127,6 +130,7 @@ def _check(position, motion, end, goal, radius, present, step, max_steps, outcom
         goal: `[world, agent, 2]`, in metres.
         radius: `[world, agent]`, in metres.
         present: `[world, agent]`.
+        obstacles: `[world, polygon, corner, 2]`, in metres.
         step: `[world]`, steps done before this one.
         max_steps: Steps after which an episode times out.
         outcome: `[world]`, filled: an `Outcome`.
@@ -135,6 +139,7 @@ def _check(position, motion, end, goal, radius, present, step, max_steps, outcom
     """
     for w in range(len(radius)):
         gap[w], _ = nearest_in_step(0, position[w], motion[w], radius[w], present[w])
-        wall_gap[w] = np.inf
+        x, y, mx, my = position[w, 0, 0], position[w, 0, 1], motion[w, 0, 0], motion[w, 0, 1]
+        wall_gap[w] = wall_gap_in_step(x, y, mx, my, radius[w, 0], obstacles[w])
         dx, dy = goal[w, 0, 0] - end[w, 0, 0], goal[w, 0, 1] - end[w, 0, 1]
         outcome[w] = step_outcome(gap[w], wall_gap[w], dx, dy, radius[w, 0], step[w] + 1 >= max_steps)

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Shaped
 from crowdbench.compiled import njit, prange
 from crowdbench.sim.kernels import at, per_agent, serial_and_parallel
 from crowdbench.sim.linear_program import least_violation, nearest_permitted, unit
+from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.orca_obstacles import EDGE, edge_half_planes, fill_edges, nearest_edges
 
 PARALLEL_AGENTS = 400
@@ -49,6 +50,7 @@ def orca_velocities(
     time_horizon: float | Float[np.ndarray, "world agent"] = 5.0,
     obstacles: Float[np.ndarray, "_ polygon corner 2"] | None = None,
     time_horizon_obst: float | Float[np.ndarray, "world agent"] = 5.0,
+    line_of_sight: float | Shaped[np.ndarray, "..."] = False,
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
 ) -> Float[np.ndarray, "world agent 2"]:
@@ -66,6 +68,8 @@ def orca_velocities(
         time_horizon: The paper's tau: an agent avoids collisions that would happen within this time, in seconds.
         obstacles: Polygons in metres of each world, or one for all, see `crowdbench.sim.orca_obstacles`.
         time_horizon_obst: An agent avoids collisions with obstacles that would happen within this time, in seconds.
+        line_of_sight: Whether an agent avoids only those that no obstacle hides: the straight line between the centres
+            crosses none. RVO2 avoids others through walls. One value, or one per world or agent.
         seen: Whether the agent is avoided by the others; all are if None.
         moves: Whether the agent's velocity is computed; all are if None.
 
@@ -86,6 +90,7 @@ def orca_velocities(
         per_agent(time_horizon),
         _NO_OBSTACLES if obstacles is None else np.ascontiguousarray(obstacles),
         per_agent(time_horizon_obst),
+        per_agent(line_of_sight, np.bool_),
         _EVERYBODY if seen is None else np.ascontiguousarray(seen),
         _EVERYBODY if moves is None else np.ascontiguousarray(moves),
         out,
@@ -106,6 +111,7 @@ def _orca(
     time_horizon,
     obstacles,
     time_horizon_obst,
+    line_of_sight,
     seen,
     moves,
     out,
@@ -124,6 +130,7 @@ def _orca(
         time_horizon: In seconds.
         obstacles: `[world, polygon, corner, 2]`, in metres; one world may stand for all.
         time_horizon_obst: In seconds.
+        line_of_sight: Whether walls hide others.
         seen: Whether the agent is avoided.
         moves: Whether the agent's velocity is computed.
         out: `[world, agent, 2]`, filled: velocities in m/s.
@@ -138,7 +145,8 @@ def _orca(
         # The index of a prange is unsigned, which would turn the bounds into floats.
         first = np.int64(block) * worlds // blocks
         for w in range(first, (np.int64(block) + 1) * worlds // blocks):
-            number = fill_edges(obstacles[min(w, len(obstacles) - 1)], edges) if most > 0 else 0
+            polygons = obstacles[min(w, len(obstacles) - 1)]
+            number = fill_edges(polygons, edges) if most > 0 else 0
             for i in range(agents):
                 x, y = 0.0, 0.0
                 if at(moves, w, i):
@@ -151,7 +159,8 @@ def _orca(
                         hard = edge_half_planes(edges, order, near, px, py, vx, vy, size, rate, lines)
                     reach, limit = at(neighbor_distance, w, i), at(max_neighbors, w, i)
                     horizon = at(time_horizon, w, i)
-                    n = _nearest(w, i, position, seen, reach, limit, neighbor, distance)
+                    hides = number > 0 and at(line_of_sight, w, i)
+                    n = _nearest(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance)
                     for k in range(n):
                         _half_plane(position, velocity, radius, w, i, neighbor[k], horizon, time_step, lines, hard + k)
                     n += hard
@@ -167,7 +176,7 @@ _orca_serial, _orca_parallel = serial_and_parallel(_orca)
 
 @no_type_check
 @njit(error_model="numpy", inline="always")
-def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
+def _nearest(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance):
     """Find the neighbours of agent i of world w.
 
     Args:
@@ -176,6 +185,8 @@ def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
         seen: Whether each agent is avoided, read by `at`.
         reach: Neighbours are nearer than this, in metres.
         limit: Largest number of neighbours.
+        hides: Whether obstacles hide others.
+        polygons: `[polygon, corner, 2]`, the obstacles in metres.
         neighbor: `[agent]`, filled: indices of the neighbours, nearest first.
         distance: `[agent]`, filled: squared distances in square metres.
 
@@ -190,6 +201,8 @@ def _nearest(w, i, position, seen, reach, limit, neighbor, distance):
         dx, dy = position[w, j, 0] - position[w, i, 0], position[w, j, 1] - position[w, i, 1]
         squared = dx * dx + dy * dy
         if squared >= reach_squared or limit == 0:
+            continue
+        if hides and wall_gap_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons) <= 0.0:
             continue
         slot = n if n < limit else n - 1
         while slot > 0 and squared < distance[slot - 1]:

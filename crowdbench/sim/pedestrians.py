@@ -12,6 +12,7 @@ from jaxtyping import Float
 from crowdbench import rng
 from crowdbench.geometry import toward_goal
 from crowdbench.sim.orca import orca_velocities
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.social_force import FLUCTUATION, SIGHT_ANGLE, social_force_velocities
 from crowdbench.types import World
 
@@ -55,24 +56,33 @@ class ORCA(PedestrianPolicy):
         "max_neighbors": 10,
         "time_horizon": 5.0,
         "safety_space": 0.0,
+        "time_horizon_obst": 5.0,
+        "line_of_sight": 0,
     }
 
     def velocities(
         self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
     ) -> Float[np.ndarray, "world pedestrian 2"]:
-        """See `PedestrianPolicy`. `safety_space`, in metres, is added to each radius for avoidance."""
+        """See `PedestrianPolicy`. `safety_space`, in metres, is added to each radius for avoidance.
+
+        With `line_of_sight` = 1 pedestrians avoid only those whom no obstacle hides; with 0 they avoid others through
+        walls too, as in RVO2.
+        """
         pedestrian = world.present.copy()
         pedestrian[:, 0] = False
         return orca_velocities(
             world.position,
             world.velocity,
-            toward_goal(world.position, world.goal, world.preferred_speed),
+            toward_goal(world.position, goals_on_way(world), world.preferred_speed),
             world.radius + (ORCA_MARGIN + parameters["safety_space"]),
             world.preferred_speed,
             time_step=world.rules.dt,
             neighbor_distance=parameters["neighbor_distance"],
             max_neighbors=parameters["max_neighbors"],
             time_horizon=parameters["time_horizon"],
+            obstacles=world.obstacles,
+            time_horizon_obst=parameters["time_horizon_obst"],
+            line_of_sight=parameters["line_of_sight"],
             seen=world.present,
             moves=pedestrian,
         )[:, 1:]
@@ -89,6 +99,8 @@ class SocialForce(PedestrianPolicy):
         "sight_angle": SIGHT_ANGLE,
         "behind_weight": 0.5,
         "fluctuation": FLUCTUATION,
+        "wall_strength": 10.0,
+        "wall_range": 0.2,
     }
 
     def velocities(
@@ -102,7 +114,7 @@ class SocialForce(PedestrianPolicy):
         return social_force_velocities(
             world.position,
             world.velocity,
-            world.goal,
+            goals_on_way(world),
             world.radius,
             world.preferred_speed,
             noise,
@@ -114,6 +126,9 @@ class SocialForce(PedestrianPolicy):
             sight_angle=parameters["sight_angle"],
             behind_weight=parameters["behind_weight"],
             fluctuation=parameters["fluctuation"],
+            obstacles=world.obstacles,
+            wall_strength=parameters["wall_strength"],
+            wall_range=parameters["wall_range"],
             seen=world.present,
             moves=pedestrian,
         )[:, 1:]

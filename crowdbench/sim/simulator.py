@@ -15,7 +15,9 @@ from crowdbench.errors import plugin_errors
 from crowdbench.geometry import heading_of, turn
 from crowdbench.sim.checked import finite, shaped
 from crowdbench.sim.episode import StepCheck, check_step
+from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.sim.routes import next_waypoints
 from crowdbench.types import World
 
 
@@ -58,6 +60,9 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
     The simulator limits speeds only here: an agent that is faster than its preferred speed is slowed down to it. In a
     run the `Driver` has rejected such commands of a planner before.
 
+    Pedestrians cannot pass walls: whose rim touches one goes on along it, and has the velocity that this took. The
+    vehicle is not stopped, because its episode ends there.
+
     Args:
         world: The worlds before the step.
         velocity: The velocity of every agent during the step, in m/s.
@@ -75,6 +80,8 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
         world.preferred_speed,
         world.present,
         world.history,
+        world.radius,
+        world.obstacles,
         world.rules.dt,
         position,
         limited,
@@ -86,6 +93,7 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
         step=world.step + 1,
         position=position,
         velocity=limited,
+        waypoint=next_waypoints(position, world.goal, world.route, world.waypoint, world.radius, world.obstacles),
         heading=heading,
         angular_speed=angular_speed,
         history=history,
@@ -125,6 +133,8 @@ def _advance(
     max_speed,
     present,
     history,
+    radius,
+    obstacles,
     dt,
     new_position,
     limited,
@@ -141,6 +151,8 @@ def _advance(
         max_speed: `[world, agent]`, in m/s.
         present: `[world, agent]`; agents that are not present do not move.
         history: `[world, time, pedestrian, 2]`, in metres, oldest first.
+        radius: `[world, agent]`, in metres.
+        obstacles: `[world, polygon, corner, 2]`, in metres.
         dt: Length of the step in seconds.
         new_position: Filled, like `position`.
         limited: Filled, like `velocity`: the velocities that were taken.
@@ -165,6 +177,12 @@ def _advance(
             limited[w, a, 0], limited[w, a, 1] = x, y
             new_position[w, a, 0] = position[w, a, 0] + x * dt
             new_position[w, a, 1] = position[w, a, 1] + y * dt
+            if a > 0 and obstacles.shape[1] > 0:
+                px, py = position[w, a, 0], position[w, a, 1]
+                touched, qx, qy = slide(px, py, x * dt, y * dt, radius[w, a], obstacles[w])
+                if touched:
+                    new_position[w, a, 0], new_position[w, a, 1] = qx, qy
+                    limited[w, a, 0], limited[w, a, 1] = (qx - px) / dt, (qy - py) / dt
             if a > 0:
                 new_history[w, length - 1, a - 1, 0] = new_position[w, a, 0]
                 new_history[w, length - 1, a - 1, 1] = new_position[w, a, 1]

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int, UInt
 
 from crowdbench import rng
 from crowdbench.errors import InputError
+from crowdbench.geometry import local_goals
 
 Part = TypeVar("Part", "Vehicle", "Pedestrians", "Observation")
 
@@ -41,6 +42,14 @@ class Vehicle:
     waypoint: Int[np.ndarray, "*world"]
     radius: Float[np.ndarray, "*world"]
     preferred_speed: Float[np.ndarray, "*world"]
+
+    @property
+    def local_goal(self) -> Float[np.ndarray, "*world 2"]:
+        """The point in metres that it heads for on its route, see `crowdbench.geometry.local_goals`.
+
+        The goal itself where no waypoint is left.
+        """
+        return local_goals(self.position, self.goal, self.route, self.waypoint)
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ class Trace:
         present: Whether the agent exists.
         person: Number of each pedestrian as a person, unique within the case; -1 in the padding.
         seen: Whether the vehicle saw the pedestrian.
+        route: The vehicle's waypoints in metres as it started, NaN after the last one.
+        obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
         rules: The rules of the scenario.
         undisturbed: Where the pedestrians would walk without the vehicle, in metres; None where they do not see it.
         logs: What the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
@@ -60,6 +62,8 @@ class Trace:
     present: Bool[np.ndarray, "world time agent"]
     person: Int[np.ndarray, "world time pedestrian"]
     seen: Bool[np.ndarray, "world time pedestrian"]
+    route: Float[np.ndarray, "world waypoint 2"]
+    obstacles: Float[np.ndarray, "world polygon corner 2"]
     rules: Rules
     undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None = None
     logs: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)

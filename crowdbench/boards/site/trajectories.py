@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Polygon
 
 from crowdbench.boards.site.svg import COLOURS, axes, to_svg
-from crowdbench.geometry import norm
+from crowdbench.geometry import norm, polygons
 from crowdbench.types import Outcome, Trace
 
 EVERY = 1.0
@@ -32,6 +32,8 @@ def picture(trace: Trace, row: int, label: str) -> Markup:
         for agent in sorted(present, key=lambda agent: (agent == 0, agent == hit, agent)):
             every = round(EVERY / trace.rules.dt) if agent in (0, hit) else 0
             _way(drawn, position[:, agent], radius[agent], every, *_style(agent, hit))
+        for corners in polygons(trace.obstacles[row]):
+            drawn.add_patch(Polygon(corners, closed=True, facecolor=COLOURS["line"], edgecolor=COLOURS["ink"], lw=1.2))
         goal = trace.goal[row, last, 0]
         drawn.plot(*goal, marker="*", markersize=13, color=COLOURS["accent"], markeredgecolor=COLOURS["page"])
         if hit is not None:

@@ -184,7 +184,7 @@ class Exploration:
         """The commands around one command for each world.
 
         Around standing still the headings are around the vehicle's heading, or where it stands, around the direction
-        of its goal.
+        of its local goal.
 
         Args:
             scene: The vehicles before the step.
@@ -197,7 +197,7 @@ class Exploration:
         limit = scene.preferred_speed[:, None]
         speed = np.clip(norm(command)[:, None] + offset, 0.0, limit)
         moving = np.where(norm(command)[:, None] > 0.0, command, scene.velocity)
-        ahead = np.where(norm(moving)[:, None] > 0.0, moving, scene.goal - scene.position)
+        ahead = np.where(norm(moving)[:, None] > 0.0, moving, scene.local_goal - scene.position)
         heading = np.arctan2(ahead[:, 1], ahead[:, 0])[:, None] + offset
         direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
         return (speed[:, :, None, None] * direction[:, None]).reshape(len(command), -1, 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -12,6 +13,8 @@ from crowdbench.compiled import njit
 from crowdbench.geometry import nearest_in_step
 from crowdbench.predict import Prediction
 from crowdbench.sim.episode import step_outcome
+from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.routes import next_waypoints
 from crowdbench.types import Observation, Vehicle
 from crowdbench.value.joint_state import SIZE, write_joint_state
 
@@ -24,6 +27,7 @@ class Scene:
         position: The vehicle's centre in metres.
         velocity: Its velocity in m/s.
         goal: Where it is going, in metres.
+        local_goal: Where it heads for on its route, in metres, see `crowdbench.geometry.local_goals`.
         radius: Its radius in metres.
         preferred_speed: Its preferred and largest speed in m/s.
         crowd: The pedestrians' centres before the step, in metres.
@@ -31,12 +35,14 @@ class Scene:
         next_velocity: Their predicted velocities after the step, in m/s.
         crowd_radius: Their radii in metres.
         present: Which pedestrians there are. The others change nothing.
+        obstacles: Polygons in metres, NaN after the last corner.
         dt: Length of the step in seconds.
     """
 
     position: Float[np.ndarray, "world 2"]
     velocity: Float[np.ndarray, "world 2"]
     goal: Float[np.ndarray, "world 2"]
+    local_goal: Float[np.ndarray, "world 2"]
     radius: Float[np.ndarray, "world"]
     preferred_speed: Float[np.ndarray, "world"]
     crowd: Float[np.ndarray, "world mode pedestrian 2"]
@@ -44,6 +50,7 @@ class Scene:
     next_velocity: Float[np.ndarray, "world mode pedestrian 2"]
     crowd_radius: Float[np.ndarray, "world pedestrian"]
     present: Bool[np.ndarray, "world pedestrian"]
+    obstacles: Float[np.ndarray, "world polygon corner 2"]
     dt: float
 
 
@@ -65,6 +72,7 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
         position=vehicle.position,
         velocity=vehicle.velocity,
         goal=vehicle.goal,
+        local_goal=vehicle.local_goal,
         radius=vehicle.radius,
         preferred_speed=vehicle.preferred_speed,
         # Always in the same memory layout, since numba compiles a function again for each layout.
@@ -73,8 +81,32 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
         next_velocity=np.ascontiguousarray(prediction.velocity[:, :, step]),
         crowd_radius=obs.pedestrians.radius,
         present=obs.pedestrians.seen,
+        obstacles=obs.obstacles,
         dt=obs.dt,
     )
+
+
+def moved(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], obs: Observation) -> Vehicle:
+    """The vehicle after a step.
+
+    Args:
+        vehicle: The vehicle before it.
+        command: Its velocity during the step, in m/s.
+        obs: What the planner sees: the obstacles, which decide what waypoints are in sight, and the length of a step.
+
+    Returns:
+        The vehicle at its new position, heading for the waypoint that is next there.
+    """
+    position = vehicle.position + command * obs.dt
+    waypoint = next_waypoints(
+        position[:, None],
+        vehicle.goal[:, None],
+        vehicle.route[:, None],
+        vehicle.waypoint[:, None],
+        vehicle.radius[:, None],
+        obs.obstacles,
+    )[:, 0]
+    return dataclasses.replace(vehicle, position=position, velocity=command, waypoint=waypoint)
 
 
 @dataclass(frozen=True)
@@ -96,7 +128,8 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
     """Find out how a step would go under some commands, if the prediction is right.
 
     During the step everybody moves straight and at constant speed, the pedestrians from where the planner sees them
-    to where they are predicted. The rule for collisions and the goal is the simulator's.
+    to where they are predicted. The rule for collisions, with pedestrians and obstacles, and for the goal is the
+    simulator's. The joint state has the local goal in place of the goal.
 
     Args:
         scene: The vehicles and the pedestrians.
@@ -115,6 +148,7 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
     _try_commands(
         scene.position,
         scene.goal,
+        scene.local_goal,
         scene.radius,
         scene.preferred_speed,
         scene.crowd,
@@ -122,6 +156,7 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
         scene.next_velocity,
         scene.crowd_radius,
         scene.present,
+        scene.obstacles,
         scene.dt,
         commands,
         world,
@@ -137,6 +172,7 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
 def _try_commands(
     position,
     goal,
+    local_goal,
     radius,
     preferred_speed,
     crowd,
@@ -144,6 +180,7 @@ def _try_commands(
     next_velocity,
     crowd_radius,
     present,
+    obstacles,
     dt,
     commands,
     world,
@@ -163,13 +200,14 @@ def _try_commands(
         dx, dy = goal[w, 0] - x, goal[w, 1] - y
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
         start[0], motion[0, 0], motion[0, 1] = position[w], vx * dt, vy * dt
+        wall_gap = wall_gap_in_step(position[w, 0], position[w, 1], vx * dt, vy * dt, radius[w], obstacles[w])
         for m in range(crowd.shape[1]):
             for p in range(pedestrians):
                 for k in range(2):
                     start[p + 1, k] = crowd[w, m, p, k]
                     motion[p + 1, k] = next_crowd[w, m, p, k] - crowd[w, m, p, k]
             gap[row, m], _ = nearest_in_step(0, start, motion, radii, seen)
-            outcome[row, m] = step_outcome(gap[row, m], np.inf, dx, dy, radius[w], False)
+            outcome[row, m] = step_outcome(gap[row, m], wall_gap, dx, dy, radius[w], False)
             write_joint_state(
                 joint[row, m],
                 x,
@@ -177,7 +215,7 @@ def _try_commands(
                 vx,
                 vy,
                 radius[w],
-                goal[w],
+                local_goal[w],
                 preferred_speed[w],
                 next_crowd[w, m],
                 next_velocity[w, m],

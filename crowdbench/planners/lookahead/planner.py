@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -15,7 +14,7 @@ from crowdbench.numbers import is_integer
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead.aggregate import MEAN, Aggregate, mean_future
 from crowdbench.planners.lookahead.kce import Limits
-from crowdbench.planners.lookahead.one_step import Scene, scene_of, try_commands
+from crowdbench.planners.lookahead.one_step import Scene, moved, scene_of, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.checked import checked
 from crowdbench.reward import discount, reward
@@ -112,7 +111,7 @@ class ValuePlanner(Planner):
         vehicle = obs.vehicle
         for step in range(steps):
             command = commands[:, step] = self.decide(scene_of(obs, prediction, step, vehicle))
-            vehicle = dataclasses.replace(vehicle, position=vehicle.position + command * obs.dt, velocity=command)
+            vehicle = moved(vehicle, command, obs)
         return commands
 
     def decide(self, scene: Scene) -> Float[np.ndarray, "world 2"]:

@@ -1,8 +1,8 @@
 """What a policy is shown: the vehicle and the nearest pedestrians in the frame of the goal.
 
-The frame has its origin at the vehicle and its x axis towards the goal, so that a policy need not learn what turning
-the whole scene changes. The pedestrians are the nearest that are seen, nearest first, so that a crowd of any size has
-features of the same size.
+The frame has its origin at the vehicle and its x axis towards the local goal (`crowdbench.geometry.local_goals`), so
+that a policy need not learn what turning the whole scene changes. The pedestrians are the nearest that are seen,
+nearest first, so that a crowd of any size has features of the same size.
 
     vehicle:     distance to the goal, velocity x, velocity y, preferred speed, radius
     pedestrian:  position x, position y, velocity relative to the vehicle x, y, velocity x, y, gap, radius
@@ -72,7 +72,7 @@ def features(obs: Observation, nearest: int) -> Features:
     _fill(
         vehicle.position,
         vehicle.velocity,
-        vehicle.goal,
+        vehicle.local_goal,
         vehicle.preferred_speed,
         vehicle.radius,
         crowd.position,

@@ -11,6 +11,7 @@ from crowdbench.numbers import is_integer
 from crowdbench.planners.base import Planner
 from crowdbench.planners.policy.features import features, in_disc, to_world
 from crowdbench.planners.policy.network import NAME, Policy
+from crowdbench.planners.walls import along_walls
 from crowdbench.threads import in_chunks
 from crowdbench.types import Observation
 from crowdbench.weights.store import digest, load_into, read_card, weights_file
@@ -42,7 +43,9 @@ class PolicyPlanner(Planner):
 
         in_chunks(fill, len(obs), CHUNK)
         # The direction is kept. (In training, the bounds of the action space limit each axis first.)
-        return to_world(in_disc(action, obs.vehicle.preferred_speed), shown.axis)
+        command = to_world(in_disc(action, obs.vehicle.preferred_speed), shown.axis)
+        # Policies have learnt in worlds without obstacles.
+        return along_walls(obs, command)
 
     @torch.inference_mode()
     def _actions(

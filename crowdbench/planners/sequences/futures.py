@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.compiled import njit
 from crowdbench.geometry import nearest_in_step
 from crowdbench.sim.episode import step_outcome
+from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.types import Outcome
 
 
@@ -27,6 +28,9 @@ class Futures:
         crowd_velocity: Their mean velocity over the futures after the last step, in m/s.
         crowd_radius: Their radii in metres.
         present: Which pedestrians there are. The others change nothing.
+        route: The vehicle's waypoints in metres, NaN after the last one.
+        waypoint: Index of its next waypoint.
+        obstacles: Polygons in metres, NaN after the last corner.
         dt: Length of a step in seconds.
     """
 
@@ -38,6 +42,9 @@ class Futures:
     crowd_velocity: Float[np.ndarray, "world pedestrian 2"]
     crowd_radius: Float[np.ndarray, "world pedestrian"]
     present: Bool[np.ndarray, "world pedestrian"]
+    route: Float[np.ndarray, "world waypoint 2"]
+    waypoint: Int[np.ndarray, "world"]
+    obstacles: Float[np.ndarray, "world polygon corner 2"]
     dt: float
 
 
@@ -80,6 +87,7 @@ def try_sequences(
         futures.crowd,
         futures.crowd_radius,
         futures.present,
+        futures.obstacles,
         futures.dt,
         commands,
         margin,
@@ -92,7 +100,9 @@ def try_sequences(
 
 @no_type_check
 @njit(nogil=True)
-def _try_sequences(position, goal, radius, crowd, crowd_radius, present, dt, commands, margin, outcome, steps, gap):
+def _try_sequences(
+    position, goal, radius, crowd, crowd_radius, present, obstacles, dt, commands, margin, outcome, steps, gap
+):
     pedestrians = crowd.shape[3]
     start = np.empty((pedestrians + 1, 2))
     motion = np.empty((pedestrians + 1, 2))
@@ -112,11 +122,13 @@ def _try_sequences(position, goal, radius, crowd, crowd_radius, present, dt, com
                         for p in range(pedestrians):
                             start[p + 1, k] = crowd[w, m, t, p, k]
                             motion[p + 1, k] = crowd[w, m, t + 1, p, k] - crowd[w, m, t, p, k]
+                    x, y, dx, dy = start[0, 0], start[0, 1], motion[0, 0], motion[0, 1]
+                    wall_gap = wall_gap_in_step(x, y, dx, dy, radius[w], obstacles[w])
                     nearest, _ = nearest_in_step(0, start, motion, radii, seen)
                     gap[w, s, m, t] = nearest - margin[t]
                     for k in range(2):
                         start[0, k] += motion[0, k]
                     dx, dy = goal[w, 0] - start[0, 0], goal[w, 1] - start[0, 1]
-                    ended = step_outcome(gap[w, s, m, t], np.inf, dx, dy, radius[w], False)
+                    ended = step_outcome(gap[w, s, m, t], wall_gap, dx, dy, radius[w], False)
                     t += 1
                 outcome[w, s, m], steps[w, s, m] = ended, t

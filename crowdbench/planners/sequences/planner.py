@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Num
 
 from crowdbench.errors import InputError
-from crowdbench.geometry import norm
+from crowdbench.geometry import local_goals, norm
 from crowdbench.numbers import is_integer, is_number
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
@@ -16,6 +16,7 @@ from crowdbench.planners.sequences.futures import Futures, try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.predict.checked import checked
 from crowdbench.reward import discount
+from crowdbench.sim.routes import next_waypoints
 from crowdbench.threads import CHUNK, in_chunks
 from crowdbench.types import Observation, Outcome
 from crowdbench.value.joint_state import joint_states
@@ -145,7 +146,8 @@ class SequencePlanner(Planner):
     ) -> Float[np.ndarray, "world sequence"]:
         """What sequences are worth: the mean over the futures of their discounted rewards and the value at the end.
 
-        The value at the end is the network's, among pedestrians at the mean of their futures.
+        The value at the end is the network's, among pedestrians at the mean of their futures, on the way to the local
+        goal there.
 
         Args:
             futures: The vehicle and the pedestrians.
@@ -178,7 +180,7 @@ class SequencePlanner(Planner):
             _joined(commands[:, :, -1], futures.crowd_velocity),
             _joined(_repeated(futures.radius, sequences), futures.crowd_radius),
             present,
-            _repeated(futures.goal, sequences),
+            _local_goals(futures, position),
             _repeated(futures.preferred_speed, sequences),
         )
         shown = np.zeros(joint.shape[:3], bool)
@@ -186,7 +188,18 @@ class SequencePlanner(Planner):
         return evaluate(self.lookahead.value, joint, shown)[0]
 
 
-def _repeated(values: Float[np.ndarray, "world *xy"], sequences: int) -> Float[np.ndarray, "world sequence *xy"]:
+def _local_goals(
+    futures: Futures, position: Float[np.ndarray, "world sequence 2"]
+) -> Float[np.ndarray, "world sequence 2"]:
+    """The vehicle's local goal in metres at the end of each sequence."""
+    sequences = position.shape[1]
+    goal, route = _repeated(futures.goal, sequences), _repeated(futures.route, sequences)
+    waypoint, radius = _repeated(futures.waypoint, sequences), _repeated(futures.radius, sequences)
+    waypoint = next_waypoints(position, goal, route, waypoint, radius, futures.obstacles)
+    return local_goals(position, goal, route, waypoint)
+
+
+def _repeated(values: Num[np.ndarray, "world *xy"], sequences: int) -> Num[np.ndarray, "world sequence *xy"]:
     """What is the same for all sequences of a world."""
     return np.repeat(values[:, None], sequences, axis=1)
 
@@ -217,6 +230,9 @@ def _futures(obs: Observation, prediction: Prediction, part: slice) -> Futures:
         crowd_velocity=prediction.velocity[part, :, -1].mean(axis=1),
         crowd_radius=pedestrians.radius[part],
         present=pedestrians.seen[part],
+        route=vehicle.route[part],
+        waypoint=vehicle.waypoint[part],
+        obstacles=obs.obstacles[part],
         dt=obs.dt,
     )
 

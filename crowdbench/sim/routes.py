@@ -1,0 +1,91 @@
+"""Routes: which waypoint an agent heads for. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.compiled import njit
+from crowdbench.geometry import local_goals
+from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.types import World
+
+SIGHT_GAP = 0.01
+"""A waypoint is in sight where the straight way to it passes all walls with this gap, in metres."""
+
+REACH = 1.0
+"""In a world without obstacles, where all waypoints are in sight, a waypoint is reached at this distance in metres."""
+
+
+def goals_on_way(world: World) -> Float[np.ndarray, "world agent 2"]:
+    """The local goal of each agent in metres, see `crowdbench.geometry.local_goals`."""
+    return local_goals(world.position, world.goal, world.route, world.waypoint)
+
+
+def next_waypoints(
+    position: Float[np.ndarray, "world agent 2"],
+    goal: Float[np.ndarray, "world agent 2"],
+    route: Float[np.ndarray, "world agent waypoint 2"],
+    waypoint: Int[np.ndarray, "world agent"],
+    radius: Float[np.ndarray, "world agent"],
+    obstacles: Float[np.ndarray, "world polygon corner 2"],
+) -> Int[np.ndarray, "world agent"]:
+    """The waypoint that each agent heads for next.
+
+    Among obstacles it is the last one of the route that is in sight, the goal included; where none is in sight it does
+    not change. A disc of the agent's radius could go straight to what is in sight. Without obstacles it is the first
+    one that the agent has not reached.
+
+    Args:
+        position: Centres in metres.
+        goal: Goals in metres.
+        route: Waypoints on the way to the goal, in metres, NaN after the last one.
+        waypoint: Index of the waypoint that each agent has been heading for.
+        radius: Radii in metres.
+        obstacles: Polygons in metres, NaN after the last corner.
+
+    Returns:
+        Indices of waypoints; the number of waypoints of the route for the goal.
+    """
+    if route.shape[2] == 0:
+        return waypoint
+    found = waypoint.copy()
+    _next_waypoints(
+        np.ascontiguousarray(position),
+        np.ascontiguousarray(goal),
+        np.ascontiguousarray(route),
+        np.ascontiguousarray(radius),
+        np.ascontiguousarray(obstacles),
+        found,
+    )
+    return found
+
+
+@no_type_check
+@njit
+def _next_waypoints(position, goal, route, radius, obstacles, waypoint):
+    """Update `waypoint`, see `next_waypoints`."""
+    worlds, agents = waypoint.shape
+    for w in range(worlds):
+        walled = obstacles.shape[1] > 0 and not math.isnan(obstacles[w, 0, 0, 0])
+        for i in range(agents):
+            last = 0
+            while last < route.shape[2] and not math.isnan(route[w, i, last, 0]):
+                last += 1
+            x, y = position[w, i, 0], position[w, i, 1]
+            if walled:
+                for k in range(last, -1, -1):
+                    target = goal[w, i] if k == last else route[w, i, k]
+                    dx, dy = target[0] - x, target[1] - y
+                    if wall_gap_in_step(x, y, dx, dy, radius[w, i] + SIGHT_GAP, obstacles[w]) >= 0.0:
+                        waypoint[w, i] = k
+                        break
+            else:
+                while waypoint[w, i] < last:
+                    target = route[w, i, waypoint[w, i]]
+                    if math.hypot(target[0] - x, target[1] - y) >= REACH:
+                        break
+                    waypoint[w, i] += 1

@@ -1,0 +1,162 @@
+import numpy as np
+import pytest
+from helpers import world
+
+from crowdbench.geometry import local_goals, polygons
+from crowdbench.reward import reward
+from crowdbench.sim.obstacles import slide, wall_gap_in_step
+from crowdbench.sim.pedestrians import ORCA
+from crowdbench.sim.routes import next_waypoints
+from crowdbench.sim.simulator import step
+from crowdbench.sim.social_force import social_force_velocities
+from crowdbench.types import Outcome
+
+WALL = np.array([[[-1.0, 0.0], [1.0, 0.0], [np.nan, np.nan], [np.nan, np.nan]]])
+BLOCK = np.array([[[1.0, 1.0], [3.0, 1.0], [3.0, 2.0], [1.0, 2.0]]])
+BOTH = np.concatenate([WALL, BLOCK])
+
+
+def slow_gap(point, motion, radius, obstacles):
+    """The gap by sampling motion and edges densely."""
+    share = np.linspace(0.0, 1.0, 401)[:, None]
+    centres = point + share * motion
+    least = np.inf
+    for corners in polygons(obstacles):
+        for first, second in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            edge = first + share * (second - first)
+            least = min(least, np.linalg.norm(centres[:, None] - edge[None], axis=-1).min())
+        if len(corners) > 2 and ((corners.min(0) < centres) & (centres < corners.max(0))).all(axis=1).any():
+            least = 0.0
+    return least - radius
+
+
+def test_the_gap_to_walls_is_that_of_dense_sampling():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        point, motion = rng.uniform([-2.0, -1.0], [4.0, 3.0]), rng.normal(0.0, 0.5, 2)
+        got = wall_gap_in_step(*point, *motion, 0.3, BOTH)
+        assert got == pytest.approx(slow_gap(point, motion, 0.3, BOTH), abs=0.01)
+
+
+def test_without_obstacles_the_gap_is_infinite():
+    assert wall_gap_in_step(0.0, 0.0, 1.0, 0.0, 0.3, np.empty((0, 0, 2))) == np.inf
+    assert wall_gap_in_step(0.0, 0.0, 1.0, 0.0, 0.3, np.full((1, 2, 2), np.nan)) == np.inf
+
+
+def test_a_disc_that_jumps_over_a_wall_in_one_step_hits_it():
+    assert wall_gap_in_step(0.0, -5.0, 0.0, 10.0, 0.3, WALL) == -0.3
+
+
+def test_a_disc_within_a_block_overlaps_it():
+    assert wall_gap_in_step(2.0, 1.5, 0.0, 0.0, 0.1, BLOCK) == -0.1
+
+
+def test_nobody_slides_into_a_wall_or_farther_than_the_step():
+    rng = np.random.default_rng(1)
+    met = 0
+    for _ in range(500):
+        point, motion = rng.uniform([-2.0, -1.0], [4.0, 3.0]), rng.normal(0.0, 0.7, 2)
+        if wall_gap_in_step(*point, 0.0, 0.0, 0.3, BOTH) < 0.0:
+            continue
+        touched, x, y = slide(*point, *motion, 0.3, BOTH)
+        assert wall_gap_in_step(x, y, 0.0, 0.0, 0.3, BOTH) >= -1e-9
+        assert np.hypot(x - point[0], y - point[1]) <= np.hypot(*motion) + 1e-9
+        assert touched == (wall_gap_in_step(*point, *motion, 0.3, BOTH) < 1e-9)
+        if not touched:
+            assert (x, y) == (point[0] + motion[0], point[1] + motion[1])
+        met += touched
+    assert met > 50
+
+
+def test_who_walks_slantwise_into_a_wall_goes_on_along_it():
+    assert slide(-0.5, -0.4, 0.4, 0.4, 0.3, WALL) == (True, pytest.approx(-0.1), pytest.approx(-0.3))
+
+
+def test_who_overlaps_a_wall_can_leave_it_and_not_go_deeper():
+    assert slide(0.0, -0.1, 0.0, 0.2, 0.3, WALL) == (True, 0.0, -0.1)
+    assert slide(0.0, -0.1, 0.1, -0.2, 0.3, WALL) == (False, 0.1, pytest.approx(-0.3))
+
+
+def walled(obstacles, **changes):
+    """A vehicle at the origin that goes to (4, 0), and a pedestrian at (0, 2) that goes to (4, 2), among obstacles."""
+    made = world([[0.0, 0.0], [0.0, 2.0]], goal=[[4.0, 0.0], [4.0, 2.0]])
+    return made.replace(obstacles=np.array([obstacles], float), **changes)
+
+
+def test_a_vehicle_that_hits_a_wall_ends_in_a_wall_collision_and_its_price():
+    before = walled([[[0.5, -1.0], [0.5, 1.0]]])
+    after, check = step(before, np.array([[1.0, 0.0]]), np.zeros((1, 1, 2)))
+    assert check.outcome == [Outcome.WALL_COLLISION]
+    assert check.wall_gap == pytest.approx([-0.05])
+    assert reward(check.outcome, check.gap, 0.25) == [-0.25]
+    assert after.position[0, 0].tolist() == [0.25, 0.0]
+
+
+def test_a_pedestrian_that_is_pushed_into_a_wall_stops_at_it():
+    before = walled([[[0.5, 1.0], [0.5, 3.0]]])
+    after, check = step(before, np.zeros((1, 2)), np.array([[[0.9, 0.2]]]))
+    assert after.position[0, 1] == pytest.approx([0.2, 2.05])
+    assert after.velocity[0, 1] == pytest.approx([0.8, 0.2])
+    assert check.outcome == [Outcome.RUNNING]
+
+
+def test_the_next_waypoint_is_the_last_one_in_sight():
+    obstacles = np.array([[[[2.0, -1.0], [2.0, 9.0]]]])
+    goal, route = np.array([[[4.0, 2.0]]]), np.array([[[[1.5, -1.5], [2.5, -1.5]]]])
+    for position, last, expected in [
+        ([0.0, 2.0], 0, 0),
+        ([1.5, -1.5], 0, 1),
+        ([2.5, -1.5], 1, 2),
+        ([3.0, 2.0], 2, 2),
+        # Pushed back behind the wall, it heads for the waypoints before it again.
+        ([0.0, 2.0], 2, 0),
+    ]:
+        found = next_waypoints(np.array([[position]]), goal, route, np.array([[last]]), np.array([[0.3]]), obstacles)
+        assert found == expected
+
+
+def test_without_obstacles_a_waypoint_is_done_within_a_metre_of_it():
+    goal, route = np.array([[[4.0, 0.0]]]), np.array([[[[2.0, 0.0], [np.nan, np.nan]]]])
+    nothing = np.empty((1, 0, 0, 2))
+    for x, expected in [(0.9, 0), (1.1, 1)]:
+        found = next_waypoints(np.array([[[x, 0.0]]]), goal, route, np.array([[0]]), np.array([[0.3]]), nothing)
+        assert found == expected
+
+
+def test_a_local_goal_is_as_far_away_as_the_goal_is_along_the_route():
+    route = np.array([[[1.0, 0.0], [1.0, 1.0], [np.nan, np.nan]]])
+    goal = np.array([[3.0, 1.0]])
+    assert local_goals(np.zeros((1, 2)), goal, route, np.array([0])) == pytest.approx(np.array([[4.0, 0.0]]))
+    assert local_goals(np.array([[1.0, 0.0]]), goal, route, np.array([0])) == pytest.approx(np.array([[1.0, 3.0]]))
+    assert local_goals(np.array([[1.0, 0.5]]), goal, route, np.array([1])) == pytest.approx(np.array([[1.0, 3.0]]))
+    assert np.array_equal(local_goals(np.array([[1.3, 0.7]]), goal, route, np.array([2])), goal)
+    assert local_goals(np.zeros((1, 2)), goal, np.empty((1, 0, 2)), np.array([0])) is goal
+
+
+def test_nobody_slows_down_at_a_waypoint_in_between():
+    before = walled([[[9.0, 9.0], [9.5, 9.0]]], route=np.array([[[[0.1, 0.0]], [[0.1, 2.0]]]], float))
+    asked = ORCA().velocities(before, before.parameters["orca"])
+    assert np.hypot(*asked[0, 0]) == pytest.approx(1.0)
+
+
+def test_a_pedestrian_behind_a_wall_is_avoided_as_in_rvo2_unless_asked_otherwise():
+    wall = [[[0.6, -3.0], [0.6, 3.0]]]
+    before = world([[9.0, 9.0], [0.0, 0.0], [1.2, 0.8]], goal=[[9.0, 9.0], [0.0, 4.0], [-4.0, 0.5]])
+    before = before.replace(obstacles=np.array([wall]), velocity=np.array([[[0, 0], [0, 0.5], [-1.0, 0.1]]], float))
+    parameters = {name: value.copy() for name, value in before.parameters["orca"].items()}
+    through = ORCA().velocities(before, parameters)[0, 0]
+    parameters["line_of_sight"][:] = 1.0
+    hidden = ORCA().velocities(before, parameters)[0, 0]
+    alone = before.replace(present=np.array([[True, True, False]]))
+    assert np.array_equal(hidden, ORCA().velocities(alone, parameters)[0, 0])
+    assert not np.allclose(through, hidden)
+
+
+def test_a_border_repels_as_in_the_formula_of_helbing_and_molnar():
+    dt, tau, strength, reach, distance = 0.01, 0.5, 10.0, 0.2, 0.7
+    zero = np.zeros((1, 1, 2))
+    arguments = (zero, zero, zero, np.full((1, 1), 0.3), np.full((1, 1), 100.0), zero)
+    wall = np.array([[[[distance, -50.0], [distance, 50.0]]]])
+    got = social_force_velocities(*arguments, time_step=dt, sub_step=dt, fluctuation=0.0, obstacles=wall)
+    pushed = -strength / reach * np.exp(-distance / reach) * tau * (1.0 - np.exp(-dt / tau))
+    assert got[0, 0] == pytest.approx([pushed, 0.0], abs=1e-12)
