@@ -1,4 +1,4 @@
-"""Names to objects: planners, pedestrian policies, metrics and scenarios, built in, installed, or in a user's files."""
+"""Names to objects: planners, policies, layouts, metrics and scenarios, built in, installed, or in a user's files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import functools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar, cast
 
 from crowdbench import plugins
 from crowdbench.errors import InputError, plugin_errors
@@ -17,12 +17,18 @@ from crowdbench.planners.base import Planner
 from crowdbench.plugin_files import file_digests
 from crowdbench.plugins import ROOT, Kind
 from crowdbench.scenario import file as scenario_file
+from crowdbench.scenario import layouts
+from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
 PLANNERS = Kind("planner", ROOT / "agents" / "planners", "planner", "crowdbench.planners")
 PEDESTRIANS = Kind("pedestrian policy", ROOT / "agents" / "pedestrians", "policy", "crowdbench.pedestrians")
 SCENARIOS = ROOT / "scenarios"
+LAYOUTS = Kind("layout", SCENARIOS, "layout", "crowdbench.layouts", layouts.LAYOUTS)
+
+Loaded = TypeVar("Loaded", tuple[str, Layout, str | None], tuple[str, PedestrianPolicy, str | None])
+"""Name, plug-in, and the digest of its file."""
 
 RESERVED = ("case", "outcome", "steps")
 """Names of columns in every table of episodes, which a metric cannot have."""
@@ -81,6 +87,25 @@ def _is_file(path: Path) -> bool:
     with contextlib.suppress(OSError, ValueError):  # raised where a text can be no path
         return path.is_file()
     return False
+
+
+def load_layout(spec: str, folder: Path = Path()) -> tuple[str, Layout, str | None]:
+    """Find a layout.
+
+    Args:
+        spec: The name of a built-in or installed layout, `file.py` or `file.py:function`.
+        folder: The folder that the path of a file is relative to.
+
+    Returns:
+        The layout's name, the layout, and the digest of its file; None where it is built in or installed.
+
+    Raises:
+        InputError: There is no such layout, or its file is broken.
+    """
+    if plugins.file_and_function(spec)[0] is not None:
+        spec = str(folder / spec)
+    name, layout = LAYOUTS.find(spec)
+    return name, cast(Layout, layout), plugins.source(spec)
 
 
 def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy, str | None]:
@@ -194,12 +219,17 @@ def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestr
         table["pedestrians"] = {key: crowd[key] for key in crowd if key not in others}
         table["pedestrians"]["policy"] = _from_here(pedestrians)
     for key, value in (overrides or {}).items():
-        _set(table, key, _from_here(value) if key == "pedestrians.policy" else value, path)
+        _set(table, key, _from_here(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     source = str(path) if own_file else path.name
-    return scenario_file.parse(table, path.stem, source, functools.partial(load_policy, folder=path.parent))
+    find_layout = functools.partial(load_layout, folder=path.parent)
+    return scenario_file.parse(
+        table, path.stem, source, find_layout, functools.partial(load_policy, folder=path.parent)
+    )
 
 
-def load_recorded_scenario(table: Mapping[str, Any], source: str, pedestrians: Iterable[str] = ()) -> Scenario:
+def load_recorded_scenario(
+    table: Mapping[str, Any], source: str, pedestrians: Iterable[str] = (), layout: str | None = None
+) -> Scenario:
     """Make the scenario of a run again.
 
     Only what the user names is loaded from files, never what the run names: it may come from somebody else.
@@ -208,36 +238,67 @@ def load_recorded_scenario(table: Mapping[str, Any], source: str, pedestrians: I
         table: The table `scenario` of the run's `result.json`.
         source: What that file is called, for errors.
         pedestrians: The files of the pedestrian policies that are the user's own.
+        layout: The file of the layout, if it is the user's own.
 
     Returns:
         The scenario.
 
     Raises:
-        InputError: Something in the table is wrong, or a policy's file is not given, or is another one than in the run.
+        InputError: Something in the table is wrong, or the file of the layout or of a policy is not given, or is
+            another one than in the run.
     """
-    own = {name: (name, made, digest) for name, made, digest in map(load_policy, pedestrians)}
     digests = table["pedestrians"].get("policy_files")
     digests = digests if isinstance(digests, Mapping) else {}
-    for name, _, digest in own.values():
-        if name not in digests:
-            raise InputError(f"{source}: no pedestrian policy of the run is a file called {name}")
-        if digest != digests[name]:
-            raise InputError(
-                f"{source}: the pedestrian policy {name} of the run had the digest {digests[name]}, but the file that "
-                f"is given has {digest}: give the file as it was"
-            )
+    places = table.get("layout", {})
+    layouts = {places.get("generator"): places["generator_file"]} if "generator_file" in places else {}
+    policies = _Given("pedestrian policy", "--pedestrians", digests, map(load_policy, pedestrians), source)
+    own_layout = _Given("layout", "--layout", layouts, [load_layout(layout)] if layout else [], source)
+    return scenario_file.restored(
+        table,
+        source,
+        lambda name: own_layout.get(name) or load_layout(name),
+        lambda name: policies.get(name) or load_policy(name),
+    )
 
-    def load(name: str) -> tuple[str, PedestrianPolicy, str | None]:
-        if name in own:
-            return own[name]
-        if name in digests or plugins.file_and_function(name)[0] is not None:
-            raise InputError(
-                f"{source}: the pedestrian policy {name} of the run is a file of somebody's own: give it with "
-                f"--pedestrians ./{name}.py, and it is loaded if its digest is {digests.get(name)}"
-            )
-        return load_policy(name)
 
-    return scenario_file.restored(table, source, load)
+class _Given(Generic[Loaded]):
+    """The plug-ins of a run that the user gives as files.
+
+    Args:
+        word: What one of them is called.
+        option: The option by which they are given.
+        digests: By name, the digests of the files that the run had.
+        given: Name, plug-in and digest of what the user gives.
+        source: What the file of the run is called, for errors.
+
+    Raises:
+        InputError: The run had no such file, or another one of the same name.
+    """
+
+    def __init__(
+        self, word: str, option: str, digests: Mapping[str, str], given: Iterable[Loaded], source: str
+    ) -> None:
+        self.given: dict[str, Loaded] = {one[0]: one for one in given}
+        self.word, self.option, self.digests, self.source = word, option, digests, source
+        for name, _, digest in self.given.values():
+            if name not in digests:
+                raise InputError(f"{source}: no {word} of the run is a file called {name}")
+            if digest != digests[name]:
+                raise InputError(
+                    f"{source}: the {word} {name} of the run had the digest {digests[name]}, but the file that "
+                    f"is given has {digest}: give the file as it was"
+                )
+
+    def get(self, name: str) -> Loaded | None:
+        """What the user gives by a name, None where that is built in. Raises InputError where a file is not given."""
+        if name in self.given:
+            return self.given[name]
+        if name in self.digests or plugins.file_and_function(name)[0] is not None:
+            raise InputError(
+                f"{self.source}: the {self.word} {name} of the run is a file of somebody's own: give it with "
+                f"{self.option} ./{name}.py, and it is loaded if its digest is {self.digests.get(name)}"
+            )
+        return None
 
 
 def scenarios() -> list[tuple[str, str]]:

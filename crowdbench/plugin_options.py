@@ -38,11 +38,13 @@ class Option:
         name: Its name.
         default: Its value where it is not given, or `REQUIRED`.
         types: The types that its annotation allows; none where there is no annotation.
+        keyword_only: Whether it can be given by its name alone.
     """
 
     name: str
     default: Any
     types: tuple[Any, ...]
+    keyword_only: bool = False
 
     @property
     def parts(self) -> list[type]:
@@ -120,7 +122,7 @@ def read_options(factory: Callable[..., object]) -> list[Option]:
     signature = _signature(factory)
     hints = _hints(factory)
     return [
-        Option(name, parameter.default, _alternatives(hints.get(name)))
+        Option(name, parameter.default, _alternatives(hints.get(name)), parameter.kind is parameter.KEYWORD_ONLY)
         for name, parameter in signature.parameters.items()
         if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
     ]

@@ -11,7 +11,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
@@ -40,12 +40,14 @@ class Kind:
         folder: Where the files of the built-in ones are.
         function: The function that such a file defines.
         entry_points: The group of entry points by which installed packages offer others.
+        functions: Those that are built in as functions, by name.
     """
 
     word: str
     folder: Path
     function: str
     entry_points: str
+    functions: Mapping[str, Callable[..., object]] = field(default_factory=dict)
 
     def names(self) -> list[tuple[str, str]]:
         """Name and first docstring line of everything that is built in or installed."""
@@ -54,7 +56,8 @@ class Kind:
             (entry.name, _first_line(_installed_docstring(entry)) or f"installed: {entry.value}")
             for entry in self._installed()
         ]
-        return built_in + installed
+        functions = [(name, _first_line(function.__doc__ or "")) for name, function in self.functions.items()]
+        return functions + built_in + installed
 
     def find(self, spec: str) -> tuple[str, Callable[..., object]]:
         """A plug-in's name and function.
@@ -71,6 +74,8 @@ class Kind:
         file, function = file_and_function(spec)
         if file is not None:
             return function or file.stem, function_of(file, function or self.function)
+        if spec in self.functions:
+            return spec, self.functions[spec]
         if spec in (path.stem for path in self.folder.glob("*.py")):
             return spec, function_of(self.folder / f"{spec}.py", self.function)
         for entry in self._installed():

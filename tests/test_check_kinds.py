@@ -365,6 +365,12 @@ def changed_row(**changes):
     return layout
 
 
+def box(middle, half):
+    """Four walls around a point."""
+    corners = middle + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+
+
 LATER = np.random.default_rng(0)
 
 LAYOUTS_THAT_OFFEND = {
@@ -376,13 +382,31 @@ LAYOUTS_THAT_OFFEND = {
         "shape",
         "obstacles of shape [2, 2] instead of [any number, any number, 2]",
     ),
-    "nowhere": (changed_row(goal=lambda one: one.goal * np.nan), "finite", "agent 0 the goal [nan, nan]"),
+    "nowhere": (changed_row(goal=lambda one: one.goal * np.nan), "finite", "the vehicle the goal [nan, nan]"),
     "a heap": (changed_row(start=lambda one: one.start * 0.5), "overlap", "agents 0 and 1 overlap by 0.1 m"),
     "nothing to do": (changed_row(goal=lambda one: one.start + 0.1), "goal", "the vehicle start 0.141 m from its goal"),
     "a pedestrian with nothing to do": (
         changed_row(goal=lambda one: np.vstack([one.goal[:1], one.start[1:]])),
         "goal",
         "agent 1 start at its goal",
+    ),
+    "a wall through people": (
+        changed_row(obstacles=lambda one: np.array([[[-1.0, 0.2], [9.0, 0.2]]])),
+        "obstacles",
+        "the start of the vehicle, [0.0, 0.0], is 0.2 m from obstacles[0]",
+    ),
+    "a box around a goal": (
+        changed_row(obstacles=lambda one: box(one.goal[0], 1.0)),
+        "ways",
+        "no way leads the vehicle from (0, 0) to its goal",
+    ),
+    "a route through a wall": (
+        changed_row(
+            obstacles=lambda one: np.array([[[-3.0, 3.0], [0.5, 3.0]]]),
+            route=lambda one: np.full((len(one.start), 1, 2), np.nan),
+        ),
+        "ways",
+        "the route of the vehicle leads 0 m past an obstacle",
     ),
     "NumPy's dice": (
         changed_row(goal=lambda one: one.goal + np.random.rand()),  # noqa: NPY002 (the offence)
@@ -453,7 +477,7 @@ def test_a_file_of_two_kinds_or_of_none_is_told(tmp_path):
     assert "padding" in command(str(both), "--kind", "pedestrians").output
     both.write_text("")
     message = str(command(str(both)).exception)
-    assert "defines no function planner(), policy(), predictor() or metric()" in message
+    assert "defines no function planner(), policy(), predictor(), metric() or layout()" in message
 
 
 @pytest.mark.parametrize(

@@ -49,9 +49,8 @@ def walled(rng, radius, preferred_speed):
     return Placement(placed.start, placed.goal, route, np.array([[[0.0, 0.0], [1.0, 0.0]]]))
 
 
-def test_routes_and_obstacles_of_a_layout_reach_the_world_and_the_observation(monkeypatch):
-    monkeypatch.setitem(layouts.LAYOUTS, "walled", walled)
-    place = dataclasses.replace(load_scenario("circle_crossing_5"), layout="walled", layout_options={})
+def test_routes_and_obstacles_of_a_layout_reach_the_world_and_the_observation():
+    place = dataclasses.replace(load_scenario("circle_crossing_5"), layout=walled, layout_options={})
     start = place.worlds(Cases("val", 0, 12))
     assert start.route.shape == (12, 6, 2, 2)
     assert start.obstacles.shape == (12, 1, 2, 2)

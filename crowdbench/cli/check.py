@@ -6,6 +6,7 @@ import functools
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +22,13 @@ if TYPE_CHECKING:
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.scenario import Scenario
 
-FUNCTIONS = {"planners": "planner", "pedestrians": "policy", "predictors": "predictor", "metrics": "metric"}
+FUNCTIONS = {
+    "planners": "planner",
+    "pedestrians": "policy",
+    "predictors": "predictor",
+    "metrics": "metric",
+    "layouts": "layout",
+}
 """The function that a file of each kind defines."""
 
 
@@ -157,15 +164,14 @@ def _metric(asked: _Asked) -> tuple[str, list[Point]]:
 
 
 def _layout(asked: _Asked) -> tuple[str, list[Point]]:
+    from crowdbench.catalog import load_layout
     from crowdbench.evaluate.check import check_layout
-    from crowdbench.scenario.layouts import LAYOUTS
 
-    name = asked.plugin
-    if name not in LAYOUTS:
-        raise InputError(f"no layout is called {name!r}; there are {', '.join(LAYOUTS)}")
+    name, _, digest = load_layout(asked.plugin)
+    generator = str(Path.cwd() / asked.plugin) if digest else name
     # As a part of the scenario, so that its options are checked.
-    place = asked.place(changes={"layout": {"generator": name, **asked.options}})
-    return name, check_layout(functools.partial(LAYOUTS[name], **place.layout_options), name, place, asked.cases)
+    place = asked.place(changes={"layout": {"generator": generator, **asked.options}})
+    return name, check_layout(functools.partial(place.layout, **place.layout_options), name, place, asked.cases)
 
 
 _CHECKS: Mapping[str, Callable[[_Asked], tuple[str, list[Point]]]] = {

@@ -58,12 +58,13 @@ def description(docstring: str | None) -> str:
     return _parsed(docstring).description or ""
 
 
-def option_rows(factory: Callable[..., object]) -> list[OptionRow]:
+def option_rows(factory: Callable[..., object], keyword_only: bool = False) -> list[OptionRow]:
     """The options of a plug-in's function or class, each followed by the parameters of the table that it may be.
 
     Args:
         factory: Its docstring has an `Args:` section; a dataclass has `Attributes:`. Each entry ends with the unit in
             brackets. Of a partial, it is the function's docstring that counts.
+        keyword_only: Whether parameters that are not keyword-only are left out.
 
     Returns:
         The options in the order of the signature.
@@ -71,6 +72,8 @@ def option_rows(factory: Callable[..., object]) -> list[OptionRow]:
     said = _said(getattr(factory, "func", factory))
     rows = []
     for option in read_options(factory):
+        if keyword_only and not option.keyword_only:
+            continue
         rows.append(_row(option, said))
         for part in option.parts:
             own = option.default if isinstance(option.default, part) else None

@@ -20,10 +20,12 @@ if TYPE_CHECKING:
 
 
 def list_(
-    kind: Annotated[str, typer.Argument(help="planners, pedestrians, predictors, weights, scenarios or metrics.")],
+    kind: Annotated[
+        str, typer.Argument(help="planners, pedestrians, predictors, weights, scenarios, layouts or metrics.")
+    ],
     name: Annotated[str | None, typer.Argument(help="One of them, to be explained with its options.")] = None,
 ) -> None:
-    """List planners, pedestrians, predictors, weights, scenarios or metrics, or explain one of them."""
+    """List planners, pedestrians, predictors, weights, scenarios, layouts or metrics, or explain one of them."""
     kinds = _kinds()
     if kind not in kinds:
         *others, last = kinds
@@ -69,6 +71,7 @@ def _kinds() -> dict[str, Listed]:
         "predictors": Listed(lambda: _described(PREDICTORS), _predictor),
         "weights": Listed(built_in_weights, _weights),
         "scenarios": Listed(catalog.scenarios, _scenario),
+        "layouts": Listed(catalog.LAYOUTS.names, _layout),
         "metrics": Listed(lambda: _described(METRICS), _metric),
     }
 
@@ -126,6 +129,16 @@ def _scenario(name: str) -> Page:
     load_scenario(name)
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
     return Page(files.read_text(path))
+
+
+def _layout(name: str) -> Page:
+    from crowdbench.catalog import load_layout
+    from crowdbench.cli.explain import description, option_rows
+
+    _, layout, _ = load_layout(name)
+    rows = [dataclasses.replace(row, name=f"layout.{row.name}") for row in option_rows(layout, keyword_only=True)]
+    said = description(layout.__doc__) or f"{name} has no docstring: its file says nothing about the layout."
+    return Page(said, rows, "Options: --set name=value")
 
 
 def _metric(name: str) -> Page:

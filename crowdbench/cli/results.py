@@ -62,12 +62,17 @@ def score(
             help="With --replay: the file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable."
         ),
     ] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="With --replay: the file of a layout of your own that the run had, ./mine.py.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compute the metrics of a run again: from its recording, or by a replay of its commands."""
     if replay:
-        _replay(recording, metric or [], pedestrians or [], as_json)
+        _replay(recording, metric or [], pedestrians or [], layout, as_json)
         return
+    if layout:
+        raise InputError("--layout is for --replay: a recording says where everybody started")
     if pedestrians:
         raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
     from crowdbench import catalog
@@ -91,7 +96,7 @@ def score(
         print_table(episodes_table(scored.cases, scored.episodes))
 
 
-def _replay(directory: Path, metrics: list[str], pedestrians: list[str], as_json: bool) -> None:
+def _replay(directory: Path, metrics: list[str], pedestrians: list[str], layout: str | None, as_json: bool) -> None:
     """Print what a replay finds, and exit with 1 if anything differs."""
     from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation, progress
@@ -101,7 +106,7 @@ def _replay(directory: Path, metrics: list[str], pedestrians: list[str], as_json
     announce_compilation()
     measured = catalog.load_metrics(metrics)
     files = RunFiles.read(directory)
-    scenario = catalog.load_recorded_scenario(files.result["scenario"], str(directory / RESULT), pedestrians)
+    scenario = catalog.load_recorded_scenario(files.result["scenario"], str(directory / RESULT), pedestrians, layout)
     cases = len(files.commands.case)
     with progress(cases, f"of {cases} cases") as tell:
         found = replay(files, scenario, measured, tell)

@@ -7,6 +7,9 @@ from gymnasium.spaces import Box
 
 from crowdbench.dynamics import SPEED_TOLERANCE
 from crowdbench.envs.observations import AGENT_FEATURES
+from crowdbench.numbers import is_number
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.placing import EXTENT
 from crowdbench.scenario.scenario import Quantity, Scenario
 
 
@@ -40,10 +43,13 @@ def observation_space(scenario: Scenario) -> Box:
 def layout_bound(scenario: Scenario) -> float:
     """A bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
 
-    It is twice the sum of the lengths in the layout's options, plus the way of one second at the highest speed, because
-    layouts shift starts by up to half of it.
+    Of a built-in layout it is twice the sum of the numbers in its options, plus the way of one second at the highest
+    speed, because layouts shift starts by up to half of it. Of another layout it is what any layout must keep.
     """
-    return 2 * sum(scenario.layout_options.values()) + _max_speed(scenario)
+    if scenario.layout not in LAYOUTS.values():
+        return EXTENT
+    lengths = [value for value in scenario.layout_options.values() if is_number(value)]
+    return 2 * sum(lengths) + _max_speed(scenario)
 
 
 def position_bound(scenario: Scenario) -> float:

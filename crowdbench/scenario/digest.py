@@ -27,7 +27,8 @@ _NAMES = ("name", "digest", "description")
 def digest_of(table: Mapping[str, Any]) -> str:
     """The digest of a scenario.
 
-    It is over the keys whose values differ from their defaults, and over the digests of policies' files. A key that
+    It is over the keys whose values differ from their defaults, and over the digests of the files of
+    layouts and policies. A key that
     comes new, with a default that means what was the case before, changes no digest.
 
     Args:
@@ -44,15 +45,16 @@ def digest_of(table: Mapping[str, Any]) -> str:
 def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
     """All keys of a scenario of the same layout and policies with their defaults, as far as these are known.
 
-    The parameters of a policy from elsewhere count in full.
+    The options of a layout and the parameters of a policy from elsewhere count in full.
     """
     top = ScenarioSpec()
     defaults = top.complete()
     # Written as the name of one policy, where all pedestrians follow the same.
     (defaults["pedestrians"]["policy"],) = top.pedestrians.policy
-    generator = table.get("layout", {}).get("generator", top.layout.generator)
-    if generator in LAYOUTS:
-        defaults["layout"] = layout_spec(generator)().complete()
+    layout = table.get("layout", {})
+    generator = layout.get("generator", top.layout.generator)
+    if generator in LAYOUTS and "generator_file" not in layout:
+        defaults["layout"] = layout_spec(LAYOUTS[generator])().complete()
     files = table.get("pedestrians", {}).get("policy_files", {})
     for name, policy in BUILT_IN.items():
         if name not in files:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.errors import InputError
+from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.scenario import Quantity, Scenario
 from crowdbench.scenario.schema import PedestriansSpec, ScenarioSpec, layout_spec, pedestrians_spec
 from crowdbench.sim.pedestrians import PedestrianPolicy
@@ -18,6 +19,10 @@ from crowdbench.types import Rules
 
 MAX_STEPS = 100_000
 PolicyLoader = Callable[[str], tuple[str, PedestrianPolicy, str | None]]
+"""Turns what a table says of a pedestrian policy into its name, the policy, and the digest of its file, if any."""
+
+LayoutLoader = Callable[[str], tuple[str, Layout, str | None]]
+"""The same for a layout."""
 
 
 def read_table(path: Path) -> dict[str, Any]:
@@ -25,15 +30,17 @@ def read_table(path: Path) -> dict[str, Any]:
     return read_toml(path, "scenario")
 
 
-def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyLoader) -> Scenario:
+def parse(
+    table: Mapping[str, Any], name: str, source: str, load_layout: LayoutLoader, load_policy: PolicyLoader
+) -> Scenario:
     """Make a scenario from a table.
 
     Args:
         table: As read from a file, perhaps with changes.
         name: What the scenario is called.
         source: What its file is called, for errors.
-        load_policy: Turns what the table says of a pedestrian policy into its name, the policy, and the digest of its
-            file, None where it has none.
+        load_layout: Loads the layout.
+        load_policy: Loads a pedestrian policy.
 
     Returns:
         The scenario.
@@ -53,7 +60,11 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
             f"{source}: seed is {top.seed}, which changes no test case below crowdnav_cases = {top.crowdnav_cases}, "
             "because these are drawn with CrowdNav's seeds: set crowdnav_cases = 0 too"
         )
-    layout = parsed(layout_spec(top.layout.generator), table.get("layout", {}), file.at("layout")).complete()
+    with file.at("layout", "generator").named():
+        generator, layout, layout_file = load_layout(top.layout.generator)
+        options_of_layout = layout_spec(layout)
+    asked = {**table.get("layout", {}), "generator": generator}
+    options = parsed(options_of_layout, asked, file.at("layout")).complete()
     policies = _policies(top.pedestrians.policy, load_policy, file.at("pedestrians", "policy"))
     kind = pedestrians_spec({policy: each.made.parameters for policy, each in policies.items()})
     pedestrians = parsed(kind, table.get("pedestrians", {}), file.at("pedestrians")).complete()
@@ -63,8 +74,8 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
         rules=rules,
         seed=top.seed,
         crowdnav_cases=top.crowdnav_cases,
-        layout=top.layout.generator,
-        layout_options={option: value for option, value in layout.items() if option != "generator"},
+        layout=layout,
+        layout_options={option: value for option, value in options.items() if option != "generator"},
         vehicle_radius=top.vehicle.radius,
         vehicle_speed=top.vehicle.preferred_speed,
         number=top.pedestrians.number,
@@ -79,17 +90,22 @@ def parse(table: Mapping[str, Any], name: str, source: str, load_policy: PolicyL
             }
             for policy, each in policies.items()
         },
-        table=top.complete() | {"layout": layout, "pedestrians": pedestrians | _written(policies)},
+        table=top.complete()
+        | {
+            "layout": options | ({"generator_file": layout_file} if layout_file else {}),
+            "pedestrians": pedestrians | _written(policies),
+        },
     )
 
 
-def restored(table: Mapping[str, Any], source: str, load_policy: PolicyLoader) -> Scenario:
+def restored(table: Mapping[str, Any], source: str, load_layout: LayoutLoader, load_policy: PolicyLoader) -> Scenario:
     """Make the scenario of a run again.
 
     Args:
         table: The table `scenario` of its `result.json`.
         source: What that file is called, for errors.
-        load_policy: As in `parse`.
+        load_layout: Loads the layout.
+        load_policy: Loads a pedestrian policy.
 
     Returns:
         The scenario, which draws the same cases to the last bit.
@@ -99,7 +115,9 @@ def restored(table: Mapping[str, Any], source: str, load_policy: PolicyLoader) -
     """
     crowd = {key: value for key, value in table["pedestrians"].items() if key != "policy_files"}
     keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
-    made = parse({**keys, "pedestrians": crowd}, str(table.get("name", "")), source, load_policy)
+    layout = {key: value for key, value in table.get("layout", {}).items() if key != "generator_file"}
+    keys |= {"layout": layout, "pedestrians": crowd}
+    made = parse(keys, str(table.get("name", "")), source, load_layout, load_policy)
     shares = crowd.get("policy")
     if isinstance(shares, Mapping) and len(shares) > 1 and math.isclose(sum(shares.values()), 1.0, abs_tol=1e-12):
         # They have been divided by their sum: once more could change their last bits.

@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import rng
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, plugin_errors
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.digest import digest_of
-from crowdbench.scenario.layouts import LAYOUTS, Placement
+from crowdbench.scenario.placement import Layout, Placement
+from crowdbench.scenario.placing import place
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.types import HISTORY, Rules, World
 
@@ -68,7 +69,7 @@ class Scenario:
         rules: What is the same in all cases.
         seed: Every case has its own random stream, which depends on this seed, the split and the case number.
         crowdnav_cases: Test cases below this number have CrowdNav's random streams instead.
-        layout: Name of the layout.
+        layout: Places the agents of a case.
         layout_options: Options of the layout.
         vehicle_radius: Radius of the vehicle in metres.
         vehicle_speed: Preferred and largest speed of the vehicle in m/s.
@@ -86,8 +87,8 @@ class Scenario:
     rules: Rules
     seed: int
     crowdnav_cases: int
-    layout: str
-    layout_options: Mapping[str, float]
+    layout: Layout
+    layout_options: Mapping[str, Any]
     vehicle_radius: float
     vehicle_speed: float
     number: tuple[int, int]
@@ -123,7 +124,7 @@ class Scenario:
             A world per case, in the given order.
 
         Raises:
-            InputError: A layout has no room for a crowd.
+            InputError: A layout has no room for a crowd, fails, or places what cannot be.
         """
         keys = rng.case_keys(self.seed, split, cases)
         worlds, agents = len(cases), self.max_agents
@@ -207,7 +208,7 @@ class Scenario:
             speed: Preferred speeds in m/s.
 
         Raises:
-            InputError: The layout has no room for the crowd.
+            InputError: The layout has no room for the crowd, fails, or places what cannot be.
         """
         if split == "test" and case < self.crowdnav_cases:
             legacy = np.random.MT19937()
@@ -215,10 +216,15 @@ class Scenario:
             stream = np.random.Generator(legacy)
         else:
             stream = rng.generator(key, "places")
+
+        def asked() -> object:
+            with plugin_errors("the layout raised"):
+                return self.layout(stream, radius, speed, **self.layout_options)
+
         try:
-            return LAYOUTS[self.layout](stream, radius, speed, **self.layout_options)
+            return place(asked, radius)
         except InputError as error:
-            raise InputError(f"{self.source}: {error}") from None
+            raise InputError(f"{self.source}: in case {split}:{case}, {error}") from None
 
 
 def _padded(

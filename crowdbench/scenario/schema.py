@@ -6,20 +6,25 @@ The options of a layout are the keyword-only parameters of its function, and tho
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, create_model, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model, field_validator, model_validator
 
+from crowdbench.errors import InputError
 from crowdbench.numbers import is_integer, is_number
+from crowdbench.plugin_options import REQUIRED, Option, read_options
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.toml_file import Flag, Text, TomlTable, choice, integer, number, table
+from crowdbench.scenario.placement import Layout
+from crowdbench.toml_file import Flag, Name, Text, TomlTable, choice, integer, number, table
 from crowdbench.types import COLLISION_RULES
 
 Spec = TypeVar("Spec", bound=TomlTable)
 
 MAX_PEDESTRIANS = 1000
+LAYOUT_KEYS = ("generator", "generator_file")
+"""Keys of `[layout]` beside the layout's options: its name, and in results the digest of its file."""
+
 MIN_SIZE = 1e-3
 """Pedestrians' radii in metres and preferred speeds in m/s are no smaller than this."""
 
@@ -87,7 +92,7 @@ def _of_one(shares: dict[str, float]) -> dict[str, float]:
 class LayoutSpec(TomlTable, extra="allow"):
     """`[layout]`, whose further keys are the options of the layout; see `layout_spec`."""
 
-    generator: str = choice(LAYOUTS, default="circle_crossing")
+    generator: Name = "circle_crossing"
 
 
 class VehicleSpec(TomlTable):
@@ -153,14 +158,49 @@ class ScenarioSpec(TomlTable):
     pedestrians: PedestriansSpec = table("pedestrians")
 
 
-def layout_spec(generator: str) -> type[LayoutSpec]:
-    """`[layout]` with the options of one layout."""
-    options = {
-        name: (float, number(parameter.default, least=0.0, below=1e6))
-        for name, parameter in inspect.signature(LAYOUTS[generator]).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY
-    }
+def layout_spec(layout: Layout) -> type[LayoutSpec]:
+    """`[layout]` with the options of one layout: its keyword-only parameters, of the types of their defaults.
+
+    Args:
+        layout: The layout. Numbers with a fraction, which of a built-in layout are lengths, must not be negative there.
+
+    Raises:
+        InputError: An option has no default, or one of another type than TOML has, or the name of another key.
+    """
+    options = {}
+    for option in read_options(layout):
+        if not option.keyword_only:
+            continue
+        if option.name in LAYOUT_KEYS:
+            raise InputError(f"no option of a layout can be called {option.name}, as a key of [layout] is")
+        options[option.name] = _option(option, layout in LAYOUTS.values())
     return _extended(LayoutSpec, options)
+
+
+def _option(option: Option, is_length: bool) -> tuple[Any, Any]:
+    """The type and the field of an option, by its default."""
+    default = option.default
+    if isinstance(default, float) and is_length:
+        return float, number(default, least=0.0, below=1e6)
+    for kind, (type_, right) in _OPTIONS.items():
+        if isinstance(default, kind):
+            return type_, Field(default=default, description=right)
+    found = "no default" if default is REQUIRED else f"the default {default!r}"
+    raise InputError(
+        f"the option {option.name} has {found}, but must have one that is true or false, a number, a text, a list or "
+        "a table"
+    )
+
+
+_OPTIONS: Mapping[type, tuple[Any, str]] = {
+    bool: (bool, "true or false"),  # before int, of which it is one
+    int: (int, "a whole number"),
+    float: (float, "a number"),
+    str: (str, "a text in quotes"),
+    list: (list[JsonValue], "a list"),
+    dict: (dict[str, JsonValue], "a table"),
+}
+"""What an option of a layout may be, by the type of its default: its type, and its name in errors."""
 
 
 def pedestrians_spec(parameters: Mapping[str, Mapping[str, float]]) -> type[PedestriansSpec]:

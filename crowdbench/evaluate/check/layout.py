@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,8 @@ from crowdbench.evaluate.check.again import EXACT, same_point
 from crowdbench.evaluate.check.point import Findings, Point
 from crowdbench.geometry import norm
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.layouts import Layout, Placement
+from crowdbench.scenario.placement import Layout, Placement
+from crowdbench.scenario.placing import clear, finite, shaped, sound, with_ways
 from crowdbench.scenario.scenario import Scenario
 
 MISSING = "not examined: the layout returned no placement"
@@ -58,7 +60,9 @@ def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) ->
     return [
         findings.point("exceptions", "none"),
         findings.point("shape", "a Placement with a start and a goal [agent, 2]"),
-        findings.point("finite", "all starts and goals"),
+        findings.point("finite", "all numbers"),
+        findings.point("obstacles", "sound, and nobody in a wall"),
+        findings.point("ways", "one for everybody, through no wall"),
         findings.point("overlap", "none at the start"),
         findings.point("goal", "no start is its own goal"),
         findings.point("random numbers", "only from its stream"),
@@ -72,8 +76,8 @@ def _examined(layout: Layout, name: str, crowd: _Crowd, findings: Findings) -> P
         1,
         {
             "exceptions": lambda _: _asked(layout, name, crowd),
-            "shape": lambda answer: _shaped(answer, name, len(crowd.radius)),
-            "finite": lambda shaped: _finite(shaped, name),
+            "shape": lambda answer: _named(name, lambda: shaped(answer, len(crowd.radius))),
+            "finite": lambda answer: _named(name, lambda: finite(answer)),
         },
     )
     drawn = _GlobalState.now().difference(crowd.before)
@@ -81,40 +85,27 @@ def _examined(layout: Layout, name: str, crowd: _Crowd, findings: Findings) -> P
     if placement is not None:
         findings.note("overlap", 1, _overlap(placement.start, crowd.radius, name))
         findings.note("goal", 1, _at_goal(placement, crowd.radius, name))
+        findings.examine(
+            1,
+            {
+                "obstacles": lambda _: _named(name, lambda: sound(placement, crowd.radius)),
+                "ways": lambda among: _named(name, lambda: clear(with_ways(among, crowd.radius), crowd.radius)),
+            },
+        )
     return placement
+
+
+def _named(name: str, examined: Callable[[], Placement]) -> Placement:
+    """What is examined; an InputError says of what."""
+    try:
+        return examined()
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def _asked(layout: Layout, name: str, crowd: _Crowd) -> object:
     with plugin_errors(f"{name} raised"):
         return layout(rng.generator(crowd.key, "places"), crowd.radius.copy(), crowd.speed.copy())
-
-
-def _shaped(answer: object, name: str, agents: int) -> Placement:
-    """Raises InputError where an answer is no placement of so many agents."""
-    if not isinstance(answer, Placement):
-        raise InputError(f"{name} returned a {type(answer).__name__} instead of a Placement")
-    wanted = {"start": (agents, 2), "goal": (agents, 2), "route": (agents, None, 2), "obstacles": (None, None, 2)}
-    for part, shape in wanted.items():
-        array = getattr(answer, part)
-        if array is None and part in ("route", "obstacles"):
-            continue
-        if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
-            raise InputError(f"{name} returned a Placement with {part} that is not an array of floats")
-        wishes = zip(shape, array.shape, strict=False)
-        if array.ndim != len(shape) or not all(wish in (None, length) for wish, length in wishes):
-            words = ", ".join("any number" if wish is None else str(wish) for wish in shape)
-            raise InputError(f"{name} returned a {part} of shape {list(array.shape)} instead of [{words}]")
-    return answer
-
-
-def _finite(placement: Placement, name: str) -> Placement:
-    """Raises InputError where a start or a goal is not finite."""
-    for part, points in (("start", placement.start), ("goal", placement.goal)):
-        wrong = ~np.isfinite(points).all(axis=1)
-        if wrong.any():
-            agent = int(wrong.argmax())
-            raise InputError(f"{name} gives agent {agent} the {part} {points[agent].tolist()}, which is not finite")
-    return placement
 
 
 def _overlap(start: Float[np.ndarray, "agent 2"], radius: Float[np.ndarray, "agent"], name: str) -> str | None:
@@ -144,7 +135,7 @@ def _deterministic(layout: Layout, name: str, placed: list[tuple[_Crowd, Placeme
     def again(crowd: _Crowd) -> np.ndarray:
         # Whoever draws from the shared generators is told so at another point.
         crowd.before.restore()
-        return _numbers(_finite(_shaped(_asked(layout, f"layout {name}", crowd), name, len(crowd.radius)), name))
+        return _numbers(finite(shaped(_asked(layout, f"layout {name}", crowd), len(crowd.radius))))
 
     def backwards() -> list[np.ndarray]:
         return [again(crowd) for crowd, _ in reversed(placed)][::-1]

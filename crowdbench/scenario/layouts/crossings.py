@@ -1,46 +1,19 @@
-"""Layouts: where the agents of a case start and where they go. A scenario names its layout in `[layout] generator`.
+"""Crossings on an empty plane.
 
-A layout is a function `(rng, radius, preferred_speed, **options) -> Placement`; its arrays have an entry per agent,
-the vehicle first. The two crossings draw the same random numbers in the same order as CrowdNav (Chen et al. 2019), so
-that with CrowdNav's seeds they give CrowdNav's cases.
+They draw the same random numbers in the same order as CrowdNav (Chen et al. 2019), so that with CrowdNav's seeds they
+give CrowdNav's cases.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.errors import InputError
-
-CLEARANCE = 0.2
-"""Smallest distance in metres between the rims of two agents at the start."""
-
-TRIES = 10_000
-"""Number of draws for one pedestrian after which the layout counts as full."""
-
-
-@dataclass(frozen=True)
-class Placement:
-    """What a layout places for one case.
-
-    Attributes:
-        start: Where each agent starts, in metres.
-        goal: Where each agent is going, in metres.
-        route: Waypoints of each agent on the way to its goal, in metres, NaN beyond its last one; none unless given.
-        obstacles: Polygons in metres, NaN beyond the last corner of each; two corners are a wall. None unless given.
-    """
-
-    start: Float[np.ndarray, "agent 2"]
-    goal: Float[np.ndarray, "agent 2"]
-    route: Float[np.ndarray, "agent waypoint 2"] | None = None
-    obstacles: Float[np.ndarray, "polygon corner 2"] | None = None
-
-
-Layout = Callable[..., Placement]
+from crowdbench.scenario.layouts.placed import TRIES, Placed
+from crowdbench.scenario.placement import Placement
 
 
 def circle_crossing(
@@ -77,7 +50,7 @@ def circle_crossing(
             if max(abs(dx), abs(dy)) <= 2 * perturbation:
                 return x + dx, y + dy
 
-    placed = _Placed(radius)
+    placed = Placed(radius)
     placed.add(nudge(0.0, -circle_radius), nudge(0.0, circle_radius))
     for speed in preferred_speed[1:].tolist():
         for _ in range(TRIES):
@@ -116,7 +89,7 @@ def square_crossing(
     Raises:
         InputError: There is no room for a pedestrian.
     """
-    placed = _Placed(radius)
+    placed = Placed(radius)
     placed.add((0.0, -circle_radius), (0.0, circle_radius))
     for _ in preferred_speed[1:]:
         side = -1.0 if rng.random() > 0.5 else 1.0
@@ -126,12 +99,6 @@ def square_crossing(
             raise placed.full(f"a square of {square_width:g} m", "layout.square_width")
         placed.add(start, goal)
     return placed.placement()
-
-
-LAYOUTS: dict[str, Layout] = {
-    "circle_crossing": circle_crossing,
-    "square_crossing": square_crossing,
-}
 
 
 def _first(
@@ -151,39 +118,3 @@ def _first(
         if clear(x, y):
             return x, y
     return None
-
-
-class _Placed:
-    """The agents placed so far, and whether a position is clear for the next one."""
-
-    def __init__(self, radius: Float[np.ndarray, "agent"]) -> None:
-        self.radius: list[float] = radius.tolist()
-        self.start: list[tuple[float, float]] = []
-        self.goal: list[tuple[float, float]] = []
-
-    def add(self, start: tuple[float, float], goal: tuple[float, float]) -> None:
-        self.start.append(start)
-        self.goal.append(goal)
-
-    def start_is_clear(self, x: float, y: float) -> bool:
-        return self._clear(x, y, self.start)
-
-    def start_is_clear_of_goals(self, x: float, y: float) -> bool:
-        return self._clear(x, y, self.goal)
-
-    goal_is_clear = start_is_clear_of_goals
-
-    def _clear(self, x: float, y: float, points: list[tuple[float, float]]) -> bool:
-        own = self.radius[len(self.start)] + CLEARANCE
-        return all(
-            math.hypot(x - px, y - py) >= own + other for (px, py), other in zip(points, self.radius, strict=False)
-        )
-
-    def full(self, area: str, key: str) -> InputError:
-        return InputError(
-            f"pedestrian {len(self.start)} of {len(self.radius) - 1} finds no room on {area} after {TRIES} "
-            f"draws: lower pedestrians.number or raise {key}"
-        )
-
-    def placement(self) -> Placement:
-        return Placement(start=np.array(self.start), goal=np.array(self.goal))

@@ -1,0 +1,33 @@
+"""What a layout is, and what it places for one case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What a layout places for one case.
+
+    Attributes:
+        start: Where each agent starts, in metres.
+        goal: Where each agent is going, in metres.
+        route: Waypoints of each agent on the way to its goal, in metres, NaN beyond its last one. The shortest ways
+            around the obstacles unless given.
+        obstacles: Polygons in metres, NaN beyond the last corner of each. Two corners are a wall without thickness;
+            three or more, in either order, are solid. None unless given.
+    """
+
+    start: Float[np.ndarray, "agent 2"]
+    goal: Float[np.ndarray, "agent 2"]
+    route: Float[np.ndarray, "agent waypoint 2"] | None = None
+    obstacles: Float[np.ndarray, "polygon corner 2"] | None = None
+
+
+Layout = Callable[..., Placement]
+"""A function `(rng, radius, preferred_speed, **options) -> Placement`, whose options are keyword-only parameters with
+defaults. Its arrays have an entry per agent, the vehicle first. Random numbers come from `rng` alone."""
