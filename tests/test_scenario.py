@@ -126,7 +126,7 @@ def test_a_default_that_is_written_out_changes_no_digest(key):
 def test_every_other_value_than_a_default_has_a_digest_of_its_own():
     changes = [{}, *({key: other(key)} for key in DEFAULTS)]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
-    assert len(changes) == 21
+    assert len(changes) == 23
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
