@@ -15,7 +15,8 @@ from crowdbench.evaluate.check.again import EXACT, NETWORKS
 from crowdbench.evaluate.metrics import METRICS
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Oracle, Prediction, Predictor
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.layouts import LAYOUTS, Placement
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.placement import Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
 # Crowds of several sizes, so that there is padding, in short episodes.
@@ -396,7 +397,7 @@ LAYOUTS_THAT_OFFEND = {
         "the start of the vehicle, [0.0, 0.0], is 0.2 m from obstacles[0]",
     ),
     "a box around a goal": (
-        changed_row(obstacles=lambda one: box(one.goal[0], 1.0)),
+        changed_row(obstacles=lambda one: box(one.goal[0], 0.5)),
         "ways",
         "no way leads the vehicle from (0, 0) to its goal",
     ),

@@ -76,13 +76,20 @@ def test_observations_lie_in_their_finite_space(name):
         observations, *_ = env.step({agent: away[agent] for agent in env.agents})
 
 
+def layout_options(generator):
+    """The options of a layout, each with another value."""
+    others = {"against": 1.0, "blocks": 1, "width": 12.0}
+    parameters = inspect.signature(LAYOUTS[generator]).parameters.values()
+    names = [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
+    return [(name, others.get(name, 9.0)) for name in names]
+
+
 @pytest.mark.parametrize("generator", sorted(LAYOUTS))
 def test_generators_place_nobody_beyond_the_bound_of_the_spaces(generator):
-    parameters = inspect.signature(LAYOUTS[generator]).parameters.values()
-    for option in [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]:
-        layout = {"layout.generator": generator, f"layout.{option}": 9.0, "pedestrians.preferred_speed": 2.0}
-        scenario = load_scenario("circle_crossing_5", layout)
-        starts = scenario.draw("val", np.arange(100))
+    for option, other in layout_options(generator):
+        layout = {"layout": {"generator": generator, option: other}, "pedestrians.preferred_speed": 2.0}
+        scenario = load_scenario("circle_crossing_mixed", layout)
+        starts = scenario.draw("val", np.arange(20))
         assert max(np.abs(starts.position).max(), np.abs(starts.goal).max()) <= spaces.layout_bound(scenario)
 
 

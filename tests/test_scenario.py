@@ -8,7 +8,8 @@ from crowdbench.errors import InputError
 from crowdbench.scenario import schema
 from crowdbench.scenario.cases import Cases, parse_case
 from crowdbench.scenario.digest import BUILT_IN, digest_of
-from crowdbench.scenario.layouts import LAYOUTS, circle_crossing
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.layouts.crossings import circle_crossing
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.toml_file import number
 from crowdbench.types import World
@@ -160,13 +161,19 @@ def test_a_results_table_has_the_digest_of_its_scenario_whatever_it_says_of_it()
 
 
 DIGESTS = {
+    "blind_corner": "c037ed08131e",
     "circle_crossing_10": "99db7ad6d68a",
     "circle_crossing_5": "62b37e5ddf61",
     "circle_crossing_5_gaussian": "158d2409960c",
     "circle_crossing_5_social_force": "bb7bd7ef9d67",
     "circle_crossing_5_visible": "95bdfee2e846",
     "circle_crossing_mixed": "ba5dc8813c51",
+    "corridor": "593019e6d69a",
+    "doorway": "117ab1cf4b4f",
+    "intersection": "a6c6c1a6c0a8",
+    "room": "c10cd0679e5e",
     "square_crossing_5": "53f7c8ebd351",
+    "traffic": "5c3615765887",
 }
 
 

@@ -10,9 +10,9 @@ from crowdbench import load_scenario
 from crowdbench.evaluate.metrics import collision_rate, discomfort, discounted_return, success_rate
 from crowdbench.planners.base import Planner
 from crowdbench.reward import COLLISION, WALL_COLLISION, reward
-from crowdbench.scenario import layouts
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.layouts import Placement
+from crowdbench.scenario.layouts.crossings import circle_crossing
+from crowdbench.scenario.placement import Placement
 from crowdbench.sim.episode import step_outcome
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import advance
@@ -41,7 +41,7 @@ def test_rows_are_put_into_memories_however_deep():
 
 def walled(rng, radius, preferred_speed):
     """A layout of one wall in every other case, in which the vehicle has a way of two points."""
-    placed = layouts.circle_crossing(rng, radius, preferred_speed)
+    placed = circle_crossing(rng, radius, preferred_speed)
     if rng.random() < 0.5:
         return placed
     route = np.full((len(radius), 2, 2), np.nan)

@@ -228,8 +228,8 @@ class Scenario:
 
 
 def _padded(
-    points: Sequence[Float[np.ndarray, "n k 2"] | None], n: int | None = None
-) -> Float[np.ndarray, "world n k 2"]:
+    points: Sequence[Float[np.ndarray, "_ _ 2"] | None], n: int | None = None
+) -> Float[np.ndarray, "world row point 2"]:
     """Put the points of all worlds into one array, NaN where a world has fewer.
 
     Args:

@@ -3,13 +3,18 @@
 A scenario names its layout in `[layout] generator`. `crowdbench.scenario.placement.Layout` says what a layout is.
 """
 
+from crowdbench.scenario.layouts import blind_corner, corridor, doorway, intersection, room, traffic
 from crowdbench.scenario.layouts.crossings import circle_crossing, square_crossing
-from crowdbench.scenario.placement import Layout, Placement
-
-__all__ = ["LAYOUTS", "Layout", "Placement", "circle_crossing", "square_crossing"]
+from crowdbench.scenario.placement import Layout
 
 LAYOUTS: dict[str, Layout] = {
     "circle_crossing": circle_crossing,
     "square_crossing": square_crossing,
+    "doorway": doorway.layout,
+    "corridor": corridor.layout,
+    "blind_corner": blind_corner.layout,
+    "intersection": intersection.layout,
+    "room": room.layout,
+    "traffic": traffic.layout,
 }
 """The built-in layouts by name."""

@@ -1,20 +1,37 @@
-"""The agents that a layout has placed so far, and room for the next one."""
+"""The agents that a layout has placed so far, and room for the next one; polygons as arrays."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from crowdbench.errors import InputError
 from crowdbench.scenario.placement import Placement
 
 CLEARANCE = 0.2
-"""Smallest distance in metres between the rims of two agents at the start."""
+"""Smallest distance in metres between the rims of two agents at the start, or a rim and a wall."""
 
 TRIES = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
+
+
+Point = tuple[float, float]
+"""A point in metres."""
+
+Area = tuple[Point, Point]
+"""A rectangle: its smallest and its largest coordinates in metres."""
+
+
+def polygons(*corners: Sequence[Point]) -> Float[np.ndarray, "polygon corner 2"]:
+    """Polygons of different numbers of corners in one array, NaN beyond the last corner of each."""
+    array = np.full((len(corners), max(map(len, corners), default=0), 2), np.nan)
+    for i, polygon in enumerate(corners):
+        array[i, : len(polygon)] = polygon
+    return array
 
 
 class Placed:
@@ -22,17 +39,48 @@ class Placed:
 
     Args:
         radius: Radii in metres of all agents, the vehicle first.
+        obstacles: What stands around them, in metres; nothing if None.
     """
 
-    def __init__(self, radius: Float[np.ndarray, "agent"]) -> None:
+    def __init__(
+        self, radius: Float[np.ndarray, "agent"], obstacles: Float[np.ndarray, "polygon corner 2"] | None = None
+    ) -> None:
         self.radius: list[float] = radius.tolist()
-        self.start: list[tuple[float, float]] = []
-        self.goal: list[tuple[float, float]] = []
+        self.obstacles = obstacles
+        self.walls = shapely.GeometryCollection([] if obstacles is None else list(map(_shape, obstacles)))
+        self.start: list[Point] = []
+        self.goal: list[Point] = []
 
-    def add(self, start: tuple[float, float], goal: tuple[float, float]) -> None:
+    def add(self, start: Point, goal: Point) -> None:
         """Place the next agent, by its start and its goal in metres."""
         self.start.append(start)
         self.goal.append(goal)
+
+    def draw(self, rng: np.random.Generator, start: Area, goal: Area) -> bool:
+        """Place the next agent somewhere in an area, its goal in another one, clear of walls, starts and goals.
+
+        Args:
+            rng: The random stream of the case.
+            start: Where it starts.
+            goal: Where it goes.
+
+        Returns:
+            Whether there was room.
+        """
+        own_start = self._drawn(rng, start, self.start)
+        own_goal = self._drawn(rng, goal, self.goal)
+        if own_start is None or own_goal is None:
+            return False
+        self.add(own_start, own_goal)
+        return True
+
+    def _drawn(self, rng: np.random.Generator, area: Area, others: list[Point]) -> Point | None:
+        reach = self.radius[len(self.start)] + CLEARANCE
+        for _ in range(TRIES):
+            x, y = rng.uniform(*area).tolist()
+            if self._clear(x, y, others) and not self.walls.dwithin(shapely.Point(x, y), reach):
+                return x, y
+        return None
 
     def start_is_clear(self, x: float, y: float) -> bool:
         """Whether a position in metres is far enough from all starts."""
@@ -44,7 +92,7 @@ class Placed:
 
     goal_is_clear = start_is_clear_of_goals
 
-    def _clear(self, x: float, y: float, points: list[tuple[float, float]]) -> bool:
+    def _clear(self, x: float, y: float, points: list[Point]) -> bool:
         own = self.radius[len(self.start)] + CLEARANCE
         return all(
             math.hypot(x - px, y - py) >= own + other for (px, py), other in zip(points, self.radius, strict=False)
@@ -65,6 +113,11 @@ class Placed:
             f"draws: lower pedestrians.number or raise {key}"
         )
 
-    def placement(self, obstacles: Float[np.ndarray, "polygon corner 2"] | None = None) -> Placement:
-        """The placement of all agents, among obstacles in metres."""
-        return Placement(start=np.array(self.start), goal=np.array(self.goal), obstacles=obstacles)
+    def placement(self) -> Placement:
+        """The placement of all agents."""
+        return Placement(start=np.array(self.start), goal=np.array(self.goal), obstacles=self.obstacles)
+
+
+def _shape(polygon: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
+    corners = polygon[np.isfinite(polygon[:, 0])]
+    return shapely.LineString(corners) if len(corners) == 2 else shapely.Polygon(corners)

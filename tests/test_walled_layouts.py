@@ -1,0 +1,87 @@
+"""The built-in layouts with walls: room for everybody, and ways around what stands in between."""
+
+import numpy as np
+import pytest
+import shapely
+
+from crowdbench.catalog import load_scenario
+from crowdbench.errors import InputError
+from crowdbench.scenario.cases import Cases
+
+WALLED = ("blind_corner", "corridor", "doorway", "intersection", "room", "traffic")
+CASES = Cases.parse("val:20")
+
+
+def walls(obstacles):
+    """The edges of the obstacles of one world."""
+    corners = [polygon[np.isfinite(polygon[:, 0])] for polygon in obstacles]
+    return shapely.GeometryCollection([shapely.LineString([*each, each[0]]) for each in corners if len(each)])
+
+
+def gaps(points, radius):
+    """Distances between the rims of discs."""
+    gap = np.linalg.norm(points[:, None] - points, axis=2) - radius[:, None] - radius
+    return gap[np.triu_indices(len(points), 1)]
+
+
+@pytest.mark.parametrize("name", WALLED)
+def test_everybody_has_room_at_the_start_and_at_the_goal(name):
+    start = load_scenario(name, {"pedestrians.number": 6}).worlds(CASES)
+    for case in range(len(start)):
+        around = walls(start.obstacles[case])
+        for points in (start.position[case], start.goal[case]):
+            assert gaps(points, start.radius[case]).min() >= 0.2 - 1e-9
+            assert (shapely.distance(shapely.points(points), around) >= start.radius[case] + 0.2 - 1e-9).all()
+
+
+@pytest.mark.parametrize("name", WALLED)
+def test_the_vehicles_way_is_some_eight_metres(name):
+    start = load_scenario(name).worlds(CASES)
+    for case in range(len(start)):
+        waypoints = start.route[case, 0][np.isfinite(start.route[case, 0, :, 0])]
+        way = shapely.LineString([start.position[case, 0], *waypoints, start.goal[case, 0]])
+        assert 7.5 < way.length < 9.5
+        assert way.distance(walls(start.obstacles[case])) >= 0.3
+
+
+def test_in_a_doorway_and_around_a_corner_people_come_from_both_sides():
+    for name, axis in (("doorway", 1), ("blind_corner", 0), ("corridor", 1)):
+        start = load_scenario(name).worlds(CASES)
+        ahead = (start.goal - start.position)[:, 1:, axis] > 0
+        assert 0.2 < ahead.mean() < 0.8
+
+
+@pytest.mark.parametrize("against", [0.0, 1.0])
+def test_the_share_of_people_against_the_vehicle_is_an_option(against):
+    start = load_scenario("traffic", {"layout.against": against}).worlds(CASES)
+    assert ((start.goal[:, 1:, 1] < start.position[:, 1:, 1]) == bool(against)).all()
+
+
+def test_two_streams_cross_in_the_intersection():
+    start = load_scenario("intersection").worlds(CASES)
+    way = (start.goal - start.position)[:, 1:]
+    across = np.abs(way[..., 0]) > np.abs(way[..., 1])
+    assert 0.3 < across.mean() < 0.7
+    assert len(np.unique(np.sign(way[across][:, 0]))) == len(np.unique(np.sign(way[~across][:, 1]))) == 2
+
+
+def test_a_room_has_as_many_blocks_as_asked_and_others_in_every_case():
+    obstacles = load_scenario("room", {"layout.blocks": 3}).worlds(CASES).obstacles
+    assert obstacles.shape[1] == 4 + 3
+    assert len(np.unique(obstacles[:, 4, 0, 0])) == len(obstacles)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "sentence"),
+    [
+        ("doorway", {"door_width": 12.0}, "layout.door_width is 12 m, but must be below layout.width, 10 m"),
+        ("doorway", {"door_width": 0.63}, "no way leads the vehicle from .* it needs gaps of at least 0.64 m"),
+        ("traffic", {"against": 1.5}, "layout.against is 1.5, but must be a share from 0 to 1"),
+        ("room", {"blocks": 60}, "block .* of 60 finds no room: lower layout.blocks or raise layout.width"),
+        ("corridor", {"width": 0.9}, "pedestrian 1 of 5 finds no room on one end of a corridor of 0.9 m"),
+    ],
+)
+def test_options_that_leave_no_room_are_told_with_the_case(name, options, sentence):
+    place = load_scenario(name, {f"layout.{option}": value for option, value in options.items()})
+    with pytest.raises(InputError, match=f"^{name}.toml: in case test:0, {sentence}"):
+        place.worlds(Cases.parse("1"))
