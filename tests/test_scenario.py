@@ -106,6 +106,9 @@ OTHERS = {
     "dt": 0.2,
     "layout.generator": "square_crossing",
     "vehicle.visible": True,
+    "vehicle.dynamics": "unicycle",
+    "vehicle.goal_tolerance": 0.5,
+    "vehicle.max_acceleration": 2.0,
     "pedestrians.number": [4, 6],
     "pedestrians.policy": {"orca": 0.5, "social_force": 0.5},
 }
@@ -125,9 +128,11 @@ def test_a_default_that_is_written_out_changes_no_digest(key):
 
 
 def test_every_other_value_than_a_default_has_a_digest_of_its_own():
-    changes = [{}, *({key: other(key)} for key in DEFAULTS)]
+    # A length belongs to vehicles on wheels.
+    changes = [{}, *({key: other(key)} for key in DEFAULTS if key != "vehicle.length")]
+    changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
-    assert len(changes) == 23
+    assert len(changes) == 28
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
@@ -249,6 +254,15 @@ BROKEN = {
     "[pedestrians.orca]\ntime_horizon = -3": ["pedestrians.orca.time_horizon is -3", "at least 0"],
     "[pedestrians]\norca = 3": ["pedestrians.orca is 3", "a table [pedestrians.orca]"],
     "[vehicle]\nradus = 1\nradius = 'x'": ["unknown key vehicle.radus", "visible, radius, preferred_speed"],
+    "[vehicle]\ndynamics = 'tank'": ["vehicle.dynamics is 'tank'", '"holonomic", "unicycle", "bicycle"'],
+    "[vehicle]\nwheelbase = 2.0": ["unknown key vehicle.wheelbase", "max_acceleration"],
+    "[vehicle]\ndynamics = 'unicycle'\nmax_steering = 0.5": ["unknown key vehicle.max_steering", "max_angular_speed"],
+    "[vehicle]\ndynamics = 'unicycle'\nmax_angular_speed = 20": ["vehicle.max_angular_speed is 20", "12.5664 rad/s"],
+    "[vehicle]\ndynamics = 'bicycle'\nmax_steering = 2": ["in vehicle, max_steering is 2.0", "1.5 at most"],
+    "[vehicle]\nlength = 2.0": ["vehicle.length is 2", "holonomic"],
+    "[vehicle]\ndynamics = 'unicycle'\nlength = 0.5": ["vehicle.length is 0.5", "twice the radius"],
+    "[vehicle]\ndynamics = 'bicycle'\nlength = 2.5": ["vehicle.length is 2.5", "2.7 or more, the wheelbase"],
+    "[vehicle]\ngoal_tolerance = 0": ["vehicle.goal_tolerance is 0", "a number above 0"],
 }
 
 

@@ -4,7 +4,22 @@ Simulator, lookaheads, samplers and environments all move the vehicle by this pa
 """
 
 from crowdbench.dynamics.base import Dynamics, State
+from crowdbench.dynamics.body import DISC, Body, chain, hull, reach
 from crowdbench.dynamics.motion import SPEED_TOLERANCE
-from crowdbench.dynamics.vehicles import DYNAMICS, Bicycle, Holonomic, Unicycle
+from crowdbench.dynamics.vehicles import DYNAMICS, FREE, Bicycle, Holonomic, Unicycle
 
-__all__ = ["DYNAMICS", "SPEED_TOLERANCE", "Bicycle", "Dynamics", "Holonomic", "State", "Unicycle"]
+__all__ = [
+    "DISC",
+    "DYNAMICS",
+    "FREE",
+    "SPEED_TOLERANCE",
+    "Bicycle",
+    "Body",
+    "Dynamics",
+    "Holonomic",
+    "State",
+    "Unicycle",
+    "chain",
+    "hull",
+    "reach",
+]

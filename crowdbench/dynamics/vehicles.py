@@ -206,10 +206,6 @@ class Bicycle(Dynamics):
         return _too_fast(command, max_speed) or steering
 
 
-DYNAMICS: Mapping[str, type[Dynamics]] = MappingProxyType({each.name: each for each in (Holonomic, Unicycle, Bicycle)})
-"""The dynamics by their names in scenarios."""
-
-
 def _above_zero(name: str, limit: object, most: float) -> None:
     if not (is_number(limit) and 0.0 < limit <= most):  # type: ignore[operator]
         right = "a number above 0" if most == math.inf else f"a number above 0, and {most:g} at most"
@@ -259,3 +255,12 @@ def _rate_for(angle: Float[np.ndarray, "*batch"], acceleration: float, dt: float
     change = acceleration * dt * dt
     n = np.floor((np.sqrt(1.0 + 8.0 * angle / change) - 1.0) / 2.0)
     return (angle + change * n * (n + 1.0) / 2.0) / ((n + 1.0) * dt)
+
+
+FREE = Holonomic()
+"""The dynamics of a vehicle without limits."""
+
+DYNAMICS: Mapping[str, type[Holonomic] | type[Unicycle] | type[Bicycle]] = MappingProxyType(
+    {each.name: each for each in (Holonomic, Unicycle, Bicycle)}
+)
+"""The dynamics by their names in scenarios."""

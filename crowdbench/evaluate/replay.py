@@ -324,7 +324,7 @@ def _kind(trace: Trace) -> dict[str, Any]:
         "split": trace.split,
         "agents": trace.position.shape[2],
         "undisturbed": trace.undisturbed is not None,
-        "rules": dataclasses.asdict(trace.rules),
+        "rules": trace.rules.to_table(),
     }
 
 

@@ -12,7 +12,6 @@ no route and obstacles, because there were none.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -69,7 +68,7 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
         still["obstacles"] = trace.obstacles[row : row + 1]
         still["corners"] = np.array([[trace.obstacles.shape[2]]])
     columns = {name: _lists(array) for name, array in still.items()}
-    facts = {**run, "format": FORMAT, "split": trace.split, "rules": dataclasses.asdict(trace.rules)}
+    facts = {**run, "format": FORMAT, "split": trace.split, "rules": trace.rules.to_table()}
     columns["facts"] = pa.array([[json.dumps(facts)]])
     yield from Chunk.from_record_batch(pa.record_batch(columns), index=None, entity_path="/exact/episode")
 
@@ -123,7 +122,7 @@ def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
     Returns:
         The trace, without what planners logged.
     """
-    rules = Rules(**facts["rules"])
+    rules = Rules.of_table(facts["rules"])
     each = [_restored(episode, facts["format"]) for episode in episodes]
     case, outcome, steps = np.array([episode["case_outcome_steps"] for episode in episodes]).T.copy()
     agents, times = max(len(one["preferred_speed"]) for one in each), rules.max_steps + 1

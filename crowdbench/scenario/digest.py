@@ -7,8 +7,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from crowdbench.dynamics import DYNAMICS
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.scenario.schema import ScenarioSpec, layout_spec, parameters_spec
+from crowdbench.scenario.schema import ScenarioSpec, layout_spec, parameters_spec, vehicle_spec
 from crowdbench.sim.pedestrians import ORCA, SocialForce
 
 VERSION = 2
@@ -55,6 +56,9 @@ def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
     generator = layout.get("generator", top.layout.generator)
     if generator in LAYOUTS and "generator_file" not in layout:
         defaults["layout"] = layout_spec(LAYOUTS[generator])().complete()
+    dynamics = table.get("vehicle", {}).get("dynamics", top.vehicle.dynamics)
+    if dynamics in DYNAMICS:
+        defaults["vehicle"] = vehicle_spec(dynamics)().complete()
     files = table.get("pedestrians", {}).get("policy_files", {})
     for name, policy in BUILT_IN.items():
         if name not in files:

@@ -9,10 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crowdbench.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.errors import InputError
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.scenario import Quantity, Scenario
-from crowdbench.scenario.schema import PedestriansSpec, ScenarioSpec, layout_spec, pedestrians_spec
+from crowdbench.scenario.schema import (
+    PedestriansSpec,
+    ScenarioSpec,
+    VehicleSpec,
+    layout_spec,
+    pedestrians_spec,
+    vehicle_spec,
+)
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.toml_file import Location, parsed, read_toml
 from crowdbench.types import Rules
@@ -50,7 +58,8 @@ def parse(
     """
     file = Location(source)
     top = parsed(ScenarioSpec, table, file)
-    rules = Rules(dt=top.dt, time_limit=top.time_limit, collision=top.collision, visible=top.vehicle.visible)
+    vehicle = parsed(vehicle_spec(top.vehicle.dynamics), table.get("vehicle", {}), file.at("vehicle"))
+    rules = _rules(top, vehicle, file.at("vehicle"))
     # Not by `max_steps`, which a tiny dt makes infinite.
     if top.time_limit - 1.0 > (MAX_STEPS - 1) * top.dt:
         right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
@@ -76,8 +85,8 @@ def parse(
         crowdnav_cases=top.crowdnav_cases,
         layout=layout,
         layout_options={option: value for option, value in options.items() if option != "generator"},
-        vehicle_radius=top.vehicle.radius,
-        vehicle_speed=top.vehicle.preferred_speed,
+        vehicle_radius=vehicle.radius,
+        vehicle_speed=vehicle.preferred_speed,
         number=top.pedestrians.number,
         radius=Quantity(**pedestrians["radius"]),
         preferred_speed=Quantity(**pedestrians["preferred_speed"]),
@@ -93,9 +102,43 @@ def parse(
         table=top.complete()
         | {
             "layout": options | ({"generator_file": layout_file} if layout_file else {}),
+            "vehicle": vehicle.complete(),
             "pedestrians": pedestrians | _written(policies),
         },
     )
+
+
+def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules:
+    """The rules of a scenario. Raises InputError where keys of its vehicle contradict each other."""
+    limits = {key: value for key, value in vehicle.complete().items() if key not in VehicleSpec.model_fields}
+    with location.named():
+        dynamics = DYNAMICS[vehicle.dynamics](**{key: value for key, value in limits.items() if value is not None})
+    if isinstance(dynamics, Unicycle) and dynamics.max_angular_speed * top.dt > math.pi:
+        right = f"{math.pi / top.dt:.6g} rad/s at most: the vehicle may turn by half a circle in a step"
+        raise location.at("max_angular_speed").wrong(f"{dynamics.max_angular_speed:g}", right)
+    return Rules(
+        dt=top.dt,
+        time_limit=top.time_limit,
+        collision=top.collision,
+        visible=vehicle.visible,
+        dynamics=dynamics,
+        goal_tolerance=vehicle.goal_tolerance,
+        body=_body(vehicle, dynamics, location),
+    )
+
+
+def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
+    """The body of a vehicle, whose rear axle is as far behind the middle as the front axle is ahead of it."""
+    if vehicle.length is None:
+        return DISC
+    length, wheelbase = location.at("length"), dynamics.wheelbase if isinstance(dynamics, Bicycle) else 0.0
+    if isinstance(dynamics, Holonomic):
+        raise length.wrong(f"{vehicle.length:g}", 'left out where dynamics = "holonomic": such a vehicle is a disc')
+    if vehicle.length < 2.0 * vehicle.radius:
+        raise length.wrong(f"{vehicle.length:g}", f"{2.0 * vehicle.radius:g} or more, twice the radius")
+    if vehicle.length < wheelbase:
+        raise length.wrong(f"{vehicle.length:g}", f"{wheelbase:g} or more, the wheelbase")
+    return chain(vehicle.length, vehicle.radius, wheelbase / 2.0)
 
 
 def restored(table: Mapping[str, Any], source: str, load_layout: LayoutLoader, load_policy: PolicyLoader) -> Scenario:

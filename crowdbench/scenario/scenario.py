@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import rng
+from crowdbench.dynamics import reach
 from crowdbench.errors import InputError, plugin_errors
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.digest import digest_of
@@ -147,7 +148,9 @@ class Scenario:
             for name, table in self.parameters.items():
                 for parameter, quantity in table.items():
                     parameters[name][parameter][w, 1 : n + 1] = quantity.draw(crowd, n)
-            placement = self._place(split, case, key, radius[w, : n + 1], speed[w, : n + 1])
+            room = radius[w, : n + 1].copy()
+            room[0] += reach(self.rules.body)
+            placement = self._place(split, case, key, room, speed[w, : n + 1])
             position[w, : n + 1], goal[w, : n + 1] = placement.start, placement.goal
             routes.append(placement.route)
             obstacles.append(placement.obstacles)
@@ -204,7 +207,7 @@ class Scenario:
             split: Split of the case.
             case: Number of the case.
             key: Start of the random streams of the case, which are not used where the case is CrowdNav's.
-            radius: Radii in metres.
+            radius: Radii in metres, the vehicle's around its whole body.
             speed: Preferred speeds in m/s.
 
         Raises:

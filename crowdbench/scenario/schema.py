@@ -6,11 +6,14 @@ The options of a layout are the keyword-only parameters of its function, and tho
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model, field_validator, model_validator
 
+from crowdbench.dynamics import DYNAMICS
 from crowdbench.errors import InputError
 from crowdbench.numbers import is_integer, is_number
 from crowdbench.plugin_options import REQUIRED, Option, read_options
@@ -95,12 +98,24 @@ class LayoutSpec(TomlTable, extra="allow"):
     generator: Name = "circle_crossing"
 
 
-class VehicleSpec(TomlTable):
-    """`[vehicle]`: radius in metres, preferred speed in m/s, and whether pedestrians see it."""
+class DynamicsSpec(TomlTable, extra="allow"):
+    """The key of `[vehicle]` that tells which other keys there are; see `vehicle_spec`."""
+
+    dynamics: str = choice(DYNAMICS, default="holonomic")
+
+
+class VehicleSpec(DynamicsSpec):
+    """`[vehicle]`, to which `vehicle_spec` adds the limits of the dynamics.
+
+    Radius, length and goal tolerance are in metres, the preferred speed in m/s. Without a length the vehicle is a disc,
+    without a goal tolerance it has arrived where its goal is nearer than its radius.
+    """
 
     visible: Flag = False
     radius: float = number(0.3, above=0.0, below=100.0)
     preferred_speed: float = number(1.0, above=0.0, below=100.0)
+    length: float | None = number(None, above=0.0, below=100.0)
+    goal_tolerance: float | None = number(None, above=0.0, below=100.0)
 
 
 class PedestriansSpec(TomlTable, extra="allow"):
@@ -154,7 +169,7 @@ class ScenarioSpec(TomlTable):
     seed: int = integer(0, least=0, most=2**63 - 1)
     crowdnav_cases: int = integer(0, least=0, most=500)
     layout: LayoutSpec = table("layout")
-    vehicle: VehicleSpec = table("vehicle")
+    vehicle: DynamicsSpec = table("vehicle")
     pedestrians: PedestriansSpec = table("pedestrians")
 
 
@@ -203,6 +218,15 @@ _OPTIONS: Mapping[type, tuple[Any, str]] = {
 """What an option of a layout may be, by the type of its default: its type, and its name in errors."""
 
 
+def vehicle_spec(dynamics: str) -> type[VehicleSpec]:
+    """`[vehicle]` with the limits of one dynamics. A limit that is infinite by default is None there."""
+    limits = {
+        field.name: (float | None, number(None if field.default == math.inf else field.default, above=0.0, below=1e6))
+        for field in dataclasses.fields(DYNAMICS[dynamics])
+    }
+    return _extended(VehicleSpec, limits)
+
+
 def pedestrians_spec(parameters: Mapping[str, Mapping[str, float]]) -> type[PedestriansSpec]:
     """`[pedestrians]` with a table for each policy; `parameters` has the defaults of each by the policy's name."""
     specs = {name: parameters_spec(defaults) for name, defaults in parameters.items()}
@@ -214,7 +238,7 @@ def parameters_spec(defaults: Mapping[str, float]) -> type[ParametersSpec]:
     return _extended(ParametersSpec, {name: (Gaussian, quantity(value, 0.0)) for name, value in defaults.items()})
 
 
-def _extended(base: type[Spec], fields: Mapping[str, tuple[type, Any]]) -> type[Spec]:
+def _extended(base: type[Spec], fields: Mapping[str, tuple[Any, Any]]) -> type[Spec]:
     """A table with further keys, given as types and fields, and no others."""
     # Keys are aliases: as names of attributes, some would be in the way of pydantic's own.
     keys: dict[str, Any] = {

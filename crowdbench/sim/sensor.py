@@ -43,6 +43,9 @@ def observe(
             waypoint=world.waypoint[:, 0].copy(),
             radius=world.radius[:, 0].copy(),
             preferred_speed=world.preferred_speed[:, 0].copy(),
+            dynamics=world.rules.dynamics,
+            goal_tolerance=world.rules.goal_tolerance,
+            body=world.rules.body,
         ),
         pedestrians=Pedestrians(
             position=world.position[:, 1:].copy(),

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt
 
 from crowdbench import rng
+from crowdbench.dynamics import DISC, FREE, Body, Dynamics, State, hull
 from crowdbench.errors import InputError
 from crowdbench.geometry import local_goals
 
@@ -31,6 +32,9 @@ class Vehicle:
         waypoint: Index in `route` of the next waypoint; the number of waypoints after the last one was reached.
         radius: Radius in metres.
         preferred_speed: Preferred and largest speed in m/s.
+        dynamics: How it moves.
+        goal_tolerance: Distance in metres to its goal below which it has arrived; None stands for its radius.
+        body: The discs that it consists of.
     """
 
     position: Float[np.ndarray, "*world 2"]
@@ -42,6 +46,14 @@ class Vehicle:
     waypoint: Int[np.ndarray, "*world"]
     radius: Float[np.ndarray, "*world"]
     preferred_speed: Float[np.ndarray, "*world"]
+    dynamics: Dynamics = FREE
+    goal_tolerance: float | None = None
+    body: Body = DISC
+
+    @property
+    def state(self) -> State:
+        """Its motion, as its dynamics takes it."""
+        return State(self.position, self.velocity, self.heading, self.angular_speed)
 
     @property
     def local_goal(self) -> Float[np.ndarray, "*world 2"]:
@@ -147,17 +159,18 @@ class Observation:
         Float[np.ndarray, "world agent"],
         Bool[np.ndarray, "world agent"],
     ]:
-        """All agents in common arrays, the vehicle first. Only for batches.
+        """All agents in common arrays, the vehicle first, as the smallest disc around its body. Only for batches.
 
         Returns:
             Position in metres, velocity in m/s, radius in metres, and whether the agent is seen (always, for the
             vehicle).
         """
         vehicle, crowd = self.vehicle, self.pedestrians
+        position, radius = hull(vehicle.body, vehicle.position, vehicle.heading, vehicle.radius)
         return (
-            np.concatenate([vehicle.position[:, None], crowd.position], axis=1),
+            np.concatenate([position[:, None], crowd.position], axis=1),
             np.concatenate([vehicle.velocity[:, None], crowd.velocity], axis=1),
-            np.concatenate([vehicle.radius[:, None], crowd.radius], axis=1),
+            np.concatenate([radius[:, None], crowd.radius], axis=1),
             np.concatenate([np.ones((len(self), 1), bool), crowd.seen], axis=1),
         )
 

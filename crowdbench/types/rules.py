@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from crowdbench.dynamics import DISC, DYNAMICS, FREE, Body, Dynamics
 from crowdbench.errors import InputError
 
 HISTORY = 8
@@ -46,6 +50,9 @@ class Rules:
         collision: `swept` (true relative motion over the step) or `crowdnav` (every pedestrian is moved, for the
             collision test alone, with its velocity before the step).
         visible: Whether pedestrians see the vehicle.
+        dynamics: How the vehicle moves.
+        goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None stands for its radius.
+        body: The discs that the vehicle consists of.
 
     Raises:
         InputError: `collision` is not one of `COLLISION_RULES`.
@@ -55,6 +62,9 @@ class Rules:
     time_limit: float = 25.0
     collision: str = "swept"
     visible: bool = False
+    dynamics: Dynamics = FREE
+    goal_tolerance: float | None = None
+    body: Body = DISC
 
     def __post_init__(self) -> None:
         if self.collision not in COLLISION_RULES:
@@ -64,3 +74,24 @@ class Rules:
     def max_steps(self) -> int:
         """The number of steps of an episode that ends in a time-out."""
         return math.ceil((self.time_limit - 1.0) / self.dt - 1e-9) + 1
+
+    def to_table(self) -> dict[str, Any]:
+        """The rules as JSON has them. Of the vehicle, it has what differs from a holonomic disc."""
+        table = dataclasses.asdict(self)
+        for field in ("dynamics", "goal_tolerance", "body"):
+            if getattr(self, field) == getattr(Rules, field):
+                del table[field]
+        if "dynamics" in table:
+            table["dynamics"]["name"] = self.dynamics.name
+        return table
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any]) -> Rules:
+        """The rules that `to_table` has written."""
+        found = dict(table)
+        if "dynamics" in found:
+            limits = dict(found["dynamics"])
+            found["dynamics"] = DYNAMICS[limits.pop("name")](**limits)
+        if "body" in found:
+            found["body"] = tuple(found["body"])
+        return cls(**found)

@@ -1,0 +1,61 @@
+"""The body of a vehicle: one disc, or a chain of discs along its heading, all of the vehicle's radius."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+Body = tuple[float, ...]
+"""Where the centres of the discs are, in metres ahead of the vehicle's position."""
+
+DISC: Body = (0.0,)
+"""The body that is one disc."""
+
+SPACING = 0.5
+"""Largest distance between the centres of two discs, in radii: their sides are within 3.2 % of it from straight."""
+
+
+def chain(length: float, radius: float, centre: float) -> Body:
+    """The discs that cover a rectangle, apart from its corners.
+
+    Args:
+        length: Length of the rectangle along the heading in metres, at least twice the radius.
+        radius: Half its width in metres.
+        centre: How far its centre is ahead of the vehicle's position, in metres.
+
+    Returns:
+        The body.
+    """
+    reach = length / 2.0 - radius
+    number = math.ceil(2.0 * reach / (SPACING * radius) - 1e-9) + 1
+    return tuple((centre + np.linspace(-reach, reach, number)).tolist())
+
+
+def reach(body: Body) -> float:
+    """The largest distance in metres of a disc's centre from the vehicle's position."""
+    return max(map(abs, body))
+
+
+def hull(
+    body: Body,
+    position: Float[np.ndarray, "*batch 2"],
+    heading: Float[np.ndarray, "*batch"],
+    radius: Float[np.ndarray, "*batch"],
+) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch"]]:
+    """The smallest disc around a body: who thinks in discs sees it as this one.
+
+    Args:
+        body: The body.
+        position: Positions of vehicles in metres.
+        heading: Their headings in radians.
+        radius: Their radii in metres.
+
+    Returns:
+        The centre and the radius of the disc around each vehicle, in metres.
+    """
+    if body == DISC:
+        return position, radius
+    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    return position + (body[0] + body[-1]) / 2.0 * direction, radius + (body[-1] - body[0]) / 2.0
