@@ -105,7 +105,7 @@ OFFENCES = {
     "not a number": (
         lambda obs, command: with_case_2(command, obs, np.nan),
         "finite",
-        "returned [nan, nan], but a velocity must be finite (case 2, step 3)",
+        "returned [nan, nan], but a command must be finite (case 2, step 3)",
     ),
     "infinite": (lambda obs, command: with_case_2(command, obs, np.inf), "finite", "returned [inf, inf]"),
     "too fast": (
@@ -313,7 +313,7 @@ class Lonely(Straight):
     [
         (
             lambda obs: np.full((1, 2), np.nan),
-            "planner mine returned [nan, nan], but a velocity must be finite (case 3",
+            "planner mine returned [nan, nan], but a command must be finite (case 3",
         ),
         (lambda obs: 1 / 0, "planner mine raised ZeroDivisionError"),
         (lambda obs: np.zeros(2), "planner mine returned shape [2] instead of [1, 2]"),

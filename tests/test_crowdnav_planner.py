@@ -260,9 +260,9 @@ ANSWERS = {
     "half": (SimpleNamespace(vx=1.0), "the policy Says returned a SimpleNamespace, but must return"),
     "a text": (ActionXY("north", 0.0), "returned ActionXY(vx='north', vy=0.0), in which something is no number"),
     "no number": (ActionRot(None, 0.0), "the policy Says returned ActionRot(v=None, r=0.0), in which something is no"),
-    "NaN": (ActionXY(math.nan, 0.0), "returned [nan, 0.0], but a velocity must be finite (case 1, step 0)"),
-    "no turn": (ActionRot(0.5, math.inf), "returned [0.5, inf], but a velocity must be finite (case 1, step 0)"),
-    "no speed": (ActionRot(math.nan, 0.5), "returned [nan, nan], but a velocity must be finite (case 1, step 0)"),
+    "NaN": (ActionXY(math.nan, 0.0), "returned [nan, 0.0], but a command must be finite (case 1, step 0)"),
+    "no turn": (ActionRot(0.5, math.inf), "returned [0.5, inf], but a command must be finite (case 1, step 0)"),
+    "no speed": (ActionRot(math.nan, 0.5), "returned [nan, nan], but a command must be finite (case 1, step 0)"),
     "too fast": (ActionRot(1.5, 0.5), "asked for 1.5 m/s, but the vehicle's maximum is 1 m/s (case 1, step 0)"),
 }
 

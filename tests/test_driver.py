@@ -56,7 +56,7 @@ def deaf(obs):
 
 
 BROKEN = {
-    "not a number": (nan_for_case_3, "returned [0.0, nan], but a velocity must be finite (case 3, step 2)"),
+    "not a number": (nan_for_case_3, "returned [0.0, nan], but a command must be finite (case 3, step 2)"),
     "one number per world": (lambda obs: np.zeros(len(obs)), "returned shape [5] instead of [5, 2]"),
     "a world too few": (lambda obs: np.zeros((len(obs) - 1, 2)), "returned shape [4, 2] instead of [5, 2]"),
     "a string": (lambda obs: "north", "returned a str instead of a float array"),
@@ -104,12 +104,12 @@ def ahead(case, step, command):
 BROKEN_AHEAD = {
     "not a number": (
         ahead(3, 13, [0.0, np.nan]),
-        "returned [0.0, nan], but a velocity must be finite (case 3, step 13)",
+        "returned [0.0, nan], but a command must be finite (case 3, step 13)",
     ),
     "too fast": (ahead(4, 15, [0.0, 1.5]), "asked for 1.5 m/s, but the vehicle's maximum is 1 m/s (case 4, step 15)"),
     "one step": (
         lambda obs: np.zeros((len(obs), 2)),
-        "returned shape [5, 2] instead of [5, 8, 2], a velocity per world",
+        "returned shape [5, 2] instead of [5, 8, 2], a command per world",
     ),
     "a step too few": (lambda obs: np.zeros((len(obs), 7, 2)), "returned shape [5, 7, 2] instead of [5, 8, 2]"),
     "time first": (lambda obs: np.zeros((8, len(obs), 2)), "returned shape [8, 5, 2] instead of [5, 8, 2]"),

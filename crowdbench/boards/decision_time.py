@@ -40,6 +40,7 @@ class _Timed(Planner):
     def __init__(self, planner: Planner) -> None:
         self.planner = planner
         self.privileged = planner.privileged
+        self.native = planner.native
         self.facts = planner.facts
         self.seconds: list[float] = []
 

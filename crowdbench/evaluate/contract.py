@@ -1,4 +1,4 @@
-"""What a planner may return: dtype, shape, finite numbers and speed, each examined by itself."""
+"""What a planner may return: dtype, shape, finite numbers and limits, each examined by itself."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.dynamics import SPEED_TOLERANCE
+from crowdbench.dynamics import FREE, Dynamics, Holonomic, State
 from crowdbench.errors import is_interrupt
-from crowdbench.geometry import norm
 from crowdbench.types import Observation
 
 
@@ -22,16 +21,41 @@ class Asked:
         case: Number of the case of each world.
         step: Steps done so far.
         max_speed: The vehicle's maximum speed in m/s.
+        dt: Length of a step in seconds.
+        dynamics: How the vehicle moves.
+        state: Its state before the step; None where it is holonomic.
     """
 
     case: Int[np.ndarray, "world"]
     step: Int[np.ndarray, "world"]
     max_speed: Float[np.ndarray, "world"]
+    dt: float
+    dynamics: Dynamics
+    state: State | None
 
     @classmethod
     def of(cls, obs: Observation, cases: Int[np.ndarray, "case"]) -> Asked:
         """What a planner is asked by an observation; `cases` are the case numbers by `Observation.row`."""
-        return cls(cases[obs.row], obs.step.copy(), obs.vehicle.preferred_speed.copy())
+        vehicle = obs.vehicle
+        state = None
+        if not isinstance(vehicle.dynamics, Holonomic):
+            state = State(*(array.copy() for array in vehicle.state))
+        return cls(cases[obs.row], obs.step.copy(), vehicle.preferred_speed.copy(), obs.dt, vehicle.dynamics, state)
+
+    def followed(self, velocities: Float[np.ndarray, "world *time 2"]) -> Float[np.ndarray, "world *time 2"]:
+        """The commands by which the vehicle follows the velocities of a planner that thinks in velocities.
+
+        Args:
+            velocities: For the next step or several, in m/s.
+        """
+        if self.state is None:
+            return velocities
+        state, ahead = self.state, velocities.reshape(len(velocities), -1, 2)
+        commands = np.empty(ahead.shape)
+        for t in range(ahead.shape[1]):
+            commands[:, t] = self.dynamics.follow(state, ahead[:, t], self.max_speed, self.dt)
+            state = self.dynamics.step(state, commands[:, t], self.max_speed, self.dt)
+        return commands.reshape(velocities.shape)
 
 
 @dataclass(frozen=True)
@@ -60,8 +84,9 @@ class Examined(NamedTuple):
     """An answer, examined.
 
     Attributes:
-        points: The fault, or None, at each point that could be examined, in this order: dtype, shape, finite, speed.
-        commands: The answer in m/s, as float64, where it consists of numbers in the right shape.
+        points: The fault, or None, at each point that could be examined, in this order: dtype, shape, finite, speed
+            (which stands for all limits of the dynamics).
+        commands: The answer as float64, where it consists of numbers in the right shape.
     """
 
     points: dict[str, Fault | None]
@@ -73,13 +98,14 @@ class Examined(NamedTuple):
         return next((fault for fault in self.points.values() if fault is not None), None)
 
 
-def examine(answer: object, max_speed: Float[np.ndarray, "world"], *steps: int) -> Examined:
+def examine(answer: object, max_speed: Float[np.ndarray, "world"], *steps: int, dynamics: Dynamics = FREE) -> Examined:
     """Examine what a planner returned.
 
     Args:
         answer: Whatever it returned.
         max_speed: The vehicle's maximum speed in m/s.
         steps: For how many steps commands were asked for; left out where it was the next one alone.
+        dynamics: Whose commands they are. Velocities are those of a holonomic vehicle.
     """
     plain = _plain(answer)
     points = {"dtype": _dtype(answer, plain, *steps)}
@@ -91,18 +117,18 @@ def examine(answer: object, max_speed: Float[np.ndarray, "world"], *steps: int) 
         return Examined(points, None)
     each = values.reshape(-1, *(steps or (1,)), 2)
     finite = np.asarray(np.isfinite(each).all(axis=2))
-    speed = norm(np.where(finite[..., None], each, 0.0))
-    fast = speed > max_speed[:, None] * (1 + SPEED_TOLERANCE)
+    limit = np.broadcast_to(max_speed[:, None], finite.shape)
+    beyond = ~dynamics.is_within(np.where(finite[..., None], each, 0.0), limit)
     points["finite"] = None
     if finite.any():
         points["speed"] = None
     if not finite.all():
         row, ahead = np.argwhere(~finite)[0].tolist()
-        what = f"returned {each[row, ahead].tolist()}, but a velocity must be finite"
+        what = f"returned {each[row, ahead].tolist()}, but a command must be finite"
         points["finite"] = Fault(what, row, ahead)
-    if fast.any():
-        row, ahead = np.argwhere(fast)[0].tolist()
-        what = f"asked for {speed[row, ahead]:.6g} m/s, but the vehicle's maximum is {max_speed[row]:g} m/s"
+    if beyond.any():
+        row, ahead = np.argwhere(beyond)[0].tolist()
+        what = dynamics.broken_limit(each[row, ahead], float(max_speed[row]))
         points["speed"] = Fault(what, row, ahead)
     return Examined(points, values)
 
@@ -134,5 +160,5 @@ def _dtype(answer: object, plain: np.ndarray | None, *steps: int) -> Fault | Non
 def _shape(values: Float[np.ndarray, "*shape"], expected: list[int]) -> Fault | None:
     if list(values.shape) == expected:
         return None
-    meant = "a velocity per world and step" if len(expected) == 3 else "a velocity per world"
+    meant = "a command per world and step" if len(expected) == 3 else "a command per world"
     return Fault(f"returned shape {list(values.shape)} instead of {expected}, {meant}")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from crowdbench.dynamics import FREE
 from crowdbench.errors import InputError, described, is_interrupt, one_process, plugin_errors
 from crowdbench.evaluate.contract import Asked, Fault, examine
 from crowdbench.planners.base import OneStepOnly, Planner
@@ -52,11 +53,13 @@ class Driver:
         name: What it is called in errors.
         decision_limit: Seconds that it may take for a decision, for all worlds of a batch together.
         privileged: Whether it is shown the pedestrians' next velocities. Read once, so that it cannot change.
+        native: Whether it gives commands of the vehicle's dynamics; velocities are turned into such. Read once, too.
         facts: What results say of it beyond its name and options. Read once, too.
         seconds: Time that it has taken so far, for its decisions and in `reset`.
 
     Raises:
-        InputError: The decision limit is not positive, or `privileged` or `facts` of the planner are not of their type.
+        InputError: The decision limit is not positive, or `privileged`, `native` or `facts` of the planner are not
+            of their type.
     """
 
     def __init__(self, planner: Planner, name: str, decision_limit: float = DECISION_LIMIT) -> None:
@@ -67,7 +70,8 @@ class Driver:
         self.planner = planner
         self.name = name
         self.decision_limit = decision_limit
-        self.privileged = _privileged(planner, name)
+        self.privileged = _flag(planner, name, "privileged")
+        self.native = _flag(planner, name, "native")
         self.facts = _facts(planner, name)
         self.seconds = 0.0
         self._cases = np.empty(0, np.int64)
@@ -84,24 +88,24 @@ class Driver:
         self.seconds += time.perf_counter() - start
 
     def decide(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """The planner's commands in m/s. Call `reset` first.
+        """The vehicle's commands, as its dynamics takes them. Call `reset` first.
 
         Raises:
-            InputError: The planner raises, or returns anything but a finite velocity per world within the vehicle's
-                maximum speed. The sentence names planner, case and step.
+            InputError: The planner raises, or returns anything but a finite command per world within the vehicle's
+                limits. The sentence names planner, case and step.
             DecisionLimitExceeded: It takes longer than the decision limit.
         """
         return self._asked(obs, self.planner.plan)
 
     def decide_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        """The planner's commands for several steps. Call `reset` first.
+        """The vehicle's commands for several steps. Call `reset` first.
 
         Args:
             obs: What the planner sees before the first of them.
             steps: The number of steps.
 
         Returns:
-            The commands in m/s.
+            The commands.
 
         Raises:
             InputError: As in `decide`, naming the step that the command is for; or the planner has no `plan_ahead`.
@@ -118,11 +122,11 @@ class Driver:
         # Nobody interrupts a planner in another thread, or one that catches the interrupt.
         if seconds > self.decision_limit:
             raise self._too_slow(asked, None)
-        examined = examine(answer, asked.max_speed, *steps)
+        examined = examine(answer, asked.max_speed, *steps, dynamics=asked.dynamics if self.native else FREE)
         if examined.fault is not None:
             raise InputError(self._sentence(examined.fault, asked))
         assert examined.commands is not None  # or else there is a fault
-        return examined.commands
+        return examined.commands if self.native else asked.followed(examined.commands)
 
     def _answer(self, asked: Asked, plan: Callable[[], object]) -> object:
         """What the planner returns. Whatever it raises becomes an InputError."""
@@ -154,12 +158,12 @@ class Driver:
         return f"planner {self.name} {fault.at(asked)}"
 
 
-def _privileged(planner: Planner, name: str) -> bool:
-    with plugin_errors(f"planner {name} raised", " in privileged"):
-        privileged = planner.privileged
-    if not isinstance(privileged, bool):
-        raise InputError(f"planner {name} has privileged = {privileged!r}, but it must be True or False")
-    return privileged
+def _flag(planner: Planner, name: str, flag: str) -> bool:
+    with plugin_errors(f"planner {name} raised", f" in {flag}"):
+        value = getattr(planner, flag)
+    if not isinstance(value, bool):
+        raise InputError(f"planner {name} has {flag} = {value!r}, but it must be True or False")
+    return value
 
 
 def _facts(planner: Planner, name: str) -> dict[str, Any]:

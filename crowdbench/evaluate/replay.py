@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.dynamics import SPEED_TOLERANCE
 from crowdbench.errors import InputError
 from crowdbench.evaluate import commands, differences, seal
 from crowdbench.evaluate.commands import COMMANDS, Commands
@@ -35,7 +34,6 @@ from crowdbench.evaluate.results import (
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.evaluate.seal import MANIFEST, checked
 from crowdbench.evaluate.wanted import fitting, versions
-from crowdbench.geometry import norm
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -192,6 +190,8 @@ def replay(
 class _Recorded(Planner):
     """Gives the commands that were recorded of a batch of cases."""
 
+    native = True
+
     def __init__(self, command: Float[np.ndarray, "world step 2"]) -> None:
         self._command = command
 
@@ -235,11 +235,12 @@ def traces(
 
 
 def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"]:
-    """Whether a run accepts all commands of each case: they are finite, and not faster than the vehicle."""
+    """Whether a run accepts all commands of each case: they are finite, and within the limits of the vehicle."""
+    speed = np.full(len(recorded.command), scenario.vehicle_speed)
     with np.errstate(over="ignore"):
-        is_slow = norm(recorded.command) <= scenario.vehicle_speed * (1 + SPEED_TOLERANCE)
+        is_within = scenario.rules.dynamics.is_within(recorded.command, speed)  # nothing that is not finite is
     row_of_step = np.repeat(np.arange(len(recorded.case)), recorded.steps)
-    return np.bincount(row_of_step[~is_slow], minlength=len(recorded.case)) == 0
+    return np.bincount(row_of_step[~is_within], minlength=len(recorded.case)) == 0
 
 
 def _wrong_states(files: RunFiles, trace: Trace, exact: bool) -> list[str]:
@@ -260,7 +261,7 @@ def _commands(files: RunFiles, scenario: Scenario, replayed: Episodes) -> list[D
     return [
         *differences.rows(COMMANDS, files.cases, recorded.case),
         *listed(
-            f"cases in {COMMANDS} have commands that a run refuses, faster than the vehicle or not finite",
+            f"cases in {COMMANDS} have commands that a run refuses, beyond the limits of the vehicle or not finite",
             [f"{split}:{case}" for case in refused],
             len(recorded.case),
         ),

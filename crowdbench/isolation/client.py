@@ -94,8 +94,12 @@ class Served:
         if asked["version"] != VERSION:
             raise InputError(f"the format {asked['version']} of messages is asked for, but this is format {VERSION}")
         self.name, self.planner = load_planner(asked["planner"], asked["options"])
-        says: dict[str, Any] = {"privileged": self.planner.privileged, "facts": dict(self.planner.facts)}
-        with plugin_errors(f"planner {self.name} has privileged and facts that cannot be sent:"):
+        says: dict[str, Any] = {
+            "privileged": self.planner.privileged,
+            "native": self.planner.native,
+            "facts": dict(self.planner.facts),
+        }
+        with plugin_errors(f"planner {self.name} has privileged, native and facts that cannot be sent:"):
             return Kind.READY, to_json(says)
 
     def _reset(self, content: bytearray) -> tuple[Kind, bytes]:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import plugins
+from crowdbench.dynamics import DISC, FREE
 from crowdbench.errors import LONGEST, InputError
 from crowdbench.evaluate.contract import Fault
 from crowdbench.evaluate.driver import FaultyAnswer, TimeLimit
@@ -94,6 +95,7 @@ class IsolatedPlanner(Planner):
             self.close()
             raise
         self.privileged, self.facts = says.get("privileged"), says.get("facts")  # type: ignore[assignment]
+        self.native = says.get("native", False)
         self.usage["construction_seconds"] = self.process.seconds
 
     def _start(self, spec: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -111,6 +113,12 @@ class IsolatedPlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`."""
+        vehicle = obs.vehicle
+        if (vehicle.dynamics, vehicle.body, vehicle.goal_tolerance) != (FREE, DISC, None):
+            raise InputError(
+                f"planner {self.name} runs in a process of its own, which is not told of a vehicle's dynamics, length "
+                "and goal tolerance: there it can drive a holonomic disc only"
+            )
         content = self._ask("", self.limits.decision, Kind.OBSERVATION, *observation_parts(obs, steps))
         return read_commands(content, len(obs), steps)
 

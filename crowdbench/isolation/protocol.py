@@ -35,7 +35,7 @@ class Kind(enum.IntEnum):
     OBSERVATION = 3
     """An observation and for how many steps to decide: see `DIMENSIONS` and `ARRAYS`. Its answer is `COMMANDS`."""
     READY = 11
-    """After `START`, JSON: `privileged` (a boolean) and `facts` (texts by name)."""
+    """After `START`, JSON: `privileged`, perhaps `native` (booleans, see `Planner`) and `facts` (texts by name)."""
     COMMANDS = 12
     """float64 `[world, time, 2]`: the velocities in m/s for the steps that were asked for."""
     FAILED = 13

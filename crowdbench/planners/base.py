@@ -22,15 +22,22 @@ class Planner(abc.ABC):
     privileged: bool = False
     """Whether it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
 
+    native: bool = False
+    """Whether its commands are those of the vehicle's dynamics, see `crowdbench.dynamics`.
+
+    Otherwise they are velocities, which a vehicle on wheels follows as far as it can. For a holonomic vehicle, both are
+    the same.
+    """
+
     facts: Mapping[str, str] = MappingProxyType({})
     """What results say of it beyond its name and options, such as the digest of its weights."""
 
     @abc.abstractmethod
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        """The velocity command for each world, in m/s, no faster than `obs.vehicle.preferred_speed`."""
+        """The command for each world: a velocity in m/s, no faster than `obs.vehicle.preferred_speed`; see `native`."""
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        """The velocity commands for the next steps.
+        """The commands for the next steps.
 
         Called instead of `plan` in runs with `replan_every` above 1, at every `steps`-th step after the planner has
         looked first (`crowdbench.evaluate.replanning`). The vehicle executes the commands without another observation
@@ -41,7 +48,7 @@ class Planner(abc.ABC):
             steps: How many steps.
 
         Returns:
-            Commands in m/s, no faster than `obs.vehicle.preferred_speed`.
+            Commands as those of `plan`.
 
         Raises:
             OneStepOnly: The planner decides one step at a time.

@@ -24,6 +24,7 @@ class EpsilonGreedy(Planner):
 
     def __init__(self, planner: ValuePlanner, epsilon: float, seed: int) -> None:
         self.privileged = planner.privileged
+        self.native = planner.native
         self.planner = planner
         self.epsilon = epsilon
         self.purpose = f"exploration {seed}"

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from crowdbench.dynamics import FREE, Dynamics, Holonomic
 from crowdbench.errors import InputError
 from crowdbench.evaluate.check.again import BATCHES, NETWORKS, ROUNDING, Tolerance, same_point
 from crowdbench.evaluate.check.point import Findings, Point, changed
@@ -103,6 +104,7 @@ class _Witness(Planner):
         self.planner = planner
         self.cases = cases
         self.privileged = planner.privileged
+        self.native = planner.native
         self.raised = False
         self.calls: list[_Call] = []
         self.dtypes: set[str] = set()
@@ -120,13 +122,14 @@ class _Witness(Planner):
             answer = self.planner.plan(obs)
         seconds = time.perf_counter() - start
         self.dtypes.add(str(answer.dtype) if isinstance(answer, np.ndarray) else type(answer).__name__)
-        examined = examine(answer, shown.vehicle.preferred_speed)
+        dynamics = shown.vehicle.dynamics if self.native else FREE
+        examined = examine(answer, shown.vehicle.preferred_speed, dynamics=dynamics)
         self.calls.append(_Call(shown, examined.commands, seconds))
         for point, fault in examined.points.items():
             self._note(point, fault, shown)
         found = changed("obs", shown, obs)
         self._note("observation", found and Fault(f"changes {found[0]}", found[1]), shown)
-        return _legal(examined.commands, shown.vehicle.preferred_speed)
+        return _legal(examined.commands, shown.vehicle.preferred_speed, dynamics)
 
     def plan_ahead(self, obs: Observation, steps: int) -> Any:
         try:
@@ -165,7 +168,10 @@ def _answers(witness: _Witness) -> Iterator[Point]:
         ("dtype", ", ".join(sorted(witness.dtypes))),
         ("shape", "[world, 2]"),
         ("finite", "no NaN, no infinity"),
-        ("speed", "never above the vehicle's maximum speed"),
+        (
+            "speed",
+            "never above the vehicle's maximum speed" if not witness.native else "never beyond the vehicle's limits",
+        ),
         ("observation", "left unchanged"),
     ):
         yield witness.findings.point(point, kept)
@@ -244,12 +250,14 @@ class _Replay:
 
 
 def _legal(
-    commands: Float[np.ndarray, "world 2"] | None, max_speed: Float[np.ndarray, "world"]
+    commands: Float[np.ndarray, "world 2"] | None, max_speed: Float[np.ndarray, "world"], dynamics: Dynamics
 ) -> Float[np.ndarray, "world 2"]:
-    """Commands in m/s that keep the contract: slowed down, or standing still where nothing else can be made of them."""
+    """Commands that keep the contract: made smaller, or standing still where nothing else can be made of them."""
     if commands is None:
         return np.zeros((len(max_speed), 2))
     finite = np.where(np.isfinite(commands).all(axis=1, keepdims=True), commands, 0.0)
+    if not isinstance(dynamics, Holonomic):
+        return np.clip(finite, *dynamics.space(max_speed))
     speed = norm(finite)
     fast = speed > max_speed
     return finite * np.where(fast, max_speed / np.where(fast, speed, 1.0), 1.0)[:, None]
