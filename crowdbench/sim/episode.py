@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.compiled import njit
-from crowdbench.geometry import nearest_in_step
-from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.swept import gaps_in_step
 from crowdbench.types import Outcome, Rules, World
 
 
@@ -37,10 +36,10 @@ def check_step(before: World, after: World) -> StepCheck:
     """Find out whether a step ended the episode, and how close the vehicle came to pedestrians and obstacles in it.
 
     - Time-out: it is the last step of `Rules.max_steps`, whatever else happens in it.
-    - Collision: the discs of the vehicle and of a pedestrian overlap during the step. Under the rule `swept` both move
+    - Collision: a disc of the vehicle overlaps that of a pedestrian during the step. Under the rule `swept` both move
       as they really did; under `crowdnav` the pedestrian moves with its velocity from before the step, as in CrowdNav.
-    - Collision with a wall: the vehicle's disc overlaps an obstacle during the step.
-    - Success: after the step, the vehicle's centre is nearer to its goal than its radius.
+    - Collision with a wall: a disc of the vehicle overlaps an obstacle during the step.
+    - Success: after the step, the vehicle's position is nearer to its goal than `Rules.goal_tolerance`.
 
     The first of these that applies is the outcome, in CrowdNav's order.
 
@@ -53,16 +52,24 @@ def check_step(before: World, after: World) -> StepCheck:
     """
     worlds = len(before)
     check = StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds))
+    rules = before.rules
     _check(
+        rules.dynamics.code,
+        np.array(rules.body),
+        rules.goal_tolerance or 0.0,
+        rules.dt,
+        before.heading,
+        after.velocity,
+        after.angular_speed,
         before.position,
-        swept_motion(before.position, after.position, before.velocity, before.rules),
+        swept_motion(before.position, after.position, before.velocity, rules),
         after.position,
         before.goal,
         before.radius,
         before.present,
         before.obstacles,
         before.step,
-        before.rules.max_steps,
+        rules.max_steps,
         *check,
     )
     return check
@@ -93,7 +100,7 @@ def swept_motion(
 
 @no_type_check
 @njit(nogil=True)
-def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
+def step_outcome(gap, wall_gap, dx, dy, tolerance, is_last):
     """The outcome of a step for one agent.
 
     Args:
@@ -101,7 +108,7 @@ def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
         wall_gap (float): The same to the obstacles.
         dx (float): x of the way from its centre to its goal after the step, in metres.
         dy (float): Its y.
-        radius (float): Its radius in metres.
+        tolerance (float): Distance in metres to its goal below which it has arrived.
         is_last (bool): Whether this is the last step of the time limit.
 
     Returns:
@@ -113,17 +120,44 @@ def step_outcome(gap, wall_gap, dx, dy, radius, is_last):
         return Outcome.COLLISION.value
     if wall_gap < 0.0:
         return Outcome.WALL_COLLISION.value
-    if math.sqrt(dx * dx + dy * dy) < radius:
+    if math.sqrt(dx * dx + dy * dy) < tolerance:
         return Outcome.SUCCESS.value
     return Outcome.RUNNING.value
 
 
 @no_type_check
 @njit
-def _check(position, motion, end, goal, radius, present, obstacles, step, max_steps, outcome, gap, wall_gap):
+def _check(
+    code,
+    body,
+    tolerance,
+    dt,
+    heading,
+    velocity,
+    turn_rate,
+    position,
+    motion,
+    end,
+    goal,
+    radius,
+    present,
+    obstacles,
+    step,
+    max_steps,
+    outcome,
+    gap,
+    wall_gap,
+):
     """Check a step of each world's vehicle.
 
     Args:
+        code: The code of its dynamics.
+        body: `[disc]`, where the centres of its discs are, in metres ahead of its position.
+        tolerance: Distance in metres to its goal below which it has arrived; 0 stands for its radius.
+        dt: Duration of the step in seconds.
+        heading: `[world]`, the vehicle's heading before the step in radians.
+        velocity: `[world, agent, 2]`, after the step, in m/s.
+        turn_rate: `[world]`, the vehicle's in the step, in rad/s.
         position: `[world, agent, 2]`, before the step, in metres.
         motion: `[world, agent, 2]`, displacement in the step in metres.
         end: `[world, agent, 2]`, positions after the step in metres.
@@ -138,8 +172,20 @@ def _check(position, motion, end, goal, radius, present, obstacles, step, max_st
         wall_gap: `[world]`, filled, in metres.
     """
     for w in range(len(radius)):
-        gap[w], _ = nearest_in_step(0, position[w], motion[w], radius[w], present[w])
-        x, y, mx, my = position[w, 0, 0], position[w, 0, 1], motion[w, 0, 0], motion[w, 0, 1]
-        wall_gap[w] = wall_gap_in_step(x, y, mx, my, radius[w, 0], obstacles[w])
+        speed = math.hypot(velocity[w, 0, 0], velocity[w, 0, 1])
+        gap[w], wall_gap[w] = gaps_in_step(
+            code,
+            body,
+            heading[w],
+            speed,
+            turn_rate[w],
+            dt,
+            position[w],
+            motion[w],
+            radius[w],
+            present[w],
+            obstacles[w],
+        )
         dx, dy = goal[w, 0, 0] - end[w, 0, 0], goal[w, 0, 1] - end[w, 0, 1]
-        outcome[w] = step_outcome(gap[w], wall_gap[w], dx, dy, radius[w, 0], step[w] + 1 >= max_steps)
+        near = tolerance if tolerance > 0.0 else radius[w, 0]
+        outcome[w] = step_outcome(gap[w], wall_gap[w], dx, dy, near, step[w] + 1 >= max_steps)

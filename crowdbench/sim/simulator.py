@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.compiled import njit
-from crowdbench.dynamics import SPEED_TOLERANCE
+from crowdbench.dynamics import DISC, SPEED_TOLERANCE, hull
+from crowdbench.dynamics.motion import drive
 from crowdbench.errors import plugin_errors
-from crowdbench.geometry import heading_of, turn
 from crowdbench.sim.checked import finite, shaped
 from crowdbench.sim.episode import StepCheck, check_step
 from crowdbench.sim.obstacles import slide
@@ -25,7 +25,7 @@ def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> 
     """The velocities that the pedestrians' policies ask for.
 
     The only place that hides an invisible vehicle from the policies: in the world that they are given, it is not
-    `present`.
+    `present`. There a visible one is the smallest disc around its body.
 
     Args:
         world: The worlds as they are now.
@@ -37,7 +37,7 @@ def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> 
     Raises:
         InputError: A policy raises an exception, or does not return a finite velocity per pedestrian.
     """
-    shown = world if world.rules.visible else _without_vehicle(world)
+    shown = _with_hull(world) if world.rules.visible else _without_vehicle(world)
     asked = [_asked(shown, name, policy) for name, policy in policies.items()]
     return asked[0] if len(asked) == 1 else np.choose(world.policy[:, :, None], asked)
 
@@ -48,24 +48,32 @@ def _without_vehicle(world: World) -> World:
     return world.replace(present=present)
 
 
+def _with_hull(world: World) -> World:
+    if world.rules.body == DISC:
+        return world
+    position, radius = world.position.copy(), world.radius.copy()
+    position[:, 0], radius[:, 0] = hull(world.rules.body, position[:, 0], world.heading, radius[:, 0])
+    return world.replace(position=position, radius=radius)
+
+
 def _asked(world: World, name: str, policy: PedestrianPolicy) -> Float[np.ndarray, "world pedestrian 2"]:
     with plugin_errors(f"pedestrian policy {name} raised"):
         answer = policy.velocities(world, world.parameters[name])
     return finite(shaped(answer, name, world), name, world)
 
 
-def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World:
-    """Move all agents by one step, as holonomic discs.
+def advance(world: World, command: Float[np.ndarray, "world agent 2"]) -> World:
+    """Move all agents by one step: the vehicle by its dynamics, pedestrians as holonomic discs.
 
     The simulator limits speeds only here: an agent that is faster than its preferred speed is slowed down to it. In a
-    run the `Driver` has rejected such commands of a planner before.
+    run the `Driver` has rejected such commands of a planner before. So are the vehicle's other limits enforced.
 
     Pedestrians cannot pass walls: whose rim touches one goes on along it, and has the velocity that this took. The
     vehicle is not stopped, because its episode ends there.
 
     Args:
         world: The worlds before the step.
-        velocity: The velocity of every agent during the step, in m/s.
+        command: The command of the vehicle, see `crowdbench.dynamics`, and the velocity of every pedestrian in m/s.
 
     Returns:
         The worlds after the step.
@@ -73,10 +81,15 @@ def advance(world: World, velocity: Float[np.ndarray, "world agent 2"]) -> World
     position, limited = np.empty(world.position.shape), np.empty(world.velocity.shape)
     heading, angular_speed = np.empty(len(world)), np.empty(len(world))
     history = np.empty(world.history.shape)
+    dynamics = world.rules.dynamics
     _advance(
+        dynamics.code,
+        dynamics.limits,
         world.position,
-        np.ascontiguousarray(velocity),
+        world.velocity,
+        np.ascontiguousarray(command),
         world.heading,
+        world.angular_speed,
         world.preferred_speed,
         world.present,
         world.history,
@@ -114,7 +127,7 @@ def step(
 
     Args:
         world: The worlds before the step.
-        command: The vehicle's velocity in m/s; `advance` limits it.
+        command: The vehicle's command; `advance` limits it.
         crowd: The pedestrians' velocities in m/s; `advance` limits them.
 
     Returns:
@@ -127,9 +140,13 @@ def step(
 @no_type_check
 @njit
 def _advance(
+    code,
+    limits,
     position,
     velocity,
+    command,
     heading,
+    turn_rate,
     max_speed,
     present,
     history,
@@ -145,9 +162,13 @@ def _advance(
     """Move agents, limit their speeds, and update heading and history.
 
     Args:
+        code: The code of the vehicle's dynamics.
+        limits: Its limits.
         position: `[world, agent, 2]`, in metres.
-        velocity: `[world, agent, 2]`, wanted velocities in m/s.
+        velocity: `[world, agent, 2]`, velocities before the step in m/s.
+        command: `[world, agent, 2]`, the vehicle's command, and the wanted velocities of pedestrians in m/s.
         heading: `[world]`, the vehicle's heading in radians.
+        turn_rate: `[world]`, its angular speed before the step in rad/s.
         max_speed: `[world, agent]`, in m/s.
         present: `[world, agent]`; agents that are not present do not move.
         history: `[world, time, pedestrian, 2]`, in metres, oldest first.
@@ -168,24 +189,43 @@ def _advance(
                 new_history[w, t, p, 0] = history[w, t + 1, p, 0]
                 new_history[w, t, p, 1] = history[w, t + 1, p, 1]
         for a in range(agents):
-            x, y = velocity[w, a, 0], velocity[w, a, 1]
+            x, y = command[w, a, 0], command[w, a, 1]
             if not present[w, a]:
                 x, y = 0.0, 0.0
+            if a == 0:
+                (
+                    new_position[w, 0, 0],
+                    new_position[w, 0, 1],
+                    limited[w, 0, 0],
+                    limited[w, 0, 1],
+                    new_heading[w],
+                    angular_speed[w],
+                ) = drive(
+                    code,
+                    limits,
+                    position[w, 0, 0],
+                    position[w, 0, 1],
+                    velocity[w, 0, 0],
+                    velocity[w, 0, 1],
+                    heading[w],
+                    turn_rate[w],
+                    x,
+                    y,
+                    max_speed[w, 0],
+                    dt,
+                )
+                continue
             speed = math.sqrt(x * x + y * y)
             if speed > max_speed[w, a] * (1.0 + SPEED_TOLERANCE):
                 x, y = x * (max_speed[w, a] / speed), y * (max_speed[w, a] / speed)
             limited[w, a, 0], limited[w, a, 1] = x, y
             new_position[w, a, 0] = position[w, a, 0] + x * dt
             new_position[w, a, 1] = position[w, a, 1] + y * dt
-            if a > 0 and obstacles.shape[1] > 0:
+            if obstacles.shape[1] > 0:
                 px, py = position[w, a, 0], position[w, a, 1]
                 touched, qx, qy = slide(px, py, x * dt, y * dt, radius[w, a], obstacles[w])
                 if touched:
                     new_position[w, a, 0], new_position[w, a, 1] = qx, qy
                     limited[w, a, 0], limited[w, a, 1] = (qx - px) / dt, (qy - py) / dt
-            if a > 0:
-                new_history[w, length - 1, a - 1, 0] = new_position[w, a, 0]
-                new_history[w, length - 1, a - 1, 1] = new_position[w, a, 1]
-            else:
-                new_heading[w] = heading_of(x, y, heading[w])
-                angular_speed[w] = turn(heading[w], new_heading[w]) / dt
+            new_history[w, length - 1, a - 1, 0] = new_position[w, a, 0]
+            new_history[w, length - 1, a - 1, 1] = new_position[w, a, 1]

@@ -1,0 +1,69 @@
+"""How close a vehicle comes to pedestrians and obstacles in a step, whatever its dynamics and its body. Compiled.
+
+A holonomic vehicle is a disc that moves straight. A vehicle on wheels drives an arc: it is swept disc by disc and chord
+by chord, so that no point of it is off by more than a millimetre.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import no_type_check
+
+from crowdbench.compiled import njit
+from crowdbench.dynamics.motion import HOLONOMIC, along_arc, chords
+from crowdbench.geometry import nearest_in_step
+from crowdbench.sim.obstacles import wall_gap_in_step
+
+
+@no_type_check
+@njit(nogil=True)
+def gaps_in_step(code, body, heading, speed, turn_rate, dt, position, motion, radius, present, obstacles):
+    """The smallest distances between the vehicle's rim and those of pedestrians, and obstacles, during a step.
+
+    Compiled, for one world.
+
+    Args:
+        code (int): The code of the vehicle's dynamics.
+        body (array): Where the centres of its discs are, in metres ahead of its position.
+        heading (float): Its heading before the step in radians. This and the next two are for vehicles on wheels.
+        speed (float): Its speed during the step in m/s.
+        turn_rate (float): Its turn rate during the step in rad/s.
+        dt (float): Duration of the step in seconds.
+        position (array): `[agent, 2]`, positions before the step in metres, the vehicle's first.
+        motion (array): `[agent, 2]`, displacements in the step in metres.
+        radius (array): `[agent]`, in metres.
+        present (array): `[agent]`, whether each agent counts.
+        obstacles (array): `[polygon, corner, 2]`, in metres, NaN after the last corner.
+
+    Returns:
+        gap (float): To pedestrians, in metres; negative where discs overlap, infinite without pedestrians.
+        wall_gap (float): To obstacles, likewise.
+    """
+    if code != HOLONOMIC:
+        return _gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, present, obstacles)
+    gap, _ = nearest_in_step(0, position, motion, radius, present)
+    x, y, dx, dy = position[0, 0], position[0, 1], motion[0, 0], motion[0, 1]
+    return gap, wall_gap_in_step(x, y, dx, dy, radius[0], obstacles)
+
+
+@no_type_check
+@njit(nogil=True)
+def _gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, present, obstacles):
+    """See `gaps_in_step`."""
+    x, y = position[0, 0], position[0, 1]
+    number = chords(speed, turn_rate, max(abs(body[0]), abs(body[-1])), dt)
+    begin, chord = position.copy(), motion / number
+    gap, wall_gap = math.inf, math.inf
+    for k in range(number):
+        x0, y0, before = along_arc(x, y, heading, speed, turn_rate, dt * k / number)
+        x1, y1, after = along_arc(x, y, heading, speed, turn_rate, dt * (k + 1) / number)
+        for ahead in body:
+            begin[0, 0], begin[0, 1] = x0 + ahead * math.cos(before), y0 + ahead * math.sin(before)
+            chord[0, 0] = x1 + ahead * math.cos(after) - begin[0, 0]
+            chord[0, 1] = y1 + ahead * math.sin(after) - begin[0, 1]
+            nearest, _ = nearest_in_step(0, begin, chord, radius, present)
+            gap = min(gap, nearest)
+            wall = wall_gap_in_step(begin[0, 0], begin[0, 1], chord[0, 0], chord[0, 1], radius[0], obstacles)
+            wall_gap = min(wall_gap, wall)
+        begin[1:] += chord[1:]
+    return gap, wall_gap
