@@ -171,6 +171,7 @@ DIGESTS = {
     "circle_crossing_5": "62b37e5ddf61",
     "circle_crossing_5_gaussian": "158d2409960c",
     "circle_crossing_5_social_force": "bb7bd7ef9d67",
+    "circle_crossing_5_unicycle": "87916ba303c1",
     "circle_crossing_5_visible": "95bdfee2e846",
     "circle_crossing_mixed": "ba5dc8813c51",
     "corridor": "593019e6d69a",

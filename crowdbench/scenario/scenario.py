@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import rng
-from crowdbench.dynamics import reach
+from crowdbench.dynamics import Holonomic, reach
 from crowdbench.errors import InputError, plugin_errors
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.digest import digest_of
@@ -154,7 +154,11 @@ class Scenario:
             position[w, : n + 1], goal[w, : n + 1] = placement.start, placement.goal
             routes.append(placement.route)
             obstacles.append(placement.obstacles)
+        route = _padded(routes, agents)
         ahead = goal[:, 0] - position[:, 0]
+        if not isinstance(self.rules.dynamics, Holonomic) and route.shape[2]:
+            # What turns slowly faces its first waypoint.
+            ahead = np.where(np.isnan(route[:, 0, 0]), ahead, route[:, 0, 0] - position[:, 0])
         return World(
             case=cases,
             key=keys,
@@ -165,7 +169,7 @@ class Scenario:
             heading=np.arctan2(ahead[:, 1], ahead[:, 0]),
             angular_speed=np.zeros(worlds),
             goal=goal,
-            route=_padded(routes, agents),
+            route=route,
             waypoint=np.zeros((worlds, agents), np.int64),
             radius=radius,
             preferred_speed=speed,

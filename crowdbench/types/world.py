@@ -28,7 +28,7 @@ class World:
         position: Centres in metres.
         velocity: Velocities of the last step in m/s.
         heading: Direction in which the vehicle faces, in radians. A holonomic vehicle faces where it last moved, and
-            its goal before it has moved.
+            its goal before it has moved; one on wheels faces its first waypoint then, or its goal.
         angular_speed: Change of the heading in the last step, divided by dt, in rad/s.
         goal: Where each agent is going, in metres.
         route: Waypoints on the way to the goal, in metres.

@@ -1,0 +1,194 @@
+"""Vehicles on wheels in the simulator: scenarios, rollouts, planners, recordings."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import drive, same, world
+
+from crowdbench.catalog import load_scenario
+from crowdbench.dynamics import Bicycle, State, Unicycle, chain, hull
+from crowdbench.errors import InputError
+from crowdbench.evaluate.driver import Driver
+from crowdbench.planners.base import Planner
+from crowdbench.sim.episode import check_step
+from crowdbench.sim.pedestrians import ORCA
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import advance, crowd_velocities
+from crowdbench.types import Outcome, Rules
+
+UNICYCLE = {"vehicle__dynamics": "unicycle"}
+CAR = {"vehicle__dynamics": "bicycle", "vehicle__radius": 0.9, "vehicle__length": 4.5, "layout__circle_radius": 12.0}
+
+
+class Native(Planner):
+    """Gives one command, always."""
+
+    native = True
+
+    def __init__(self, *command):
+        self.command = command
+
+    def plan(self, obs):
+        return np.tile(np.array(self.command, float), (len(obs), 1))
+
+
+def moved(rules, command, position=((0.0, 0.0), (9.0, 9.0)), velocity=None, goal=None):
+    """A world before and after a step in which the vehicle gets a command and the pedestrians stand."""
+    before = world(position, velocity, goal, rules=rules)
+    commands = np.zeros((1, len(position), 2))
+    commands[0, 0] = command
+    return before, advance(before, commands)
+
+
+def test_the_simulator_drives_by_the_dynamics():
+    unicycle = Unicycle(1.0, 1.5, 4.0)
+    before, after = moved(Rules(dynamics=unicycle), (0.8, -1.2), velocity=((0.5, 0.0), (0.0, 0.0)))
+    state = State(before.position[:, 0], before.velocity[:, 0], before.heading, before.angular_speed)
+    expected = unicycle.step(state, np.array([[0.8, -1.2]]), np.ones(1), before.rules.dt)
+    found = State(after.position[:, 0], after.velocity[:, 0], after.heading, after.angular_speed)
+    assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
+    assert found.angular_speed[0] == -1.0
+    assert found.speed[0] == pytest.approx(0.75)
+
+
+def test_a_pedestrian_inside_the_arc_is_missed_by_its_chord_and_hit_by_the_vehicle():
+    # Half a turn to the left in a step, radius 1 m: the arc bulges to x = 1, its chord is on the y axis.
+    rules = Rules(dt=0.9, dynamics=Unicycle(99.0, math.pi / 0.9, 99.0))
+    before, after = moved(rules, (math.pi / 0.9, math.pi / 0.9), ((0.0, 0.0), (1.5, 1.0)))
+    before = before.replace(preferred_speed=np.full((1, 2), 9.0))
+    after = advance(before, np.array([[[math.pi / 0.9, math.pi / 0.9], [0.0, 0.0]]]))
+    assert after.position[0, 0] == pytest.approx([0.0, 2.0], abs=1e-9)
+    outcome, gap, _ = check_step(before, after)
+    assert outcome[0] == Outcome.COLLISION
+    assert gap[0] == pytest.approx(0.5 - 0.6, abs=1e-3)
+
+
+def test_the_gap_of_a_long_vehicle_is_the_least_over_its_discs():
+    rules = Rules(dynamics=Unicycle(), body=chain(2.0, 0.3, 0.0))
+    for place, gap in (((1.5, 0.0), 0.2), ((0.0, 1.0), 0.4), ((-1.5, 0.0), 0.2), ((0.5, -0.8), 0.2)):
+        before, after = moved(rules, (0.0, 0.0), ((0.0, 0.0), place))
+        assert check_step(before, after).gap[0] == pytest.approx(gap, abs=0.02)
+
+
+def test_the_corner_of_a_turning_car_hits_a_wall():
+    rules = Rules(dynamics=Unicycle(2.0, 2.0, 99.0), body=chain(2.0, 0.3, 0.0))
+    wall = np.array([[[[-5.0, 0.45], [5.0, 0.45]]]])
+    for turn_rate, expected in ((0.0, Outcome.RUNNING), (1.5, Outcome.WALL_COLLISION)):
+        before, after = moved(rules, (0.0, turn_rate))
+        check = check_step(before.replace(obstacles=wall), after)
+        assert check.outcome[0] == expected
+    # The centre of its front disc is 0.7 m ahead.
+    assert check.wall_gap[0] == pytest.approx(0.45 - 0.7 * math.sin(1.5 * 0.25) - 0.3, abs=1e-3)
+
+
+def test_the_goal_is_reached_within_its_tolerance():
+    goal = ((0.75, 0.0), (9.0, 9.0))
+    for tolerance, expected in ((None, Outcome.RUNNING), (0.8, Outcome.SUCCESS), (0.2, Outcome.RUNNING)):
+        before, after = moved(Rules(goal_tolerance=tolerance), (0.2, 0.0), goal=goal)
+        assert check_step(before, after).outcome[0] == expected
+
+
+def test_discs_cover_a_rectangle_but_for_its_corners():
+    body = chain(4.5, 0.9, 1.35)
+    assert (body[0] - 0.9, body[-1] + 0.9) == pytest.approx((1.35 - 2.25, 1.35 + 2.25))
+    # Between two discs the side of the body is no more than 3.2 % of the radius further in.
+    assert 0.9 - math.sqrt(0.9**2 - max(np.diff(body)) ** 2 / 4) < 0.032 * 0.9
+    centre, radius = hull(body, np.zeros((1, 2)), np.array([math.pi / 2]), np.array([0.9]))
+    assert centre[0] == pytest.approx([0.0, 1.35])
+    assert radius[0] == pytest.approx(2.25)
+
+
+def test_pedestrians_see_a_long_vehicle_as_the_disc_around_it():
+    place, goal = ((0.0, 0.0), (4.0, 0.2)), ((9.0, 0.0), (-9.0, 0.2))
+    asked = []
+    for body in ((0.0,), chain(4.5, 0.9, 1.35)):
+        before = world(place, ((0.0, 0.0), (-1.0, 0.0)), goal, rules=Rules(visible=True, dynamics=Bicycle(), body=body))
+        asked.append(crowd_velocities(before, {"orca": ORCA()})[0, 0])
+    assert asked[0][0] < -0.98
+    assert asked[1][0] > -0.9
+
+
+def test_nobody_starts_inside_a_long_vehicle():
+    place = load_scenario("circle_crossing_5", {key.replace("__", "."): value for key, value in CAR.items()})
+    worlds = place.draw("test", np.arange(20))
+    body = np.array(place.rules.body)
+    direction = np.stack([np.cos(worlds.heading), np.sin(worlds.heading)], axis=1)
+    discs = worlds.position[:, None, 0] + body[:, None] * direction[:, None]
+    apart = np.linalg.norm(discs[:, :, None] - worlds.position[:, None, 1:], axis=3) - 0.9 - worlds.radius[:, None, 1:]
+    assert apart.min() > 0.0
+
+
+@pytest.mark.parametrize("planner", ["orca", "social_force", "straight"])
+@pytest.mark.parametrize("vehicle", [UNICYCLE, CAR])
+def test_planners_that_think_in_velocities_drive_every_vehicle(planner, vehicle):
+    trace = drive(planner, "5", **vehicle)
+    assert (trace.outcome != Outcome.RUNNING).all()
+    speed = np.linalg.norm(trace.velocity[:, :, 0], axis=2)
+    facing = np.stack([np.cos(trace.heading), np.sin(trace.heading)], axis=2) * speed[..., None]
+    assert np.allclose(facing, trace.velocity[:, :, 0], equal_nan=True)
+
+
+def test_who_heads_for_a_goal_behind_turns_and_arrives():
+    trace = drive("straight", "3", pedestrians__number=0, **UNICYCLE)
+    assert (trace.outcome == Outcome.SUCCESS).all()
+    scenario = load_scenario("circle_crossing_5", {"vehicle.dynamics": "unicycle", "pedestrians.number": 0})
+    start = scenario.draw("test", np.arange(2))
+    now = start.replace(heading=start.heading + math.pi)
+    planner = Driver(drive_to_goal(), "mine")
+    planner.reset(now.case)
+    for _ in range(90):
+        after = advance(now, planner.decide(observe(now))[:, None])
+        if (check_step(now, after).outcome == Outcome.SUCCESS).all():
+            return
+        now = after
+    pytest.fail("it never arrived")
+
+
+def drive_to_goal():
+    class ToGoal(Planner):
+        def plan(self, obs):
+            way = obs.vehicle.goal - obs.vehicle.position
+            return way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1.0)
+
+    return ToGoal()
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        ((0.5, 2.5), "asked for 2.5 rad/s, but its max_angular_speed is 2 rad/s (case 0, step 0)"),
+        ((-0.5, 0.0), "asked for -0.5 m/s, but the vehicle's speeds are 0 to 1 m/s (case 0, step 0)"),
+        ((math.nan, 0.0), "returned [nan, 0.0], but a command must be finite (case 0, step 0)"),
+    ],
+)
+def test_a_native_command_beyond_the_limits_is_refused_in_one_sentence(command, expected):
+    with pytest.raises(InputError) as error:
+        drive(Native(*command), "2", **UNICYCLE)
+    assert str(error.value) == f"planner Native {expected}"
+
+
+def test_native_commands_are_executed_and_kept_in_the_trace():
+    trace = drive(Native(0.5, 0.1), "2", pedestrians__number=0, **UNICYCLE)
+    assert np.array_equal(trace.command[0, : trace.steps[0]], np.tile([0.5, 0.1], (trace.steps[0], 1)))
+    assert trace.heading[0, 10] - trace.heading[0, 0] == pytest.approx(10 * 0.25 * 0.1)
+
+
+def test_a_planner_must_say_by_a_bool_whether_it_is_native():
+    planner = Native(0.0, 0.0)
+    planner.native = "yes"
+    with pytest.raises(InputError, match="planner mine has native = 'yes', but it must be True or False"):
+        Driver(planner, "mine")
+
+
+def test_velocities_ahead_are_followed_step_by_step():
+    class Turn(Planner):
+        def plan(self, obs):
+            return self.plan_ahead(obs, 1)[:, 0]
+
+        def plan_ahead(self, obs, steps):
+            return np.tile([-0.5, 0.5], (len(obs), steps, 1))
+
+    one = drive(Turn(), "2", pedestrians__number=0, **UNICYCLE)
+    ahead = drive(Turn(), "2", pedestrians__number=0, replan_every=8, **UNICYCLE)
+    assert same(one, ahead)
