@@ -28,7 +28,7 @@ class {title}(Planner):
         self.slow = slow
 
     def plan(self, obs):  # -> [world, 2], m/s
-        to_goal = obs.vehicle.goal - obs.vehicle.position
+        to_goal = obs.vehicle.local_goal - obs.vehicle.position
         distance = np.linalg.norm(obs.pedestrians.position - obs.vehicle.position[:, None], axis=2)
         near = ((distance < self.near) & obs.pedestrians.seen).any(axis=1)
         speed = obs.vehicle.preferred_speed * np.where(near, self.slow, 1.0)

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from crowdbench.compiled import njit
 from crowdbench.geometry import local_goals
 from crowdbench.sim.obstacles import wall_gap_in_step
-from crowdbench.types import World
+from crowdbench.types import Trace, World
 
 SIGHT_GAP = 0.01
 """A waypoint is in sight where the straight way to it passes all walls with this gap, in metres."""
@@ -23,6 +23,21 @@ REACH = 1.0
 def goals_on_way(world: World) -> Float[np.ndarray, "world agent 2"]:
     """The local goal of each agent in metres, see `crowdbench.geometry.local_goals`."""
     return local_goals(world.position, world.goal, world.route, world.waypoint)
+
+
+def goals_in_trace(trace: Trace) -> Float[np.ndarray, "world time 2"]:
+    """The vehicle's local goal in metres in every state of a trace; the goal after an episode's end."""
+    goal = trace.goal[:, :, 0]
+    if trace.route.shape[1] == 0:
+        return goal
+    goals, waypoint = goal.copy(), np.zeros((len(trace), 1), np.int64)
+    for t in range(trace.steps.max() + 1):
+        rows = np.flatnonzero(trace.steps >= t)
+        own = trace.position[rows, t, :1], goal[rows, t, None], trace.route[rows, None]
+        if t > 0:
+            waypoint[rows] = next_waypoints(*own, waypoint[rows], trace.radius[rows, t, :1], trace.obstacles[rows])
+        goals[rows, t] = local_goals(*own, waypoint[rows])[:, 0]
+    return goals
 
 
 def next_waypoints(

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from crowdbench.reward import discount, episode_rewards
+from crowdbench.sim.routes import goals_in_trace
 from crowdbench.types import Outcome, Trace
 from crowdbench.value.joint_state import joint_states
 
@@ -88,7 +89,7 @@ def _states(
         np.nan_to_num(trace.velocity),
         trace.radius,
         trace.present,
-        trace.goal[:, :, 0],
+        goals_in_trace(trace),
         np.broadcast_to(trace.preferred_speed[:, :1], (worlds, times)),
     )
     present = np.zeros((worlds, joint.shape[2]), bool)
