@@ -17,6 +17,8 @@ def policy() -> SocialForce:
         look_ahead: Time for which others are expected to keep their velocity: the paper's Delta t [s].
         sight_angle: Angle within which others count in full: the paper's 2 phi [rad].
         behind_weight: How much others outside of the sight angle count: the paper's c [1].
+        wall_strength: Height of the repulsive potential of obstacles: the paper's U0 [m^2/s^2].
+        wall_range: Distance over which that potential falls by a factor of e: the paper's R [m].
         fluctuation: Standard deviation of a lone pedestrian's velocity, across its way [m/s].
 
     Returns:
