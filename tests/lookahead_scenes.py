@@ -127,6 +127,8 @@ def scene(obs, prediction, ahead=0, position=None):
     return Scene(
         position=obs.vehicle.position if position is None else position,
         velocity=obs.vehicle.velocity,
+        heading=obs.vehicle.heading,
+        angular_speed=obs.vehicle.angular_speed,
         goal=obs.vehicle.goal,
         local_goal=obs.vehicle.goal,
         radius=obs.vehicle.radius,

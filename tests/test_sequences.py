@@ -19,7 +19,7 @@ def futures_of(obs, prediction):
     modes = prediction.position.shape[1]
     now = np.repeat(obs.pedestrians.position[:, None, None], modes, axis=1)
     return Futures(
-        position=obs.vehicle.position,
+        state=obs.vehicle.state,
         goal=obs.vehicle.goal,
         radius=obs.vehicle.radius,
         preferred_speed=obs.vehicle.preferred_speed,

@@ -215,7 +215,8 @@ def test_random_commands_are_within_the_limits_and_evenly_spread_over_them():
     obs = dataclasses.replace(obs, vehicle=dataclasses.replace(obs.vehicle, velocity=velocity))
     commands = EpsilonGreedy(planner, 1.0, 0).plan(obs)
     assert limits.allow(velocity, commands[:, None], obs.dt).all()
-    offered = planner.commands(velocity[:1], np.ones(1), obs.dt)
+    vehicle = obs.vehicle
+    offered = planner.commands(vehicle.state, vehicle.dynamics, vehicle.preferred_speed, obs.dt)[:1]
     allowed = offered[0][limits.allow(velocity[:1], offered, obs.dt)[0]]
     assert np.array_equal(offered[0, -1], limits.brake(velocity[:1], obs.dt)[0])
     share = [np.isclose(commands, each, atol=1e-12).all(axis=1).mean() for each in allowed]

@@ -100,6 +100,18 @@ class Dynamics(abc.ABC):
         within = (low - slack <= command) & (command <= high + slack)
         return within[..., 0] & within[..., 1]
 
+    def velocities(
+        self,
+        state: State,
+        commands: Float[np.ndarray, "world action 2"],
+        max_speed: Float[np.ndarray, "world"],
+        dt: float,
+    ) -> Float[np.ndarray, "world action 2"]:
+        """The velocities in m/s that vehicles have after a step under each of some commands; arguments as in `step`."""
+        actions = commands.shape[1]
+        each = State(*(np.repeat(array[:, None], actions, axis=1) for array in state))
+        return self.step(each, commands, np.repeat(max_speed[:, None], actions, axis=1), dt).velocity
+
     def step(
         self, state: State, command: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
     ) -> State:

@@ -167,7 +167,13 @@ class CrowdNavPlanner(OneWorldPlanner):
         """What the policy is shown of one world, in Python's own numbers."""
         full, observable, joint = self._states
         vehicle, crowd = obs.vehicle, obs.pedestrians
-        own = (vehicle.position, vehicle.velocity, vehicle.radius[None], vehicle.local_goal, vehicle.preferred_speed[None])
+        own = (
+            vehicle.position,
+            vehicle.velocity,
+            vehicle.radius[None],
+            vehicle.local_goal,
+            vehicle.preferred_speed[None],
+        )
         humans = np.concatenate([crowd.position, crowd.velocity, crowd.radius[:, None]], axis=1)[crowd.seen]
         return joint(full(*np.concatenate(own).tolist(), heading), [observable(*human) for human in humans.tolist()])
 

@@ -31,10 +31,12 @@ class EpsilonGreedy(Planner):
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
-        velocity = obs.vehicle.velocity
-        commands = self.planner.commands(velocity, obs.vehicle.preferred_speed, obs.dt)
-        limits = self.planner.limits
-        allowed = np.ones(commands.shape[:2], bool) if limits is None else limits.allow(velocity, commands, obs.dt)
+        vehicle, limits = obs.vehicle, self.planner.limits
+        commands = self.planner.commands(vehicle.state, vehicle.dynamics, vehicle.preferred_speed, obs.dt)
+        allowed = np.ones(commands.shape[:2], bool)
+        if limits is not None:
+            after = vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, obs.dt)
+            allowed = limits.allow(vehicle.velocity, after, obs.dt)
         # Uniform numbers by the normal distribution function: the streams of a case have only normal numbers.
         explore, which = ndtr(obs.noise(self.purpose, (2,))).T
         drawn = (which * allowed.sum(axis=1)).astype(int)

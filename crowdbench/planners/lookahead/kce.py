@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.dynamics import Holonomic
 from crowdbench.errors import InputError
 from crowdbench.geometry import norm
 from crowdbench.numbers import is_integer, is_number
@@ -162,8 +163,8 @@ class PrintedShaping:
 class Exploration:
     """Finer commands around a command a: a plus and minus m `epsilon`, m = 0 to `n` (equation 9).
 
-    Speed and heading are varied separately, which gives (2n + 1)^2 commands, a among them. The paper gives no values;
-    the defaults are ours.
+    Speed and heading are varied separately, which gives (2n + 1)^2 commands, a among them. Of a vehicle on wheels it is
+    speed and turn rate, or steering angle. The paper gives no values; the defaults are ours.
 
     Attributes:
         epsilon: Distance from one speed, and from one heading, to the next [m/s and rad].
@@ -188,12 +189,16 @@ class Exploration:
 
         Args:
             scene: The vehicles before the step.
-            command: The command to refine, in m/s.
+            command: The command to refine.
 
         Returns:
-            Commands in m/s, at speeds from 0 to the preferred speed.
+            Commands, at speeds from 0 to the preferred speed.
         """
         offset = self.epsilon * np.arange(-self.n, self.n + 1)
+        if not isinstance(scene.dynamics, Holonomic):
+            low, high = scene.dynamics.space(scene.preferred_speed)
+            finer = np.stack(np.meshgrid(offset, offset, indexing="ij"), axis=-1).reshape(-1, 2)
+            return np.clip(command[:, None] + finer, low[:, None], high[:, None])
         limit = scene.preferred_speed[:, None]
         speed = np.clip(norm(command)[:, None] + offset, 0.0, limit)
         moving = np.where(norm(command)[:, None] > 0.0, command, scene.velocity)

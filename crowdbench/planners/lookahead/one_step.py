@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -10,11 +11,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from crowdbench.compiled import njit
-from crowdbench.geometry import nearest_in_step
+from crowdbench.dynamics import DISC, FREE, Body, Dynamics, State
+from crowdbench.dynamics.motion import drive
 from crowdbench.predict import Prediction
 from crowdbench.sim.episode import step_outcome
-from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.routes import next_waypoints
+from crowdbench.sim.swept import gaps_in_step
 from crowdbench.types import Observation, Vehicle
 from crowdbench.value.joint_state import SIZE, write_joint_state
 
@@ -26,6 +28,8 @@ class Scene:
     Attributes:
         position: The vehicle's centre in metres.
         velocity: Its velocity in m/s.
+        heading: Direction in which it faces, in radians.
+        angular_speed: Its turn rate in the last step, in rad/s.
         goal: Where it is going, in metres.
         local_goal: Where it heads for on its route, in metres, see `crowdbench.geometry.local_goals`.
         radius: Its radius in metres.
@@ -37,10 +41,15 @@ class Scene:
         present: Which pedestrians there are. The others change nothing.
         obstacles: Polygons in metres, NaN after the last corner.
         dt: Length of the step in seconds.
+        dynamics: How the vehicle moves.
+        goal_tolerance: Distance in metres to its goal below which it has arrived; None stands for its radius.
+        body: The discs that it consists of.
     """
 
     position: Float[np.ndarray, "world 2"]
     velocity: Float[np.ndarray, "world 2"]
+    heading: Float[np.ndarray, "world"]
+    angular_speed: Float[np.ndarray, "world"]
     goal: Float[np.ndarray, "world 2"]
     local_goal: Float[np.ndarray, "world 2"]
     radius: Float[np.ndarray, "world"]
@@ -52,6 +61,18 @@ class Scene:
     present: Bool[np.ndarray, "world pedestrian"]
     obstacles: Float[np.ndarray, "world polygon corner 2"]
     dt: float
+    dynamics: Dynamics = FREE
+    goal_tolerance: float | None = None
+    body: Body = DISC
+
+    @property
+    def state(self) -> State:
+        """The vehicle's motion, as its dynamics takes it."""
+        return State(self.position, self.velocity, self.heading, self.angular_speed)
+
+    def velocities(self, commands: Float[np.ndarray, "world action 2"]) -> Float[np.ndarray, "world action 2"]:
+        """The velocities in m/s that the vehicle has after a step under each of some commands."""
+        return self.dynamics.velocities(self.state, commands, self.preferred_speed, self.dt)
 
 
 def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehicle) -> Scene:
@@ -71,6 +92,8 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
     return Scene(
         position=vehicle.position,
         velocity=vehicle.velocity,
+        heading=vehicle.heading,
+        angular_speed=vehicle.angular_speed,
         goal=vehicle.goal,
         local_goal=vehicle.local_goal,
         radius=vehicle.radius,
@@ -83,6 +106,9 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
         present=obs.pedestrians.seen,
         obstacles=obs.obstacles,
         dt=obs.dt,
+        dynamics=vehicle.dynamics,
+        goal_tolerance=vehicle.goal_tolerance,
+        body=vehicle.body,
     )
 
 
@@ -91,22 +117,22 @@ def moved(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], obs: Observat
 
     Args:
         vehicle: The vehicle before it.
-        command: Its velocity during the step, in m/s.
+        command: Its command.
         obs: What the planner sees: the obstacles, which decide what waypoints are in sight, and the length of a step.
 
     Returns:
         The vehicle at its new position, heading for the waypoint that is next there.
     """
-    position = vehicle.position + command * obs.dt
+    after = vehicle.dynamics.step(vehicle.state, command, vehicle.preferred_speed, obs.dt)
     waypoint = next_waypoints(
-        position[:, None],
+        after.position[:, None],
         vehicle.goal[:, None],
         vehicle.route[:, None],
         vehicle.waypoint[:, None],
         vehicle.radius[:, None],
         obs.obstacles,
     )[:, 0]
-    return dataclasses.replace(vehicle, position=position, velocity=command, waypoint=waypoint)
+    return dataclasses.replace(vehicle, **after._asdict(), waypoint=waypoint)
 
 
 @dataclass(frozen=True)
@@ -116,24 +142,26 @@ class StepResult:
     Attributes:
         outcome: An `Outcome`, never a time-out.
         gap: Smallest distance in metres to a pedestrian's rim during the step.
+        velocity: The vehicle's velocity after the step, in m/s.
         joint: The joint states after the step, see `crowdbench.value.joint_state`.
     """
 
     outcome: Int[np.ndarray, "row mode"]
     gap: Float[np.ndarray, "row mode"]
+    velocity: Float[np.ndarray, "row 2"]
     joint: Float32[np.ndarray, "row mode pedestrian 13"]
 
 
 def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]) -> StepResult:
     """Find out how a step would go under some commands, if the prediction is right.
 
-    During the step everybody moves straight and at constant speed, the pedestrians from where the planner sees them
-    to where they are predicted. The rule for collisions, with pedestrians and obstacles, and for the goal is the
+    The vehicle moves by its dynamics. The pedestrians move straight and at constant speed from where the planner sees
+    them to where they are predicted. The rule for collisions, with pedestrians and obstacles, and for the goal is the
     simulator's. The joint state has the local goal in place of the goal.
 
     Args:
         scene: The vehicles and the pedestrians.
-        commands: Velocities in m/s.
+        commands: Commands of the vehicle's dynamics.
         world: The world of each command.
 
     Returns:
@@ -143,9 +171,17 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
     result = StepResult(
         np.empty((rows, modes), np.int64),
         np.empty((rows, modes)),
+        np.empty((rows, 2)),
         np.empty((rows, modes, max(pedestrians, 1), SIZE), np.float32),
     )
     _try_commands(
+        scene.dynamics.code,
+        scene.dynamics.limits,
+        np.array(scene.body),
+        scene.goal_tolerance or 0.0,
+        scene.heading,
+        scene.angular_speed,
+        scene.velocity,
         scene.position,
         scene.goal,
         scene.local_goal,
@@ -162,6 +198,7 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
         world,
         result.outcome,
         result.gap,
+        result.velocity,
         result.joint,
     )
     return result
@@ -170,6 +207,13 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
 @no_type_check
 @njit(nogil=True)
 def _try_commands(
+    code,
+    limits,
+    body,
+    tolerance,
+    heading,
+    angular_speed,
+    velocity,
     position,
     goal,
     local_goal,
@@ -186,6 +230,7 @@ def _try_commands(
     world,
     outcome,
     gap,
+    new_velocity,
     joint,
 ):
     pedestrians = crowd.shape[2]
@@ -195,19 +240,37 @@ def _try_commands(
     seen = np.ones(pedestrians + 1, np.bool_)
     for row in range(len(commands)):
         w = world[row]
-        vx, vy = commands[row, 0], commands[row, 1]
-        x, y = position[w, 0] + vx * dt, position[w, 1] + vy * dt
+        x, y, vx, vy, _, turn_rate = drive(
+            code,
+            limits,
+            position[w, 0],
+            position[w, 1],
+            velocity[w, 0],
+            velocity[w, 1],
+            heading[w],
+            angular_speed[w],
+            commands[row, 0],
+            commands[row, 1],
+            preferred_speed[w],
+            dt,
+        )
+        new_velocity[row, 0], new_velocity[row, 1] = vx, vy
+        wall_gap = math.inf
+        speed, near = math.hypot(vx, vy), tolerance if tolerance > 0.0 else radius[w]
         dx, dy = goal[w, 0] - x, goal[w, 1] - y
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
         start[0], motion[0, 0], motion[0, 1] = position[w], vx * dt, vy * dt
-        wall_gap = wall_gap_in_step(position[w, 0], position[w, 1], vx * dt, vy * dt, radius[w], obstacles[w])
         for m in range(crowd.shape[1]):
             for p in range(pedestrians):
                 for k in range(2):
                     start[p + 1, k] = crowd[w, m, p, k]
                     motion[p + 1, k] = next_crowd[w, m, p, k] - crowd[w, m, p, k]
-            gap[row, m], _ = nearest_in_step(0, start, motion, radii, seen)
-            outcome[row, m] = step_outcome(gap[row, m], wall_gap, dx, dy, radius[w], False)
+            walls = obstacles[w] if m == 0 else obstacles[w][:0]  # the gap to them is the same in all modes
+            gap[row, m], to_walls = gaps_in_step(
+                code, body, heading[w], speed, turn_rate, dt, start, motion, radii, seen, walls
+            )
+            wall_gap = to_walls if m == 0 else wall_gap
+            outcome[row, m] = step_outcome(gap[row, m], wall_gap, dx, dy, near, False)
             write_joint_state(
                 joint[row, m],
                 x,

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.dynamics import Dynamics, Holonomic, State
 from crowdbench.dynamics.grids import speeds_and_headings
 from crowdbench.errors import InputError
 from crowdbench.geometry import norm
@@ -43,12 +44,13 @@ class ValuePlanner(Planner):
     Args:
         predictor: Predicts the pedestrians.
         value: The value network.
-        actions: Makes the commands to choose from, in m/s, from preferred speeds in m/s.
+        actions: Makes the commands to choose from, in m/s, from preferred speeds in m/s. A vehicle on wheels has the
+            commands of its dynamics instead.
         reward: The reward of a step, called like `crowdbench.reward.reward`.
         shaping: What a change of velocity adds to the reward, called like `kce.ChangeCost`; None for nothing.
         aggregate: Makes one value of a command's values under all predicted futures.
-        limits: Which commands the vehicle can follow; None for all. With limits, braking as hard as they allow is one
-            more command, so that there always is one that they allow.
+        limits: Which changes of velocity are allowed; None for all. With limits, braking as hard as they allow is one
+            more command, so that a holonomic vehicle always has one that they allow.
         explore: Makes further commands around the best one, called like `kce.Exploration`; None for no more. The best
             one is kept unless a further one is better.
         shortlist: Number of commands that are valued under all futures: those that are best in a single future with
@@ -58,6 +60,8 @@ class ValuePlanner(Planner):
     Raises:
         InputError: `shortlist` is not a whole number above 0.
     """
+
+    native = True
 
     def __init__(
         self,
@@ -104,7 +108,7 @@ class ValuePlanner(Planner):
             prediction: What the pedestrians do in the meantime.
 
         Returns:
-            The commands in m/s.
+            The commands.
         """
         steps = prediction.position.shape[2]
         commands = np.empty((len(obs), steps, 2))
@@ -115,35 +119,41 @@ class ValuePlanner(Planner):
         return commands
 
     def decide(self, scene: Scene) -> Float[np.ndarray, "world 2"]:
-        """The command for each world, in m/s."""
-        command, value = self._best_of(scene, self.commands(scene.velocity, scene.preferred_speed, scene.dt))
+        """The command for each world."""
+        offered = self.commands(scene.state, scene.dynamics, scene.preferred_speed, scene.dt)
+        command, value = self._best_of(scene, offered)
         if self.explore is not None:
             finer, finer_value = self._best_of(scene, self.explore(scene, command))
             command = np.where((finer_value > value)[:, None], finer, command)
         return command
 
     def commands(
-        self, velocity: Float[np.ndarray, "world 2"], preferred_speed: Float[np.ndarray, "world"], dt: float
+        self, state: State, dynamics: Dynamics, preferred_speed: Float[np.ndarray, "world"], dt: float
     ) -> Float[np.ndarray, "world action 2"]:
-        """The commands to choose from. Not all of them are within the limits; with limits, the last one is.
+        """The commands to choose from. Not all of them are within the limits; with limits, the last one brakes.
 
         Args:
-            velocity: The vehicle's velocity before the step, in m/s.
+            state: The vehicle before the step.
+            dynamics: How it moves.
             preferred_speed: Its preferred speed in m/s.
             dt: Duration of the step in seconds.
 
         Returns:
-            The commands in m/s.
+            The commands.
         """
-        commands = self.actions(preferred_speed)
+        if isinstance(dynamics, Holonomic):
+            commands = self.actions(preferred_speed)
+        else:
+            commands = dynamics.commands(state, preferred_speed, dt)
         if self.limits is None:
             return commands
-        return np.concatenate([commands, self.limits.brake(velocity, dt)[:, None]], axis=1)
+        brake = dynamics.follow(state, self.limits.brake(state.velocity, dt), preferred_speed, dt)
+        return np.concatenate([commands, brake[:, None]], axis=1)
 
     def _best_of(
         self, scene: Scene, commands: Float[np.ndarray, "world action 2"]
     ) -> tuple[Float[np.ndarray, "world 2"], Float[np.ndarray, "world"]]:
-        """The best of some commands for each world, in m/s, and its value."""
+        """The best of some commands for each world, and its value."""
         if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.shape[1] > 1:
             commands = self._shortlisted(scene, commands, self.shortlist)
         values = self.values(scene, commands)
@@ -153,7 +163,7 @@ class ValuePlanner(Planner):
     def _shortlisted(
         self, scene: Scene, commands: Float[np.ndarray, "world action 2"], number: int
     ) -> Float[np.ndarray, "world kept 2"]:
-        """The `number` commands that are best under the mean of the futures, in m/s."""
+        """The `number` commands that are best under the mean of the futures."""
         loss = -self.values(mean_future(scene), commands)
         # In their old order, which decides between commands of equal value.
         kept = np.sort(loss.argsort(axis=1, kind="stable")[:, :number], axis=1)
@@ -164,15 +174,15 @@ class ValuePlanner(Planner):
 
         Args:
             scene: The state before the step, and the predicted crowd.
-            commands: The commands in m/s.
+            commands: The commands.
 
         Returns:
-            Their values: minus infinity where the vehicle cannot follow the command.
+            Their values: minus infinity where the limits exclude the command.
         """
         arranged = self.aggregate.arrange(scene)
         allowed = np.ones(commands.shape[:2], bool)
         if self.limits is not None:
-            allowed = self.limits.allow(scene.velocity, commands, scene.dt)
+            allowed = self.limits.allow(scene.velocity, scene.velocities(commands), scene.dt)
         flat, world = commands[allowed], np.nonzero(allowed)[0]
         found = np.empty(len(flat))
 
@@ -191,7 +201,7 @@ class ValuePlanner(Planner):
         tried = try_commands(scene, commands, world)
         now = self.reward(tried.outcome, tried.gap, scene.dt)
         if self.shaping is not None:
-            now = now + self.shaping(tried.outcome, tried.gap, norm(commands - scene.velocity[world]))
+            now = now + self.shaping(tried.outcome, tried.gap, norm(tried.velocity - scene.velocity[world]))
         factor = discount(scene.preferred_speed, scene.dt)[world, None]
         later = evaluate(self.value, tried.joint, _present(scene, world, tried.joint.shape))[0]
         return self.aggregate.combine(now + np.where(tried.outcome == Outcome.RUNNING, factor * later, 0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import no_type_check
 
@@ -9,9 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.compiled import njit
-from crowdbench.geometry import nearest_in_step
+from crowdbench.dynamics import DISC, FREE, Body, Dynamics, State
+from crowdbench.dynamics.motion import drive
 from crowdbench.sim.episode import step_outcome
-from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.swept import gaps_in_step
 from crowdbench.types import Outcome
 
 
@@ -20,7 +22,7 @@ class Futures:
     """The vehicle now, and the pedestrians now and in each predicted future.
 
     Attributes:
-        position: The vehicle's centre in metres.
+        state: The vehicle's motion.
         goal: Where it is going, in metres.
         radius: Its radius in metres.
         preferred_speed: Its preferred and largest speed in m/s.
@@ -32,9 +34,12 @@ class Futures:
         waypoint: Index of its next waypoint.
         obstacles: Polygons in metres, NaN after the last corner.
         dt: Length of a step in seconds.
+        dynamics: How the vehicle moves.
+        goal_tolerance: Distance in metres to its goal below which it has arrived; None stands for its radius.
+        body: The discs that it consists of.
     """
 
-    position: Float[np.ndarray, "world 2"]
+    state: State
     goal: Float[np.ndarray, "world 2"]
     radius: Float[np.ndarray, "world"]
     preferred_speed: Float[np.ndarray, "world"]
@@ -46,6 +51,9 @@ class Futures:
     waypoint: Int[np.ndarray, "world"]
     obstacles: Float[np.ndarray, "world polygon corner 2"]
     dt: float
+    dynamics: Dynamics = FREE
+    goal_tolerance: float | None = None
+    body: Body = DISC
 
 
 @dataclass(frozen=True)
@@ -71,7 +79,7 @@ def try_sequences(
 
     Args:
         futures: The vehicle and the pedestrians.
-        commands: Velocities in m/s.
+        commands: Commands of the vehicle's dynamics.
         margin: By how much gaps are made smaller in each step, in metres.
 
     Returns:
@@ -81,9 +89,14 @@ def try_sequences(
     shape = worlds, sequences, futures.crowd.shape[1]
     result = SequenceResult(np.empty(shape, np.int64), np.empty(shape, np.int64), np.full((*shape, steps), np.inf))
     _try_sequences(
-        futures.position,
+        futures.dynamics.code,
+        futures.dynamics.limits,
+        np.array(futures.body),
+        futures.goal_tolerance or 0.0,
+        *futures.state,
         futures.goal,
         futures.radius,
+        futures.preferred_speed,
         futures.crowd,
         futures.crowd_radius,
         futures.present,
@@ -101,34 +114,73 @@ def try_sequences(
 @no_type_check
 @njit(nogil=True)
 def _try_sequences(
-    position, goal, radius, crowd, crowd_radius, present, obstacles, dt, commands, margin, outcome, steps, gap
+    code,
+    limits,
+    body,
+    tolerance,
+    position,
+    velocity,
+    heading,
+    angular_speed,
+    goal,
+    radius,
+    max_speed,
+    crowd,
+    crowd_radius,
+    present,
+    obstacles,
+    dt,
+    commands,
+    margin,
+    outcome,
+    steps,
+    gap,
 ):
-    pedestrians = crowd.shape[3]
+    pedestrians, horizon = crowd.shape[3], commands.shape[2]
     start = np.empty((pedestrians + 1, 2))
     motion = np.empty((pedestrians + 1, 2))
     radii = np.empty(pedestrians + 1)
     seen = np.ones(pedestrians + 1, np.bool_)
+    # x, y, vx, vy, heading and angular speed before the first step and after each one.
+    way = np.empty((horizon + 1, 6))
     running = Outcome.RUNNING.value
     for w in range(len(commands)):
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
+        near = tolerance if tolerance > 0.0 else radius[w]
+        way[0, :2], way[0, 2:4], way[0, 4], way[0, 5] = position[w], velocity[w], heading[w], angular_speed[w]
         for s in range(commands.shape[1]):
+            for t in range(horizon):
+                before, command = way[t], commands[w, s, t]
+                way[t + 1] = drive(
+                    code,
+                    limits,
+                    before[0],
+                    before[1],
+                    before[2],
+                    before[3],
+                    before[4],
+                    before[5],
+                    command[0],
+                    command[1],
+                    max_speed[w],
+                    dt,
+                )
             for m in range(crowd.shape[1]):
-                start[0] = position[w]
                 ended = running
                 t = 0
-                while t < commands.shape[2] and ended == running:
+                while t < horizon and ended == running:
+                    after = way[t + 1]
                     for k in range(2):
-                        motion[0, k] = commands[w, s, t, k] * dt
+                        start[0, k], motion[0, k] = way[t, k], after[2 + k] * dt
                         for p in range(pedestrians):
                             start[p + 1, k] = crowd[w, m, t, p, k]
                             motion[p + 1, k] = crowd[w, m, t + 1, p, k] - crowd[w, m, t, p, k]
-                    x, y, dx, dy = start[0, 0], start[0, 1], motion[0, 0], motion[0, 1]
-                    wall_gap = wall_gap_in_step(x, y, dx, dy, radius[w], obstacles[w])
-                    nearest, _ = nearest_in_step(0, start, motion, radii, seen)
+                    speed = math.hypot(after[2], after[3])
+                    nearest, wall_gap = gaps_in_step(
+                        code, body, way[t, 4], speed, after[5], dt, start, motion, radii, seen, obstacles[w]
+                    )
                     gap[w, s, m, t] = nearest - margin[t]
-                    for k in range(2):
-                        start[0, k] += motion[0, k]
-                    dx, dy = goal[w, 0] - start[0, 0], goal[w, 1] - start[0, 1]
-                    ended = step_outcome(gap[w, s, m, t], wall_gap, dx, dy, radius[w], False)
+                    dx, dy = goal[w, 0] - after[0], goal[w, 1] - after[1]
+                    ended = step_outcome(gap[w, s, m, t], wall_gap, dx, dy, near, False)
                     t += 1
                 outcome[w, s, m], steps[w, s, m] = ended, t

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float, Num
 
+from crowdbench.dynamics import FREE, Dynamics, Holonomic, State
 from crowdbench.errors import InputError
 from crowdbench.geometry import local_goals, norm
 from crowdbench.numbers import is_integer, is_number
@@ -77,6 +78,8 @@ class SequencePlanner(Planner):
         InputError: `horizon` is not a whole number above 0, or `margin` is negative.
     """
 
+    native = True
+
     def __init__(
         self, lookahead: ValuePlanner, search: CrossEntropy = SEARCH, horizon: int = 8, margin: float = 0.04
     ) -> None:
@@ -112,8 +115,8 @@ class SequencePlanner(Planner):
         in_chunks(fill, len(obs), max(1, CHUNK // rows))
         if obs.logs is not None:
             obs.log("predicted", prediction.position)
-            way = obs.vehicle.position[:, None] + (best * obs.dt).cumsum(axis=1)
-            obs.log("planned", way[:, :, None])
+            way = _driven(obs.vehicle.state, best[:, None], obs.vehicle.dynamics, obs.vehicle.preferred_speed, obs.dt)
+            obs.log("planned", way.position.swapaxes(1, 2))
         return best[:, :steps]
 
     def _noise(self, obs: Observation, horizon: int) -> Float[np.ndarray, "world round sample time 2"]:
@@ -127,14 +130,20 @@ class SequencePlanner(Planner):
         guess: Float[np.ndarray, "world time 2"],
         noise: Float[np.ndarray, "world round sample time 2"],
     ) -> Float[np.ndarray, "world time 2"]:
-        """The best sequence of each world, in m/s."""
-        constant = self.lookahead.actions(futures.preferred_speed)[:, :, None].repeat(guess.shape[1], axis=2)
+        """The best sequence of each world."""
+        horizon = guess.shape[1]
+        if isinstance(futures.dynamics, Holonomic):
+            commands = self.lookahead.actions(futures.preferred_speed)
+        else:
+            # Those that can be reached by its end.
+            commands = futures.dynamics.commands(futures.state, futures.preferred_speed, horizon * futures.dt)
+        constant = commands[:, :, None].repeat(horizon, axis=2)
         # What is tried beside the samples of a round: at first the guesses, and then the best so far.
         beside = np.concatenate([guess[:, None], constant], axis=1)
         mean, spread = guess, np.full_like(guess, self.search.spread)
         for number in range(self.search.rounds):
             sampled = mean[:, None] + spread[:, None] * noise[:, number]
-            tried = np.concatenate([beside, _within(sampled, futures.preferred_speed)], axis=1)
+            tried = np.concatenate([beside, _within(sampled, futures)], axis=1)
             values = self.values(futures, tried)
             ranked = values.argsort(axis=1, kind="stable")[:, ::-1, None, None]
             elites = np.take_along_axis(tried, ranked[:, : self.search.elites], axis=1)
@@ -151,7 +160,7 @@ class SequencePlanner(Planner):
 
         Args:
             futures: The vehicle and the pedestrians.
-            commands: Velocities in m/s.
+            commands: Commands of the vehicle's dynamics.
 
         Returns:
             Their values.
@@ -171,13 +180,18 @@ class SequencePlanner(Planner):
     ) -> Float[np.ndarray, "world sequence"]:
         """The network's values of the states after the last command, among the pedestrians' mean futures."""
         worlds, sequences = commands.shape[:2]
-        position = futures.position[:, None] + futures.dt * commands.sum(axis=2)
+        if futures.dynamics == FREE:
+            position = futures.state.position[:, None] + futures.dt * commands.sum(axis=2)
+            velocity = commands[:, :, -1]
+        else:
+            end = _driven(futures.state, commands, futures.dynamics, futures.preferred_speed, futures.dt)
+            position, velocity = end.position[:, :, -1], end.velocity[:, :, -1]
         crowd = futures.crowd[:, :, -1].mean(axis=1)
         present = np.ones((worlds, sequences, 1 + futures.present.shape[1]), bool)
         present[:, :, 1:] = futures.present[:, None]
         joint = joint_states(
             _joined(position, crowd),
-            _joined(commands[:, :, -1], futures.crowd_velocity),
+            _joined(velocity, futures.crowd_velocity),
             _joined(_repeated(futures.radius, sequences), futures.crowd_radius),
             present,
             _local_goals(futures, position),
@@ -222,7 +236,7 @@ def _futures(obs: Observation, prediction: Prediction, part: slice) -> Futures:
     after = prediction.position[part]
     now = np.broadcast_to(pedestrians.position[part, None, None], (*after.shape[:2], 1, *after.shape[3:]))
     return Futures(
-        position=vehicle.position[part],
+        state=State(*(array[part] for array in vehicle.state)),
         goal=vehicle.goal[part],
         radius=vehicle.radius[part],
         preferred_speed=vehicle.preferred_speed[part],
@@ -234,12 +248,35 @@ def _futures(obs: Observation, prediction: Prediction, part: slice) -> Futures:
         waypoint=vehicle.waypoint[part],
         obstacles=obs.obstacles[part],
         dt=obs.dt,
+        dynamics=vehicle.dynamics,
+        goal_tolerance=vehicle.goal_tolerance,
+        body=vehicle.body,
     )
 
 
+def _driven(
+    state: State,
+    commands: Float[np.ndarray, "world sequence time 2"],
+    dynamics: Dynamics,
+    max_speed: Float[np.ndarray, "world"],
+    dt: float,
+) -> State:
+    """The states `[world, sequence, time]` after each command of sequences, from one state per world."""
+    sequences, steps = commands.shape[1:3]
+    each = State(*(_repeated(array, sequences) for array in state))
+    states = []
+    for t in range(steps):
+        each = dynamics.step(each, commands[:, :, t], _repeated(max_speed, sequences), dt)
+        states.append(each)
+    return State(*(np.stack(arrays, axis=2) for arrays in zip(*states, strict=True)))
+
+
 def _within(
-    commands: Float[np.ndarray, "world sequence time 2"], limit: Float[np.ndarray, "world"]
+    commands: Float[np.ndarray, "world sequence time 2"], futures: Futures
 ) -> Float[np.ndarray, "world sequence time 2"]:
-    """The commands, shortened to a speed limit in m/s."""
-    limit = limit[:, None, None]
+    """The commands, made small enough for the limits of the dynamics."""
+    if not isinstance(futures.dynamics, Holonomic):
+        low, high = (bound[:, None, None] for bound in futures.dynamics.space(futures.preferred_speed))
+        return np.clip(commands, low, high)
+    limit = futures.preferred_speed[:, None, None]
     return commands * (limit / np.maximum(norm(commands), limit))[..., None]
