@@ -2,6 +2,7 @@
 
 import re
 import sys
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -13,8 +14,10 @@ from helpers import drive, same
 
 from crowdbench.catalog import load_planner, load_policy, load_scenario
 from crowdbench.cli import app
-from crowdbench.evaluate.check import check_planner, check_policy
+from crowdbench.evaluate.check import check_layout, check_planner, check_policy
+from crowdbench.plugin_options import read_options
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.weights.store import digest
 
 ROOT = Path(__file__).parent.parent
@@ -128,3 +131,20 @@ def test_the_scenario_of_contributing_loads(tmp_path):
     assert place.number == (1, 8)
     assert set(place.policies) == {"orca", "social_force"}
     assert place.preferred_speed.std == 0.2
+
+
+def test_the_layout_of_the_docs_keeps_the_contract(tmp_path):
+    (tmp_path / "pillar.py").write_text(blocks("docs/layouts.md")[0])
+    (tmp_path / "mine.toml").write_text('[layout]\ngenerator = "./pillar.py"\n')
+    place = load_scenario(str(tmp_path / "mine.toml"), {"layout.size": 1.5})
+    points = check_layout(partial(place.layout, size=1.5), "pillar", place, Cases.parse("val:3"))
+    assert {point.name for point in points if not point.kept} <= {"random numbers"}  # the tests' type checker draws
+    start = place.worlds(Cases.parse("2"))
+    assert start.obstacles.max() == 0.75
+    assert np.isfinite(start.route[:, :2, 0]).all()
+
+
+def test_the_docs_list_every_layout_with_its_options():
+    rows = re.findall(r"^\| `(\w+)` \| .*? \| (.*?) \|", (ROOT / "docs" / "layouts.md").read_text(), re.MULTILINE)
+    options = {name: {option.name for option in read_options(LAYOUTS[name]) if option.keyword_only} for name in LAYOUTS}
+    assert {name: set(re.findall(r"`(\w+)`", cell)) for name, cell in rows} == options

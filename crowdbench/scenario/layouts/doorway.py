@@ -53,10 +53,13 @@ def layout(
         ),
     )
     placed.add((0.0, -distance), (0.0, distance))
+    # Goals are well behind the door, so that nobody stands in it.
     lower: Area = ((-side, -back), (side, -distance / 4))
     upper: Area = ((-side, distance / 4), (side, back))
+    bottom: Area = ((-side, -back), (side, -distance / 2))
+    top: Area = ((-side, distance / 2), (side, back))
     for _ in preferred_speed[1:]:
         upwards = rng.random() < 0.5
-        if not placed.draw(rng, *((lower, upper) if upwards else (upper, lower))):
+        if not placed.draw(rng, *((lower, top) if upwards else (upper, bottom))):
             raise placed.full(f"one side of a wall of {width:g} m", "layout.width")
     return placed.placement()
