@@ -279,7 +279,7 @@ class _Given(Generic[Loaded]):
         self, word: str, option: str, digests: Mapping[str, str], given: Iterable[Loaded], source: str
     ) -> None:
         self.given: dict[str, Loaded] = {one[0]: one for one in given}
-        self.word, self.option, self.digests, self.source = word, option, digests, source
+        self.word, self.option, self.digests = word, option, digests
         for name, _, digest in self.given.values():
             if name not in digests:
                 raise InputError(f"{source}: no {word} of the run is a file called {name}")
@@ -295,7 +295,7 @@ class _Given(Generic[Loaded]):
             return self.given[name]
         if name in self.digests or plugins.file_and_function(name)[0] is not None:
             raise InputError(
-                f"{self.source}: the {self.word} {name} of the run is a file of somebody's own: give it with "
+                f"the {self.word} {name} of the run is a file of somebody's own: give it with "
                 f"{self.option} ./{name}.py, and it is loaded if its digest is {self.digests.get(name)}"
             )
         return None

@@ -183,7 +183,8 @@ def _policies(shares: Mapping[str, float], load_policy: PolicyLoader, location: 
     """The policies by their names, in the order of these: who follows which must not depend on the file's order."""
     policies: dict[str, _Policy] = {}
     for spec, share in shares.items():
-        name, made, digest = load_policy(spec)
+        with location.named():
+            name, made, digest = load_policy(spec)
         if name in policies or name in PedestriansSpec.model_fields:
             right = f"of policies that are not both called {name}, nor as another key here"
             raise location.wrong(", ".join(shares), right)

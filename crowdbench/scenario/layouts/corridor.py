@@ -24,10 +24,10 @@ def layout(
 
     Args:
         rng: The random stream of the case.
-        radius: Radii in metres.
-        preferred_speed: Preferred speeds in m/s.
-        width: Width of the corridor in metres.
-        distance: Distance in metres of the vehicle's start and goal from the middle of the corridor.
+        radius: Radii [m].
+        preferred_speed: Preferred speeds [m/s].
+        width: Width of the corridor [m].
+        distance: Distance of the vehicle's start and goal from the middle of the corridor [m].
 
     Returns:
         Starts, goals, and the walls.

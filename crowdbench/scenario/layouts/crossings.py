@@ -28,12 +28,12 @@ def circle_crossing(
 
     Args:
         rng: The random stream of the case.
-        radius: Radii in metres.
-        preferred_speed: Preferred speeds in m/s.
-        circle_radius: Radius of the circle in metres.
-        perturbation: Standard deviation in metres of Gaussian noise on each coordinate of the vehicle's start and of
-            all goals; noise of more than two standard deviations is drawn again. The starts of pedestrians always have
-            CrowdNav's uniform noise.
+        radius: Radii [m].
+        preferred_speed: Preferred speeds [m/s].
+        circle_radius: Radius of the circle [m].
+        perturbation: Standard deviation of Gaussian noise on each coordinate of the vehicle's start and of all goals;
+            noise of more than two standard deviations is drawn again. The starts of pedestrians always have CrowdNav's
+            uniform noise [m].
 
     Returns:
         Starts and goals.
@@ -78,10 +78,10 @@ def square_crossing(
 
     Args:
         rng: The random stream of the case.
-        radius: Radii in metres.
-        preferred_speed: Preferred speeds in m/s.
-        square_width: Width of the square in metres.
-        circle_radius: The vehicle goes from (0, -circle_radius) to (0, circle_radius), in metres.
+        radius: Radii [m].
+        preferred_speed: Preferred speeds [m/s].
+        square_width: Width of the square [m].
+        circle_radius: The vehicle goes from (0, -circle_radius) to (0, circle_radius) [m].
 
     Returns:
         Starts and goals.
@@ -108,7 +108,7 @@ def _first(
 
     Args:
         rng: The random stream of the case.
-        width: Width of the square in metres.
+        width: Width of the square [m].
         side: -1 for its left half, 1 for its right half.
         clear: Whether a position in metres is clear.
     """

@@ -26,11 +26,11 @@ def layout(
 
     Args:
         rng: The random stream of the case.
-        radius: Radii in metres.
-        preferred_speed: Preferred speeds in m/s.
-        door_width: Width of the door in metres.
-        width: Width of the rooms in metres.
-        distance: Distance in metres of the vehicle's start and goal from the wall with the door.
+        radius: Radii [m].
+        preferred_speed: Preferred speeds [m/s].
+        door_width: Width of the door [m].
+        width: Width of the rooms [m].
+        distance: Distance of the vehicle's start and goal from the wall with the door [m].
 
     Returns:
         Starts, goals, and the walls.

@@ -37,10 +37,10 @@ def layout(
 
     Args:
         rng: The random stream of the case.
-        radius: Radii in metres.
-        preferred_speed: Preferred speeds in m/s.
-        width: Width of the room in metres.
-        blocks: Number of blocks.
+        radius: Radii [m].
+        preferred_speed: Preferred speeds [m/s].
+        width: Width of the room [m].
+        blocks: Number of blocks [1].
 
     Returns:
         Starts, goals, and walls and blocks.

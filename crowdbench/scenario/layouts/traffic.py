@@ -26,11 +26,11 @@ def layout(
 
     Args:
         rng: The random stream of the case.
-        radius: Radii in metres.
-        preferred_speed: Preferred speeds in m/s.
-        width: Width of the street in metres.
-        distance: Distance in metres of the vehicle's start and goal from the middle of the street.
-        against: Share of the pedestrians who walk against the vehicle.
+        radius: Radii [m].
+        preferred_speed: Preferred speeds [m/s].
+        width: Width of the street [m].
+        distance: Distance of the vehicle's start and goal from the middle of the street [m].
+        against: Share of the pedestrians who walk against the vehicle [1].
 
     Returns:
         Starts, goals, and the walls.
