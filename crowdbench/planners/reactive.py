@@ -9,7 +9,7 @@ from crowdbench.geometry import norm, toward_goal
 from crowdbench.planners.base import Planner
 from crowdbench.planners.walls import along_walls
 from crowdbench.sim.orca import orca_velocities
-from crowdbench.sim.pedestrians import ORCA_MARGIN
+from crowdbench.sim.pedestrians import ORCA_MARGIN, TIME_HORIZON_OBST
 from crowdbench.sim.social_force import social_force_velocities
 from crowdbench.types import Observation
 
@@ -49,6 +49,7 @@ class ORCAPlanner(Planner):
             np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
             time_step=obs.dt,
             obstacles=obs.obstacles,
+            time_horizon_obst=TIME_HORIZON_OBST,
             seen=present,
             moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
         )[:, 0]

@@ -13,7 +13,11 @@ from crowdbench.errors import InputError
 from crowdbench.scenario.placement import Placement
 
 CLEARANCE = 0.2
-"""Smallest distance in metres between the rims of two agents at the start, or a rim and a wall."""
+"""Smallest distance in metres between the rims of two agents at the start."""
+
+WALL_CLEARANCE = 0.5
+"""Smallest distance in metres between a rim and a wall at starts and goals. Nearer to a wall, the border of a social
+force keeps pedestrians away from their goals."""
 
 TRIES = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
@@ -75,7 +79,7 @@ class Placed:
         return True
 
     def _drawn(self, rng: np.random.Generator, area: Area, others: list[Point]) -> Point | None:
-        reach = self.radius[len(self.start)] + CLEARANCE
+        reach = self.radius[len(self.start)] + WALL_CLEARANCE
         for _ in range(TRIES):
             x, y = rng.uniform(*area).tolist()
             if self._clear(x, y, others) and not self.walls.dwithin(shapely.Point(x, y), reach):

@@ -1,0 +1,68 @@
+"""Every planner drives in every world that ships, and what one sees in it is what the simulator did."""
+
+import numpy as np
+import pytest
+from helpers import drive
+
+from crowdbench.catalog import load_scenario, scenarios
+from crowdbench.evaluate.metrics import sct, spl
+from crowdbench.geometry import norm
+from crowdbench.scenario.cases import Cases
+from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.types import Outcome
+
+WALLED = ["doorway", "corridor", "blind_corner", "intersection", "room", "traffic"]
+
+
+def test_the_walled_worlds_are_those_that_ship():
+    found = [name for name, _ in scenarios() if load_scenario(name).worlds(Cases.parse("1")).obstacles.shape[1]]
+    assert sorted(found) == sorted(WALLED)
+
+
+def examined(trace):
+    """Check that episodes end, that only the vehicle meets walls, and that it ends there."""
+    assert (trace.outcome != Outcome.RUNNING).all()
+    hit = np.nanmin(trace.wall_gap, axis=1) < 0.0
+    assert (hit[trace.outcome == Outcome.WALL_COLLISION]).all()
+    assert not hit[trace.outcome == Outcome.SUCCESS].any()
+    for row in range(len(trace)):
+        end = trace.position[row, trace.steps[row], 1:]
+        for (x, y), radius in zip(end, trace.radius[row, 0, 1:], strict=True):
+            assert wall_gap_in_step(x, y, 0.0, 0.0, radius, trace.obstacles[row]) > -1e-6
+
+
+@pytest.mark.parametrize("scenario", WALLED)
+@pytest.mark.parametrize("planner", ["straight", "orca", "social_force", "ppo"])
+def test_planners_drive_among_walls(planner, scenario):
+    examined(drive(planner, "5", scenario))
+
+
+@pytest.mark.parametrize("planner", ["lstm_rl", "sarl_lin", "sarl_sgan_seq"])
+def test_learned_planners_drive_among_walls(planner):
+    examined(drive(planner, "1", "blind_corner"))
+
+
+@pytest.mark.parametrize("pedestrians", ["orca", "social_force"])
+def test_pedestrians_reach_their_goals_among_walls(pedestrians):
+    scenario = load_scenario("room", {"time_limit": 60.0}, pedestrians=pedestrians)
+    world = scenario.worlds(Cases.parse("20"))
+    for _ in range(200):
+        world, _ = step(world, np.zeros((20, 2)), crowd_velocities(world, scenario.policies))
+    arrived = norm(world.position - world.goal)[:, 1:] < world.radius[:, 1:]
+    assert arrived.mean() > 0.85
+
+
+def test_straight_never_slows_down():
+    trace = drive("straight", "5", "blind_corner")
+    for row, steps in enumerate(trace.steps):
+        assert norm(trace.velocity[row, 1 : steps + 1, 0]) == pytest.approx(1.0)
+
+
+def test_spl_and_sct_take_the_way_round_walls():
+    trace = drive("straight", "30", "blind_corner", pedestrians__number=0)
+    assert (trace.outcome == Outcome.SUCCESS).all()
+    assert ((spl(trace) > 0.97) & (spl(trace) <= 1.0)).all()
+    assert (sct(trace) > 0.9).all()
+    beeline = norm(trace.goal[:, 0, 0] - trace.position[:, 0, 0])
+    assert (beeline < 0.95 * trace.steps * trace.rules.dt).all()
