@@ -122,7 +122,7 @@ def test_many_worlds_are_rendered():
         ({"reward": "nothing"}, r"^no reward is called 'nothing'; there are crowdnav, progress, or give a file"),
         ({"reward": "./missing.py"}, r"^there is no file .*missing\.py"),
         ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict$"),
-        ({"action": "up"}, r"^action is 'up', but must be one of world, goal_frame$"),
+        ({"action": "up"}, r"^action is 'up', but must be one of world, goal_frame, native$"),
         ({"nearest": 0}, r"^nearest is 0, but must be a whole number of pedestrians, 1 or more$"),
     ],
 )

@@ -169,6 +169,7 @@ DIGESTS = {
     "blind_corner": "c037ed08131e",
     "circle_crossing_10": "99db7ad6d68a",
     "circle_crossing_5": "62b37e5ddf61",
+    "circle_crossing_5_car": "b047cd55b71e",
     "circle_crossing_5_gaussian": "158d2409960c",
     "circle_crossing_5_social_force": "bb7bd7ef9d67",
     "circle_crossing_5_unicycle": "87916ba303c1",

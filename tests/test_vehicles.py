@@ -8,13 +8,26 @@ from helpers import drive, same, world
 
 from crowdbench.catalog import load_scenario
 from crowdbench.dynamics import Bicycle, State, Unicycle, chain, hull
+from crowdbench.envs.outcomes import outcomes_of_agents
+from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.metrics import spl
+from crowdbench.evaluate.rollout import rollout
+from crowdbench.geometry import wrap_angle
+from crowdbench.isolation.planner import IsolatedPlanner
 from crowdbench.planners.base import Planner
+from crowdbench.planners.lookahead.one_step import moved as one_moved
+from crowdbench.planners.lookahead.one_step import scene_of, try_commands
+from crowdbench.planners.sequences.planner import _driven
+from crowdbench.predict import Prediction
+from crowdbench.record.read import read
+from crowdbench.record.write import Recorder
+from crowdbench.scenario.cases import Cases
 from crowdbench.sim.episode import check_step
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities
+from crowdbench.sim.simulator import advance, crowd_velocities, step
 from crowdbench.types import Outcome, Rules
 
 UNICYCLE = {"vehicle__dynamics": "unicycle"}
@@ -192,3 +205,87 @@ def test_velocities_ahead_are_followed_step_by_step():
     one = drive(Turn(), "2", pedestrians__number=0, **UNICYCLE)
     ahead = drive(Turn(), "2", pedestrians__number=0, replan_every=8, **UNICYCLE)
     assert same(one, ahead)
+
+
+@pytest.mark.parametrize("planner", ["sarl_cvm", "ppo", "sarl_sgan_kce"])
+def test_learned_planners_drive_a_unicycle_to_an_end(planner):
+    trace = drive(planner, "3", **UNICYCLE)
+    assert (trace.outcome != Outcome.RUNNING).all()
+    turn = np.abs(wrap_angle(np.diff(trace.heading, axis=1)))
+    assert np.nanmax(turn) <= 2.0 * 0.25 + 1e-9
+
+
+@pytest.mark.parametrize("vehicle", [UNICYCLE, CAR])
+def test_a_lookahead_foresees_what_the_simulator_does(vehicle):
+    place = load_scenario("circle_crossing_5", {key.replace("__", "."): value for key, value in vehicle.items()})
+    now = place.draw("val", np.arange(4))
+    for _ in range(5):
+        command = place.rules.dynamics.space(now.preferred_speed[:, 0])[1] * 0.6
+        walks = crowd_velocities(now, place.policies)
+        after, check = step(now, command, walks)
+        obs = observe(now)
+        ahead = Prediction(after.position[:, None, None, 1:], after.velocity[:, None, None, 1:])
+        tried = try_commands(scene_of(obs, ahead, 0, obs.vehicle), command, np.arange(4))
+        assert tried.gap[:, 0] == pytest.approx(check.gap, abs=1e-12)
+        assert tried.outcome[:, 0].tolist() == check.outcome.tolist()
+        assert np.array_equal(tried.velocity, after.velocity[:, 0])
+        assert np.array_equal(one_moved(obs.vehicle, command, obs).position, after.position[:, 0])
+        now = after
+
+
+def test_sequences_are_rolled_by_the_dynamics():
+    place = load_scenario("circle_crossing_5", {"vehicle.dynamics": "unicycle", "pedestrians.number": 0})
+    now = start = place.draw("val", np.arange(2))
+    commands = np.random.default_rng(1).uniform([0.0, -2.0], [1.0, 2.0], (2, 1, 6, 2))
+    obs = observe(start)
+    way = _driven(obs.vehicle.state, commands, place.rules.dynamics, obs.vehicle.preferred_speed, obs.dt)
+    for t in range(6):
+        now = advance(now, commands[:, 0, t][:, None])
+        assert np.array_equal(way.position[:, 0, t], now.position[:, 0])
+        assert np.array_equal(way.heading[:, 0, t], now.heading)
+
+
+def test_actions_of_environments_are_velocities_or_commands():
+    actions = {"world": (0.0, 1.0), "native": (1.0, 0.0)}
+    ends = []
+    for action, value in actions.items():
+        env = VehicleEnv(load_scenario("circle_crossing_5", {"vehicle.dynamics": "unicycle"}), action=action)
+        env.reset(options={"case": "test:0"})
+        env.step(np.array(value))
+        ends.append(env._world.position[0, 0])
+    # The vehicle faces its goal, which is at the top: its velocity upwards is a command straight on.
+    assert ends[0] == pytest.approx(ends[1])
+    assert env.action_space.low.tolist() == [0.0, -2.0]
+    assert env.action_space.high.tolist() == [1.0, 2.0]
+
+
+def test_a_pedestrian_is_checked_against_the_whole_body_of_a_vehicle_that_it_sees():
+    rules = Rules(visible=True, dynamics=Unicycle(), body=chain(2.0, 0.3, 0.0))
+    before, after = moved(rules, (0.0, 0.0), ((0.0, 0.0), (1.5, 0.0), (9.0, 9.0)))
+    _, gaps = outcomes_of_agents(before, after, check_step(before, after))
+    assert gaps[:2] == pytest.approx([0.2, 0.2])
+
+
+def test_a_recorded_vehicle_has_its_dynamics_its_body_and_its_tolerance(tmp_path):
+    trace = drive("orca", "2", vehicle__goal_tolerance=1.0, **CAR)
+    path = tmp_path / "run.rrd"
+    with Recorder(path, planner="orca", scenario="mine", scenario_digest="0", cases=2) as recorder:
+        recorder.add(trace, np.arange(2), {})
+    found = read(path).trace
+    assert found.rules == trace.rules
+    assert same(found, trace)
+
+
+def test_spl_counts_the_way_to_where_the_vehicle_arrives():
+    trace = drive("straight", "1", pedestrians__number=0, vehicle__goal_tolerance=2.0)
+    assert spl(trace)[0] == pytest.approx(6.0 / 6.25)
+
+
+def test_a_planner_in_its_own_process_drives_holonomic_discs_only():
+    scenario = load_scenario("circle_crossing_5", {"vehicle.dynamics": "unicycle"})
+    planner = IsolatedPlanner("orca", {})
+    try:
+        with pytest.raises(InputError, match="planner orca runs in a process of its own, which is not told of"):
+            rollout(Driver(planner, "orca"), scenario, Cases.parse("1"))
+    finally:
+        planner.close()

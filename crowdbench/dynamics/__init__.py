@@ -4,7 +4,7 @@ Simulator, lookaheads, samplers and environments all move the vehicle by this pa
 """
 
 from crowdbench.dynamics.base import Dynamics, State
-from crowdbench.dynamics.body import DISC, Body, chain, hull, reach
+from crowdbench.dynamics.body import DISC, Body, chain, hull, nose, outline, reach
 from crowdbench.dynamics.motion import SPEED_TOLERANCE
 from crowdbench.dynamics.vehicles import DYNAMICS, FREE, Bicycle, Holonomic, Unicycle
 
@@ -21,5 +21,7 @@ __all__ = [
     "Unicycle",
     "chain",
     "hull",
+    "nose",
+    "outline",
     "reach",
 ]

@@ -59,3 +59,35 @@ def hull(
         return position, radius
     direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     return position + (body[0] + body[-1]) / 2.0 * direction, radius + (body[-1] - body[0]) / 2.0
+
+
+def outline(
+    body: Body, position: Float[np.ndarray, "*batch 2"], heading: Float[np.ndarray, "*batch"], radius: float
+) -> Float[np.ndarray, "*batch point 2"]:
+    """The rim of a body, for pictures: around its discs, from the right of the first one to the left of the last one.
+
+    Args:
+        body: The body.
+        position: Where it is, in metres.
+        heading: In radians.
+        radius: The radius of its discs in metres.
+
+    Returns:
+        Points in metres; the last one is the first one again.
+    """
+    angle = np.linspace(-np.pi / 2.0, np.pi / 2.0, 25)
+    front = np.stack([body[-1] + radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    back = np.stack([body[0] - radius * np.cos(angle), -radius * np.sin(angle)], axis=1)
+    own = np.concatenate([front, back, front[:1]])
+    cos, sin = np.cos(heading)[..., None], np.sin(heading)[..., None]
+    turned = np.stack([cos * own[:, 0] - sin * own[:, 1], sin * own[:, 0] + cos * own[:, 1]], axis=-1)
+    return position[..., None, :] + turned
+
+
+def nose(
+    body: Body, position: Float[np.ndarray, "*batch 2"], heading: Float[np.ndarray, "*batch"], radius: float
+) -> Float[np.ndarray, "*batch 2 2"]:
+    """A line that shows where a body faces, from the centre of its front disc to the rim; arguments as in `outline`."""
+    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    ends = np.array([body[-1], body[-1] + radius])
+    return position[..., None, :] + ends[:, None] * direction[..., None, :]

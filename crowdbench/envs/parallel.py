@@ -52,7 +52,7 @@ def parallel_env(
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
         observation: `flat` or `goal_frame`.
-        action: `world` or `goal_frame`: the axes of an action.
+        action: `world` or `goal_frame`, the axes of a velocity, or `native`, where the vehicle gives commands.
         nearest: How many other agents are seen in the frame of the goal, at most.
 
     Raises:
@@ -109,7 +109,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self.agents: list[str] = []
         self.observation_spaces = {agent: view.observation_space for agent in self.possible_agents}
         self.action_spaces = {agent: spaces.pedestrian_action_space(scenario) for agent in self.possible_agents}
-        self.action_spaces[VEHICLE] = spaces.vehicle_action_space(scenario)
+        self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
         self._renderer = Renderer(render_mode)
         self._generator: np.random.Generator | None = None
@@ -224,7 +224,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             actions: The actions by agent.
 
         Returns:
-            The vehicle's velocity and the pedestrians', in m/s: their actions, or else those of their policies.
+            The vehicle's command and the pedestrians' velocities in m/s: their actions, or else their policies'.
         """
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
@@ -241,4 +241,4 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         if len(given) < self._bodies:
             velocity[:, 1:] = crowd_velocities(self._world, self.scenario.policies)
         velocity[0, columns] = asked
-        return velocity[:, 0], velocity[:, 1:]
+        return self.view.followed(self._world, velocity[:, 0]), velocity[:, 1:]

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from crowdbench.dynamics import Holonomic, nose, outline
 from crowdbench.errors import InputError
 from crowdbench.geometry import polygons
 from crowdbench.types import World
@@ -104,10 +105,14 @@ class Renderer:
         agents = np.flatnonzero(world.present[0]).tolist()
         colors = [VEHICLE] + [PEDESTRIAN] * (len(agents) - 1)
         for agent, color in zip(agents, colors, strict=True):
-            canvas.goal(world.goal[0, agent], float(world.radius[0, agent]), color)
+            near = world.rules.goal_tolerance if agent == 0 else None
+            canvas.goal(world.goal[0, agent], near or float(world.radius[0, agent]), color)
         # The vehicle is drawn last, so that nothing hides it.
         for agent, color in reversed(list(zip(agents, colors, strict=True))):
             canvas.agent(world.position[0, agent], world.velocity[0, agent], float(world.radius[0, agent]), color)
+        if not isinstance(world.rules.dynamics, Holonomic):
+            place = world.rules.body, world.position[0, 0], world.heading[0, ...], float(world.radius[0, 0])
+            canvas.body(outline(*place), nose(*place))
         picture = pygame.transform.smoothscale(large, (SIZE, SIZE))
         seconds = float(world.step[0]) * world.rules.dt
         pygame.font.init()
@@ -146,6 +151,12 @@ class _Canvas:
         if len(pixels) > 2:
             self.draw.polygon(self.surface, WALL, pixels)
         self.draw.lines(self.surface, TEXT, True, pixels, 2 * SMOOTHING)
+
+    def body(self, rim: Float[np.ndarray, "point 2"], nose: Float[np.ndarray, "2 2"]) -> None:
+        """Draw the rim of the vehicle, and a line that shows where it faces; points are in metres."""
+        self.draw.polygon(self.surface, VEHICLE, [self.pixel(point) for point in rim])
+        for line in (rim, nose):
+            self.draw.lines(self.surface, TEXT, False, [self.pixel(point) for point in line], 2 * SMOOTHING)
 
     def goal(self, at: Float[np.ndarray, "2"], radius: float, color: tuple[int, int, int]) -> None:
         """Draw a ring: an agent whose centre is inside it has arrived.

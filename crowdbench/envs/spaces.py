@@ -13,11 +13,18 @@ from crowdbench.scenario.placing import EXTENT
 from crowdbench.scenario.scenario import Quantity, Scenario
 
 
-def vehicle_action_space(scenario: Scenario) -> Box:
-    """Velocities of the vehicle in m/s, each axis within its preferred speed.
+def vehicle_action_space(scenario: Scenario, native: bool = False) -> Box:
+    """Velocities of the vehicle in m/s, each axis within its preferred speed, or the commands of its dynamics.
 
     In a corner the speed is larger than the preferred speed; the simulator limits it.
+
+    Args:
+        scenario: The scenario.
+        native: Whether actions are commands of the dynamics.
     """
+    if native:
+        low, high = scenario.rules.dynamics.space(np.array([scenario.vehicle_speed]))
+        return Box(low[0], high[0], dtype=np.float64)
     return _action_space(scenario.vehicle_speed)
 
 
@@ -29,7 +36,8 @@ def pedestrian_action_space(scenario: Scenario) -> Box:
 def observation_space(scenario: Scenario) -> Box:
     """Bounds of the observations of any agent, see `crowdbench.envs.observations`."""
     speed = _max_speed(scenario)
-    radius = max(scenario.vehicle_radius, _largest(scenario.radius))
+    body = scenario.rules.body
+    radius = max(scenario.vehicle_radius + (body[-1] - body[0]) / 2, _largest(scenario.radius))
     # The difference of two coordinates is at most twice the largest coordinate.
     offset = 2 * position_bound(scenario)
     viewer = np.array([offset, offset, speed, speed, radius, speed])

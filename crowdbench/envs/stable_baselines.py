@@ -16,7 +16,6 @@ from crowdbench.envs.rewards import Reward, Step, load_reward, paid
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
@@ -39,7 +38,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         seed: The seed of the training cases and of their order.
         reward: As for `VehicleEnv`, and so are the next three.
         observation: `flat`, `goal_frame` or `dict`.
-        action: `world` or `goal_frame`.
+        action: `world`, `goal_frame` or `native`.
         nearest: How many pedestrians are seen in the frame of the goal, at most.
         cases: How many training cases there are.
 
@@ -102,7 +101,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         if self._worlds is None:
             raise error.ResetNeeded("call reset() first")
         before = self._worlds
-        command = self.view.commands(before.position[:, 0], goals_on_way(before)[:, 0], self._action)
+        command = self.view.vehicle_commands(before, self._action)
         worlds, (outcome, gap, _) = step(before, command, crowd_velocities(before, self.scenario.policies))
         rewards = paid(self.reward_name, self.reward, Step(before, worlds, outcome, gap))
         self._return += rewards

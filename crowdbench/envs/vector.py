@@ -19,7 +19,6 @@ from crowdbench.envs.rewards import Reward, Step, load_reward, paid
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
@@ -42,7 +41,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         render_mode: `rgb_array` or None.
         reward: As for `VehicleEnv`, and so are the next three.
         observation: `flat`, `goal_frame` or `dict`.
-        action: `world` or `goal_frame`.
+        action: `world`, `goal_frame` or `native`.
         nearest: How many pedestrians are seen in the frame of the goal, at most.
 
     Raises:
@@ -138,9 +137,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         if self._worlds is None or (self.autoreset_mode == AutoresetMode.DISABLED and self._over.any()):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
         before = self._worlds
-        command = self.view.commands(
-            before.position[:, 0], goals_on_way(before)[:, 0], stepping.velocities(actions, (self.num_envs, 2))
-        )
+        command = self.view.vehicle_commands(before, stepping.velocities(actions, (self.num_envs, 2)))
         crowd = crowd_velocities(before, self.scenario.policies)
         worlds, (outcome, gap, _) = step(before, command, crowd)
         anew = self._over

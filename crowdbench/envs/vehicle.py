@@ -13,7 +13,6 @@ from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward, paid
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.types import Outcome, World
 
@@ -35,7 +34,7 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         render_mode: `human`, `rgb_array` or None.
         reward: The name of a reward, `./mine.py`, or a function of a step.
         observation: `flat`, `goal_frame` or `dict`.
-        action: `world` or `goal_frame`: the axes of an action.
+        action: `world` or `goal_frame`: the axes of a velocity; or `native`: commands of the vehicle's dynamics.
         nearest: How many pedestrians are seen in the frame of the goal, at most.
 
     Raises:
@@ -91,7 +90,7 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         """Simulate one step; the pedestrians follow the scenario's policies.
 
         Args:
-            action: The vehicle's velocity `[2]` in m/s.
+            action: The vehicle's velocity `[2]` in m/s, or its command.
 
         Returns:
             Observation, reward, terminated, truncated, info.
@@ -101,9 +100,7 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         """
         stepping.require_reset(self._case)
         before = self._world
-        command = self.view.commands(
-            before.position[:, 0], goals_on_way(before)[:, 0], stepping.velocities(action, (2,))[None]
-        )
+        command = self.view.vehicle_commands(before, stepping.velocities(action, (2,))[None])
         crowd = crowd_velocities(before, self.scenario.policies)
         self._world, (outcomes, gaps, _) = step(before, command, crowd)
         self._renderer.show(self._world, self._case)

@@ -8,7 +8,8 @@ Observations, of the vehicle:
 - `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 where there is a pedestrian), and `history`,
   the last 8 positions of each pedestrian.
 
-Actions are velocities in m/s, along the axes of the world (`world`) or in the frame of the goal (`goal_frame`).
+Actions are velocities in m/s, along the axes of the world (`world`) or in the frame of the goal (`goal_frame`), which a
+vehicle on wheels follows as far as it can; or commands of the vehicle's dynamics (`native`), see `crowdbench.dynamics`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from gymnasium import spaces as gym_spaces
 from jaxtyping import Float
 
+from crowdbench.dynamics import State
 from crowdbench.envs import spaces
 from crowdbench.envs.observations import flatten
 from crowdbench.errors import InputError
@@ -32,11 +34,12 @@ from crowdbench.planners.policy.features import (
     to_world,
 )
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
 from crowdbench.types import HISTORY, Observation, World
 
 OBSERVATIONS = ("flat", "goal_frame", "dict")
-ACTIONS = ("world", "goal_frame")
+ACTIONS = ("world", "goal_frame", "native")
 
 NEAREST = 10
 """Pedestrians that are seen in the frame of the goal, where the scenario has more."""
@@ -91,8 +94,8 @@ class View:
 
     @property
     def action_space(self) -> gym_spaces.Box:
-        """The space of the actions in one world: velocities in m/s."""
-        return spaces.vehicle_action_space(self.scenario)
+        """The space of the vehicle's actions in one world."""
+        return spaces.vehicle_action_space(self.scenario, self.action == "native")
 
     def observe(self, worlds: World) -> Observed:
         """What the vehicle sees in each world."""
@@ -116,14 +119,25 @@ class View:
         goal: Float[np.ndarray, "world 2"],
         action: Float[np.ndarray, "world 2"],
     ) -> Float[np.ndarray, "world 2"]:
-        """The velocities in m/s, along the axes of the world, that actions ask for.
+        """The velocities in m/s, along the axes of the world, that actions ask for; native actions as they are.
 
         Args:
             position: Where the vehicles are, in metres.
             goal: Their goals in metres.
             action: The actions.
         """
-        return action if self.action == "world" else to_world(action, direction(position, goal))
+        return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
+
+    def followed(self, worlds: World, asked: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
+        """The commands of vehicles that are asked for velocities in m/s, or for commands where actions are native."""
+        if self.action == "native":
+            return asked
+        state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
+        return worlds.rules.dynamics.follow(state, asked, worlds.preferred_speed[:, 0], worlds.rules.dt)
+
+    def vehicle_commands(self, worlds: World, action: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
+        """The commands of vehicles whose actions are given."""
+        return self.followed(worlds, self.commands(worlds.position[:, 0], goals_on_way(worlds)[:, 0], action))
 
 
 def row_of(seen: Observed, index: int) -> Observed:

@@ -65,7 +65,7 @@ def spl(trace: Trace) -> Float[np.ndarray, "world"]:
     """Success weighted by path length: shortest over real path, 0 for a failure [1].
 
     Anderson et al. (2018). The shortest path is the way along the vehicle's route, the straight line where it has none,
-    to the rim of the goal, whose radius is the vehicle's. It is 1 for a vehicle that starts within its goal.
+    to where the goal is nearer than its tolerance. It is 1 for a vehicle that starts within its goal.
     """
     shortest = _shortest_way(trace)
     longest = np.maximum(path_length(trace), shortest)
@@ -238,10 +238,11 @@ POOLED = frozenset({"discomfort_frequency"})
 
 
 def _shortest_way(trace: Trace) -> Float[np.ndarray, "world"]:
-    """Length in metres of the vehicle's route from its start to the rim of its goal."""
+    """Length in metres of the vehicle's route from its start to where it has arrived."""
+    near = trace.radius[:, 0, 0] if trace.rules.goal_tolerance is None else trace.rules.goal_tolerance
     start, none = trace.position[:, 0, 0], np.zeros(len(trace), np.int64)
     ahead = local_goals(start, trace.goal[:, 0, 0], trace.route, none)
-    return np.maximum(norm(ahead - start) - trace.radius[:, 0, 0], 0.0)
+    return np.maximum(norm(ahead - start) - near, 0.0)
 
 
 def _velocity_changes(trace: Trace) -> Float[np.ndarray, "world step"]:

@@ -13,12 +13,14 @@ import rerun as rr
 from jaxtyping import Float, Int
 from rerun.chunk import Chunk
 
-from crowdbench.geometry import nearest_in_step, polygons
+from crowdbench.dynamics import Holonomic, nose, outline, reach
+from crowdbench.geometry import nearest_in_step, polygons, turn
 from crowdbench.record.chunks import still, times
 from crowdbench.record.plots import logs, plots
 from crowdbench.record.style import ARROW, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
 from crowdbench.record.walls import drawn
 from crowdbench.sim.episode import swept_motion
+from crowdbench.sim.swept import gaps_in_step
 from crowdbench.types import Outcome, Trace
 
 KEY = "*yellow: vehicle, blue: pedestrians, small dots: their goals · arrow: the way of 1 s · grid: 1 m*"
@@ -46,12 +48,15 @@ def episode(trace: Trace, row: int, title: str, values: Mapping[str, float]) -> 
     label = 0.035 * float((high - low).max())  # height of a line of text in the viewer, in metres
     yield still("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]))
     way = np.concatenate([position[0, :1], trace.route[row][~np.isnan(trace.route[row][:, 0])], goal[:1]])
-    yield _ground(low, high, position, goal, way, float(radius[0]))
+    near = radius[0] if trace.rules.goal_tolerance is None else trace.rules.goal_tolerance
+    yield _ground(low, high, position, goal, way, float(near))
     if len(walls := polygons(trace.obstacles[row])):
         yield drawn(walls)
     yield from _trails(position, times(1, states, dt))
     timelines = times(0, states, dt)
     yield from _discs(timelines, position, velocity, radius)
+    if not isinstance(trace.rules.dynamics, Holonomic):
+        yield from _body(trace, row, timelines)
     yield from _names(timelines, position, goal[0], radius, np.flatnonzero(present), label)
     sentence, mark = _ending(trace, row, label)
     yield mark
@@ -73,7 +78,8 @@ def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
     present = trace.present[row, 0]
     path = trace.position[row, : trace.steps[row] + 1, present].reshape(-1, 2)
     points = np.concatenate([path, trace.goal[row, 0, present], *polygons(trace.obstacles[row])])
-    return np.stack([np.floor(points.min(0) - 0.5), np.ceil(points.max(0) + 0.5)])
+    margin = 0.5 + reach(trace.rules.body)
+    return np.stack([np.floor(points.min(0) - margin), np.ceil(points.max(0) + margin)])
 
 
 def _ground(
@@ -82,7 +88,7 @@ def _ground(
     position: Float[np.ndarray, "agent time 2"],
     goal: Float[np.ndarray, "agent 2"],
     way: Float[np.ndarray, "point 2"],
-    radius: float,
+    near: float,
 ) -> Chunk:
     """What does not move: a grid of 1 m, the goals, the vehicle's shortest way, and the path of each agent.
 
@@ -92,12 +98,12 @@ def _ground(
         position: In metres.
         goal: In metres.
         way: The vehicle's start, its waypoints and its goal, in metres.
-        radius: The vehicle's radius in metres: the ring around its goal.
+        near: Distance in metres to its goal below which the vehicle has arrived: the ring around the goal.
     """
     grid = [np.array([(x, low[1]), (x, high[1])]) for x in np.arange(low[0], high[0] + 1)]
     grid += [np.array([(low[0], y), (high[0], y)]) for y in np.arange(low[1], high[1] + 1)]
     paths = [way, *position]
-    lines = [*grid, *paths, goal[0] + radius * CIRCLE]
+    lines = [*grid, *paths, goal[0] + near * CIRCLE]
     colors = [GRID] * len(grid) + [FAINT] * len(paths) + [VEHICLE]
     widths = rr.Radius.ui_points([0.5] * (len(lines) - 1) + [1.5])
     dots = rr.Points2D(goal, radii=rr.Radius.ui_points(3), colors=_each(VEHICLE, PEDESTRIAN, len(goal)))
@@ -147,6 +153,22 @@ def _discs(
     flat, arrow = position.swapaxes(0, 1).reshape(-1, 2), velocity.swapaxes(0, 1).reshape(-1, 2)
     columns = [*rr.Points2D.columns(positions=flat), *rr.Arrows2D.columns(origins=flat, vectors=arrow)]
     yield Chunk.from_columns("world/agents", timelines, [column.partition([agents] * states) for column in columns])
+
+
+def _body(trace: Trace, row: int, timelines: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
+    """The rim of a vehicle on wheels, with a line that shows where it faces.
+
+    Args:
+        trace: The trace with the episode.
+        row: Its row in the trace.
+        timelines: Times of the states.
+    """
+    states = int(trace.steps[row]) + 1
+    place = trace.rules.body, trace.position[row, :states, 0], trace.heading[row, :states]
+    radius = float(trace.radius[row, 0, 0])
+    strips = [line for pair in zip(outline(*place, radius), nose(*place, radius), strict=True) for line in pair]
+    yield still("world/body", rr.LineStrips2D.from_fields(colors=[ARROW], radii=rr.Radius.ui_points(2), draw_order=35))
+    yield Chunk.from_columns("world/body", timelines, rr.LineStrips2D.columns(strips=strips).partition([2] * states))
 
 
 def _names(
@@ -223,8 +245,19 @@ def _hit(trace: Trace, row: int) -> int:
     last = slice(row, row + 1), trace.steps[row] - 1
     end = trace.position[row : row + 1, trace.steps[row]]
     motion = swept_motion(trace.position[last], end, trace.velocity[last], trace.rules)[0]
-    _, nearest = nearest_in_step(0, trace.position[last][0], motion, trace.radius[last][0], trace.present[last][0])
-    return int(nearest) - 1
+    position, radius, present = trace.position[last][0], trace.radius[last][0], trace.present[last][0]
+    if isinstance(trace.rules.dynamics, Holonomic):
+        return int(nearest_in_step(0, position, motion, radius, present)[1]) - 1
+    heading = trace.heading[row, trace.steps[row] - 1 : trace.steps[row] + 1]
+    speed, rules = float(np.hypot(*trace.velocity[row, trace.steps[row], 0])), trace.rules
+    drive = heading[0], speed, turn(*heading) / rules.dt, rules.dt
+    here = np.nan_to_num(position), np.nan_to_num(motion), radius
+    each = [present & (np.arange(len(present)) == agent) for agent in range(1, len(present))]
+    gaps = [
+        gaps_in_step(rules.dynamics.code, np.array(rules.body), *drive, *here, only, trace.obstacles[row, :0])[0]
+        for only in each
+    ]
+    return int(np.argmin(gaps))
 
 
 def _summary(trace: Trace, row: int, title: str, sentence: str, values: Mapping[str, float]) -> str:
