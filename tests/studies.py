@@ -82,7 +82,13 @@ def episodes(success, **columns):
         case=np.arange(len(success)),
         outcome=np.where(success, Outcome.SUCCESS, Outcome.COLLISION),
         steps=np.full(len(success), 40),
-        columns={"success_rate": success, "collision_rate": ~success, "timeout_rate": success & ~success} | columns,
+        columns={
+            "success_rate": success,
+            "collision_rate": ~success,
+            "wall_collision_rate": success & ~success,
+            "timeout_rate": success & ~success,
+        }
+        | columns,
     )
 
 

@@ -7,7 +7,7 @@ from studies import CROWDS, episodes, leave, read
 from crowdbench.evaluate.compare import compare
 from crowdbench.evaluate.results import read_result
 from crowdbench.evaluate.summary import bootstrap
-from crowdbench.study.crowds import Pair
+from crowdbench.study.crowds import CrowdRow, FilledCrowd, Pair
 from crowdbench.study.measures import LEAST_SHARED
 from crowdbench.study.tables import page
 
@@ -94,3 +94,16 @@ def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
             assert (difference.mean, difference.low, difference.high) == pytest.approx((row.mean, row.low, row.high))
         rates = [entrant.success_rate.mean for entrant in crowd.planners]
         assert rates == [read_result(tmp_path / one.directory)["metrics"]["success_rate"]["mean"] for one in runs]
+
+
+def test_collisions_with_walls_are_shown_where_there_are_any():
+    run = read(CROWDS).tables[0].runs[0]
+    columns = {name: np.ones(12) for name in MEASURES}
+    walls = np.arange(12) >= 9
+    for hit, header in [
+        (walls, "| collision | with a wall | time-out |"),
+        (walls & ~walls, "| collision | time-out |"),
+    ]:
+        made = CrowdRow.of(run, episodes([1] * 9 + [0] * 3, **columns, wall_collision_rate=hit))
+        assert header in FilledCrowd("doorway", [made], []).markdown()
+        assert ("| 25.0 % | 25.0 % |" in FilledCrowd("doorway", [made], []).markdown()) == hit.any()

@@ -43,7 +43,8 @@ class CrowdRow:
         planner: Its name.
         privileged: Whether it uses what no vehicle could know.
         success_rate: Share of the cases that it solves.
-        collision_rate: Share of the cases in which it collides.
+        collision_rate: Share of the cases in which it collides, with a pedestrian or a wall.
+        wall_collision_rate: Share of the cases in which it collides with a wall.
         timeout_rate: Share of the cases in which its time runs out.
         over_solved: The measures of `OVER_SOLVED` by metric, over the cases that it solves.
     """
@@ -52,6 +53,7 @@ class CrowdRow:
     privileged: bool
     success_rate: Estimate
     collision_rate: float
+    wall_collision_rate: float
     timeout_rate: float
     over_solved: dict[str, Estimate]
 
@@ -73,6 +75,7 @@ class CrowdRow:
             privileged=run.privileged,
             success_rate=wilson(success),
             collision_rate=float(episodes.columns["collision_rate"].mean()),
+            wall_collision_rate=float(episodes.columns["wall_collision_rate"].mean()),
             timeout_rate=float(episodes.columns["timeout_rate"].mean()),
             over_solved={
                 each.metric: bootstrap(solved.columns[each.metric], np.ones(len(solved))) for each in OVER_SOLVED
@@ -84,9 +87,10 @@ class CrowdRow:
         """The planner, marked where it is privileged."""
         return marked(self.planner, self.privileged)
 
-    def cells(self) -> list[str]:
-        """As `FilledCrowd` shows it."""
-        failures = [SUCCESS.number(self.collision_rate), SUCCESS.number(self.timeout_rate)]
+    def cells(self, walls: bool) -> list[str]:
+        """As `FilledCrowd` shows it; `walls` is whether the collisions with walls are shown."""
+        rates = [self.collision_rate, *([self.wall_collision_rate] if walls else []), self.timeout_rate]
+        failures = [SUCCESS.number(rate) for rate in rates]
         means = [each.estimate(self.over_solved[each.metric]) for each in OVER_SOLVED]
         return [self.name, SUCCESS.estimate(self.success_rate), *failures, *means]
 
@@ -174,8 +178,10 @@ class FilledCrowd:
 
     def markdown(self) -> str:
         """Its two tables under its heading: what was measured, and in what each pair differs."""
-        header = ["planner", "success", "collision", "time-out", *(each.word for each in OVER_SOLVED)]
-        tables = [grid(header, [row.cells() for row in self.planners])]
+        walls = any(row.wall_collision_rate > 0.0 for row in self.planners)
+        failures = ["collision", *(["with a wall"] if walls else []), "time-out"]
+        header = ["planner", "success", *failures, *(each.word for each in OVER_SOLVED)]
+        tables = [grid(header, [row.cells(walls) for row in self.planners])]
         if self.pairs:
             tables.append(self._matrix())
         return "\n\n".join([f"### {self.scenario}", *tables])
