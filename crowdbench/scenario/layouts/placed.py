@@ -51,7 +51,7 @@ class Placed:
     ) -> None:
         self.radius: list[float] = radius.tolist()
         self.obstacles = obstacles
-        self.walls = shapely.GeometryCollection([] if obstacles is None else list(map(_shape, obstacles)))
+        self.walls = None if obstacles is None else shapely.GeometryCollection(list(map(_shape, obstacles)))
         self.start: list[Point] = []
         self.goal: list[Point] = []
 
@@ -82,7 +82,8 @@ class Placed:
         reach = self.radius[len(self.start)] + WALL_CLEARANCE
         for _ in range(TRIES):
             x, y = rng.uniform(*area).tolist()
-            if self._clear(x, y, others) and not self.walls.dwithin(shapely.Point(x, y), reach):
+            is_walled = self.walls is not None and self.walls.dwithin(shapely.Point(x, y), reach)
+            if self._clear(x, y, others) and not is_walled:
                 return x, y
         return None
 
