@@ -44,7 +44,9 @@ def drive(code, limits, x, y, vx, vy, heading, angular_speed, first, second, max
         state (tuple): x, y, vx, vy, heading and angular speed after the step. The velocity is the one at its end.
     """
     if code == HOLONOMIC:
-        return _slide(limits[0] * dt, x, y, vx, vy, heading, first, second, max_speed, dt)
+        x, y, vx, vy = move_freely(limits[0] * dt, x, y, vx, vy, first, second, max_speed, dt)
+        after = heading_of(vx, vy, heading)
+        return x, y, vx, vy, after, turn(heading, after) / dt
     before, change = vx * math.cos(heading) + vy * math.sin(heading), limits[0] * dt
     speed = min(max(min(max(first, before - change), before + change), 0.0), max_speed)
     if code == UNICYCLE:
@@ -59,8 +61,23 @@ def drive(code, limits, x, y, vx, vy, heading, angular_speed, first, second, max
 
 @no_type_check
 @njit(nogil=True)
-def _slide(max_change, x, y, vx, vy, heading, wanted_x, wanted_y, max_speed, dt):
-    """`drive` for a holonomic vehicle, whose velocity changes by `max_change` m/s in a step at most."""
+def move_freely(max_change, x, y, vx, vy, wanted_x, wanted_y, max_speed, dt):
+    """Move a holonomic vehicle by one step: `drive` without the heading, which takes most of its time. Compiled.
+
+    Args:
+        max_change (float): Largest change of velocity in the step, in m/s.
+        x (float): x of its position in metres.
+        y (float): Its y.
+        vx (float): x of its velocity in m/s.
+        vy (float): Its y.
+        wanted_x (float): x of the velocity that it is commanded, in m/s.
+        wanted_y (float): Its y.
+        max_speed (float): In m/s.
+        dt (float): Duration of the step in seconds.
+
+    Returns:
+        state (tuple): x, y, vx and vy after the step.
+    """
     speed = math.sqrt(wanted_x * wanted_x + wanted_y * wanted_y)
     if speed > max_speed * (1.0 + SPEED_TOLERANCE):
         wanted_x, wanted_y = wanted_x * (max_speed / speed), wanted_y * (max_speed / speed)
@@ -69,8 +86,7 @@ def _slide(max_change, x, y, vx, vy, heading, wanted_x, wanted_y, max_speed, dt)
         change = math.sqrt(dx * dx + dy * dy)
         if change > max_change:
             wanted_x, wanted_y = vx + dx * (max_change / change), vy + dy * (max_change / change)
-    after = heading_of(wanted_x, wanted_y, heading)
-    return x + wanted_x * dt, y + wanted_y * dt, wanted_x, wanted_y, after, turn(heading, after) / dt
+    return x + wanted_x * dt, y + wanted_y * dt, wanted_x, wanted_y
 
 
 @no_type_check

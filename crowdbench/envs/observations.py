@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from crowdbench.compiled import njit
 from crowdbench.sim.routes import goals_on_way
+from crowdbench.sim.simulator import with_hull
 from crowdbench.types import Observation, World
 
 AGENT_FEATURES = 6
@@ -43,10 +44,11 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
     """
     worlds, agents = world.radius.shape
     out = np.zeros((worlds, agents, AGENT_FEATURES * agents))
+    shown = with_hull(world)
     _flatten(
-        world.position,
+        shown.position,
         world.velocity,
-        world.radius,
+        shown.radius,
         world.present,
         goals_on_way(world),
         world.preferred_speed,

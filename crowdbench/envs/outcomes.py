@@ -12,7 +12,7 @@ from crowdbench.compiled import njit
 from crowdbench.dynamics.motion import HOLONOMIC
 from crowdbench.geometry import nearest_in_step
 from crowdbench.sim.episode import StepCheck, step_outcome
-from crowdbench.sim.swept import gaps_in_step
+from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.types import Outcome, World
 
 
@@ -88,7 +88,7 @@ def _check_pedestrians(
         gaps[i], _ = nearest_in_step(i, position, motion, radius, others)
         if seen[0] and not others[0]:
             only[i] = True
-            gap, _ = gaps_in_step(code, body, heading, speed, turn_rate, dt, position, motion, radius, only, no_walls)
+            gap, _ = gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, only, no_walls)
             gaps[i] = min(gaps[i], gap)
             only[i] = False
         is_last = outcomes[0] == Outcome.TIMEOUT.value

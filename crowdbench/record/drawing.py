@@ -20,7 +20,7 @@ from crowdbench.record.plots import logs, plots
 from crowdbench.record.style import ARROW, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
 from crowdbench.record.walls import drawn
 from crowdbench.sim.episode import swept_motion
-from crowdbench.sim.swept import gaps_in_step
+from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.types import Outcome, Trace
 
 KEY = "*yellow: vehicle, blue: pedestrians, small dots: their goals · arrow: the way of 1 s · grid: 1 m*"
@@ -253,10 +253,7 @@ def _hit(trace: Trace, row: int) -> int:
     drive = heading[0], speed, turn(*heading) / rules.dt, rules.dt
     here = np.nan_to_num(position), np.nan_to_num(motion), radius
     each = [present & (np.arange(len(present)) == agent) for agent in range(1, len(present))]
-    gaps = [
-        gaps_in_step(rules.dynamics.code, np.array(rules.body), *drive, *here, only, trace.obstacles[row, :0])[0]
-        for only in each
-    ]
+    gaps = [gaps_on_arc(np.array(rules.body), *drive, *here, only, trace.obstacles[row, :0])[0] for only in each]
     return int(np.argmin(gaps))
 
 

@@ -13,7 +13,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.compiled import njit
-from crowdbench.sim.swept import gaps_in_step
+from crowdbench.dynamics.motion import HOLONOMIC
+from crowdbench.geometry import nearest_in_step
+from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.types import Outcome, Rules, World
 
 
@@ -172,20 +175,14 @@ def _check(
         wall_gap: `[world]`, filled, in metres.
     """
     for w in range(len(radius)):
-        speed = math.hypot(velocity[w, 0, 0], velocity[w, 0, 1])
-        gap[w], wall_gap[w] = gaps_in_step(
-            code,
-            body,
-            heading[w],
-            speed,
-            turn_rate[w],
-            dt,
-            position[w],
-            motion[w],
-            radius[w],
-            present[w],
-            obstacles[w],
-        )
+        if code == HOLONOMIC:
+            gap[w], _ = nearest_in_step(0, position[w], motion[w], radius[w], present[w])
+            x, y, mx, my = position[w, 0, 0], position[w, 0, 1], motion[w, 0, 0], motion[w, 0, 1]
+            wall_gap[w] = wall_gap_in_step(x, y, mx, my, radius[w, 0], obstacles[w])
+        else:
+            own = heading[w], math.hypot(velocity[w, 0, 0], velocity[w, 0, 1]), turn_rate[w], dt
+            others = motion[w], radius[w], present[w], obstacles[w]
+            gap[w], wall_gap[w] = gaps_on_arc(body, *own, position[w], *others)
         dx, dy = goal[w, 0, 0] - end[w, 0, 0], goal[w, 0, 1] - end[w, 0, 1]
         near = tolerance if tolerance > 0.0 else radius[w, 0]
         outcome[w] = step_outcome(gap[w], wall_gap[w], dx, dy, near, step[w] + 1 >= max_steps)

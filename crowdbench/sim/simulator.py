@@ -37,7 +37,7 @@ def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> 
     Raises:
         InputError: A policy raises an exception, or does not return a finite velocity per pedestrian.
     """
-    shown = _with_hull(world) if world.rules.visible else _without_vehicle(world)
+    shown = with_hull(world) if world.rules.visible else _without_vehicle(world)
     asked = [_asked(shown, name, policy) for name, policy in policies.items()]
     return asked[0] if len(asked) == 1 else np.choose(world.policy[:, :, None], asked)
 
@@ -48,7 +48,8 @@ def _without_vehicle(world: World) -> World:
     return world.replace(present=present)
 
 
-def _with_hull(world: World) -> World:
+def with_hull(world: World) -> World:
+    """Worlds in which the vehicle is the smallest disc around its body, as pedestrians see it."""
     if world.rules.body == DISC:
         return world
     position, radius = world.position.copy(), world.radius.copy()

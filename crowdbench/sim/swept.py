@@ -1,7 +1,7 @@
-"""How close a vehicle comes to pedestrians and obstacles in a step, whatever its dynamics and its body. Compiled.
+"""How close a vehicle on wheels comes to pedestrians and obstacles in a step. Compiled.
 
-A holonomic vehicle is a disc that moves straight. A vehicle on wheels drives an arc: it is swept disc by disc and chord
-by chord, so that no point of it is off by more than a millimetre.
+It drives an arc, which is swept disc by disc and chord by chord, so that no point of it is off by more than a
+millimetre. (A holonomic vehicle is a disc that moves straight: `nearest_in_step` and `wall_gap_in_step` tell all.)
 """
 
 from __future__ import annotations
@@ -10,27 +10,26 @@ import math
 from typing import no_type_check
 
 from crowdbench.compiled import njit
-from crowdbench.dynamics.motion import HOLONOMIC, along_arc, chords
+from crowdbench.dynamics.motion import along_arc, chords
 from crowdbench.geometry import nearest_in_step
 from crowdbench.sim.obstacles import wall_gap_in_step
 
 
 @no_type_check
 @njit(nogil=True)
-def gaps_in_step(code, body, heading, speed, turn_rate, dt, position, motion, radius, present, obstacles):
+def gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, present, obstacles):
     """The smallest distances between the vehicle's rim and those of pedestrians, and obstacles, during a step.
 
     Compiled, for one world.
 
     Args:
-        code (int): The code of the vehicle's dynamics.
         body (array): Where the centres of its discs are, in metres ahead of its position.
-        heading (float): Its heading before the step in radians. This and the next two are for vehicles on wheels.
+        heading (float): Its heading before the step in radians.
         speed (float): Its speed during the step in m/s.
         turn_rate (float): Its turn rate during the step in rad/s.
         dt (float): Duration of the step in seconds.
         position (array): `[agent, 2]`, positions before the step in metres, the vehicle's first.
-        motion (array): `[agent, 2]`, displacements in the step in metres.
+        motion (array): `[agent, 2]`, displacements of pedestrians in the step in metres.
         radius (array): `[agent]`, in metres.
         present (array): `[agent]`, whether each agent counts.
         obstacles (array): `[polygon, corner, 2]`, in metres, NaN after the last corner.
@@ -39,17 +38,6 @@ def gaps_in_step(code, body, heading, speed, turn_rate, dt, position, motion, ra
         gap (float): To pedestrians, in metres; negative where discs overlap, infinite without pedestrians.
         wall_gap (float): To obstacles, likewise.
     """
-    if code != HOLONOMIC:
-        return _gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, present, obstacles)
-    gap, _ = nearest_in_step(0, position, motion, radius, present)
-    x, y, dx, dy = position[0, 0], position[0, 1], motion[0, 0], motion[0, 1]
-    return gap, wall_gap_in_step(x, y, dx, dy, radius[0], obstacles)
-
-
-@no_type_check
-@njit(nogil=True)
-def _gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, present, obstacles):
-    """See `gaps_in_step`."""
     x, y = position[0, 0], position[0, 1]
     number = chords(speed, turn_rate, max(abs(body[0]), abs(body[-1])), dt)
     begin, chord = position.copy(), motion / number

@@ -12,11 +12,13 @@ from jaxtyping import Bool, Float, Float32, Int
 
 from crowdbench.compiled import njit
 from crowdbench.dynamics import DISC, FREE, Body, Dynamics, State
-from crowdbench.dynamics.motion import drive
+from crowdbench.dynamics.motion import HOLONOMIC, drive, move_freely
+from crowdbench.geometry import nearest_in_step
 from crowdbench.predict import Prediction
 from crowdbench.sim.episode import step_outcome
+from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.routes import next_waypoints
-from crowdbench.sim.swept import gaps_in_step
+from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.types import Observation, Vehicle
 from crowdbench.value.joint_state import SIZE, write_joint_state
 
@@ -240,23 +242,17 @@ def _try_commands(
     seen = np.ones(pedestrians + 1, np.bool_)
     for row in range(len(commands)):
         w = world[row]
-        x, y, vx, vy, _, turn_rate = drive(
-            code,
-            limits,
-            position[w, 0],
-            position[w, 1],
-            velocity[w, 0],
-            velocity[w, 1],
-            heading[w],
-            angular_speed[w],
-            commands[row, 0],
-            commands[row, 1],
-            preferred_speed[w],
-            dt,
-        )
+        x, y, vx, vy = position[w, 0], position[w, 1], velocity[w, 0], velocity[w, 1]
+        first, second, limit, turn_rate = commands[row, 0], commands[row, 1], preferred_speed[w], 0.0
+        if code == HOLONOMIC:
+            x, y, vx, vy = move_freely(limits[0] * dt, x, y, vx, vy, first, second, limit, dt)
+        else:
+            x, y, vx, vy, _, turn_rate = drive(
+                code, limits, x, y, vx, vy, heading[w], angular_speed[w], first, second, limit, dt
+            )
         new_velocity[row, 0], new_velocity[row, 1] = vx, vy
-        wall_gap = math.inf
-        speed, near = math.hypot(vx, vy), tolerance if tolerance > 0.0 else radius[w]
+        wall_gap = wall_gap_in_step(position[w, 0], position[w, 1], vx * dt, vy * dt, radius[w], obstacles[w])
+        near = tolerance if tolerance > 0.0 else radius[w]
         dx, dy = goal[w, 0] - x, goal[w, 1] - y
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
         start[0], motion[0, 0], motion[0, 1] = position[w], vx * dt, vy * dt
@@ -265,11 +261,11 @@ def _try_commands(
                 for k in range(2):
                     start[p + 1, k] = crowd[w, m, p, k]
                     motion[p + 1, k] = next_crowd[w, m, p, k] - crowd[w, m, p, k]
-            walls = obstacles[w] if m == 0 else obstacles[w][:0]  # the gap to them is the same in all modes
-            gap[row, m], to_walls = gaps_in_step(
-                code, body, heading[w], speed, turn_rate, dt, start, motion, radii, seen, walls
-            )
-            wall_gap = to_walls if m == 0 else wall_gap
+            if code == HOLONOMIC:
+                gap[row, m], _ = nearest_in_step(0, start, motion, radii, seen)
+            else:
+                own = heading[w], math.hypot(vx, vy), turn_rate, dt
+                gap[row, m], wall_gap = gaps_on_arc(body, *own, start, motion, radii, seen, obstacles[w])
             outcome[row, m] = step_outcome(gap[row, m], wall_gap, dx, dy, near, False)
             write_joint_state(
                 joint[row, m],

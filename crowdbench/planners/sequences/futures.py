@@ -11,9 +11,11 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.compiled import njit
 from crowdbench.dynamics import DISC, FREE, Body, Dynamics, State
-from crowdbench.dynamics.motion import drive
+from crowdbench.dynamics.motion import HOLONOMIC, drive, move_freely
+from crowdbench.geometry import nearest_in_step
 from crowdbench.sim.episode import step_outcome
-from crowdbench.sim.swept import gaps_in_step
+from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.types import Outcome
 
 
@@ -141,7 +143,7 @@ def _try_sequences(
     motion = np.empty((pedestrians + 1, 2))
     radii = np.empty(pedestrians + 1)
     seen = np.ones(pedestrians + 1, np.bool_)
-    # x, y, vx, vy, heading and angular speed before the first step and after each one.
+    # x, y, vx, vy, and on wheels heading and angular speed, before the first step and after each one.
     way = np.empty((horizon + 1, 6))
     running = Outcome.RUNNING.value
     for w in range(len(commands)):
@@ -150,21 +152,15 @@ def _try_sequences(
         way[0, :2], way[0, 2:4], way[0, 4], way[0, 5] = position[w], velocity[w], heading[w], angular_speed[w]
         for s in range(commands.shape[1]):
             for t in range(horizon):
-                before, command = way[t], commands[w, s, t]
-                way[t + 1] = drive(
-                    code,
-                    limits,
-                    before[0],
-                    before[1],
-                    before[2],
-                    before[3],
-                    before[4],
-                    before[5],
-                    command[0],
-                    command[1],
-                    max_speed[w],
-                    dt,
-                )
+                x, y, vx, vy = way[t, 0], way[t, 1], way[t, 2], way[t, 3]
+                first, second, limit = commands[w, s, t, 0], commands[w, s, t, 1], max_speed[w]
+                if code == HOLONOMIC:
+                    x, y, vx, vy = move_freely(limits[0] * dt, x, y, vx, vy, first, second, limit, dt)
+                else:
+                    x, y, vx, vy, way[t + 1, 4], way[t + 1, 5] = drive(
+                        code, limits, x, y, vx, vy, way[t, 4], way[t, 5], first, second, limit, dt
+                    )
+                way[t + 1, 0], way[t + 1, 1], way[t + 1, 2], way[t + 1, 3] = x, y, vx, vy
             for m in range(crowd.shape[1]):
                 ended = running
                 t = 0
@@ -175,10 +171,13 @@ def _try_sequences(
                         for p in range(pedestrians):
                             start[p + 1, k] = crowd[w, m, t, p, k]
                             motion[p + 1, k] = crowd[w, m, t + 1, p, k] - crowd[w, m, t, p, k]
-                    speed = math.hypot(after[2], after[3])
-                    nearest, wall_gap = gaps_in_step(
-                        code, body, way[t, 4], speed, after[5], dt, start, motion, radii, seen, obstacles[w]
-                    )
+                    if code == HOLONOMIC:
+                        nearest, _ = nearest_in_step(0, start, motion, radii, seen)
+                        x, y, dx, dy = start[0, 0], start[0, 1], motion[0, 0], motion[0, 1]
+                        wall_gap = wall_gap_in_step(x, y, dx, dy, radius[w], obstacles[w])
+                    else:
+                        own = way[t, 4], math.hypot(after[2], after[3]), after[5], dt
+                        nearest, wall_gap = gaps_on_arc(body, *own, start, motion, radii, seen, obstacles[w])
                     gap[w, s, m, t] = nearest - margin[t]
                     dx, dy = goal[w, 0] - after[0], goal[w, 1] - after[1]
                     ended = step_outcome(gap[w, s, m, t], wall_gap, dx, dy, near, False)
