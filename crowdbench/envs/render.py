@@ -50,6 +50,7 @@ class Renderer:
         self._window: Any = None
         self._clock: Any = None
         self._half_width = 0.0
+        self._middle = np.zeros(2)
 
     def show(self, world: World, case: str) -> None:
         """In mode `human`, draw the world in a window and wait for the time of a step.
@@ -59,8 +60,11 @@ class Renderer:
             case: The name of the case, shown as text.
         """
         if int(world.step[0]) == 0:
-            shown = np.abs(np.stack([world.position[0], world.goal[0]])[:, world.present[0]])
-            self._half_width = float(max(shown.max(), np.nanmax(np.abs(world.obstacles[0]), initial=0.0))) + MARGIN
+            agents = np.stack([world.position[0], world.goal[0]])[:, world.present[0]].reshape(-1, 2)
+            # The origin is the middle of the crossings, whatever the starts of a case.
+            walls = np.concatenate([np.zeros((1, 2)), *polygons(world.obstacles[0])])
+            self._middle = (walls.min(axis=0) + walls.max(axis=0)) / 2
+            self._half_width = float(np.abs(np.concatenate([agents, walls]) - self._middle).max()) + MARGIN
         if self.mode != "human":
             return
         pygame = importlib.import_module("pygame")
@@ -98,7 +102,7 @@ class Renderer:
         pygame = importlib.import_module("pygame")
         large = pygame.Surface((SIZE * SMOOTHING, SIZE * SMOOTHING))
         large.fill(BACKGROUND)
-        canvas = _Canvas(pygame, large, self._half_width)
+        canvas = _Canvas(pygame, large, self._half_width, self._middle)
         canvas.grid()
         for corners in polygons(world.obstacles[0]):
             canvas.obstacle(corners)
@@ -122,25 +126,28 @@ class Renderer:
 
 
 class _Canvas:
-    """Draws in metres, with y upwards and the origin in the middle.
+    """Draws in metres, with y upwards.
 
     Args:
         pygame: The module.
         surface: The surface to draw on.
         half_width: Half the width of what is shown, in metres.
+        middle: What is in the middle, in metres.
     """
 
-    def __init__(self, pygame: Any, surface: Any, half_width: float) -> None:
+    def __init__(self, pygame: Any, surface: Any, half_width: float, middle: Float[np.ndarray, "2"]) -> None:
         self.draw = pygame.draw
         self.surface = surface
         self.half_width = half_width
+        self.middle = middle
         self.scale = surface.get_width() / (2 * half_width)
 
     def pixel(self, point: Float[np.ndarray, "2"]) -> tuple[float, float]:
-        return (point[0] + self.half_width) * self.scale, (self.half_width - point[1]) * self.scale
+        x, y = point - self.middle
+        return (x + self.half_width) * self.scale, (self.half_width - y) * self.scale
 
     def grid(self) -> None:
-        last = int(self.half_width)
+        last = int(self.half_width + np.abs(self.middle).max())
         for metre in range(-last, last + 1):
             for one, other in (((metre, -99.0), (metre, 99.0)), ((-99.0, metre), (99.0, metre))):
                 self.draw.line(self.surface, GRID, self.pixel(np.array(one)), self.pixel(np.array(other)), SMOOTHING)
