@@ -9,6 +9,7 @@ from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.sim.simulator import step
 from crowdbench.sim.social_force import social_force_velocities
+from crowdbench.sim.swept import stopping_gap
 from crowdbench.types import Outcome
 
 WALL = np.array([[[-1.0, 0.0], [1.0, 0.0], [np.nan, np.nan], [np.nan, np.nan]]])
@@ -160,3 +161,12 @@ def test_a_border_repels_as_in_the_formula_of_helbing_and_molnar():
     got = social_force_velocities(*arguments, time_step=dt, sub_step=dt, fluctuation=0.0, obstacles=wall)
     pushed = -strength / reach * np.exp(-distance / reach) * tau * (1.0 - np.exp(-dt / tau))
     assert got[0, 0] == pytest.approx([pushed, 0.0], abs=1e-12)
+
+
+def test_braking_takes_the_way_of_the_square_of_the_speed_over_twice_the_deceleration():
+    disc = np.zeros(1)
+    gap = stopping_gap(disc, 2.0, 0.0, -1.0, 0.0, 1.0, np.pi / 2, 0.3, WALL)
+    assert gap == pytest.approx(1.0 - 0.25 - 0.3)
+    assert stopping_gap(disc, 0.5, 0.0, -1.0, 0.0, 1.0, np.pi / 2, 0.3, WALL) == pytest.approx(-0.3)
+    assert stopping_gap(np.array([0.0, 0.5]), 2.0, 0.0, -1.0, 0.0, 1.0, np.pi / 2, 0.3, WALL) == pytest.approx(-0.05)
+    assert stopping_gap(disc, np.inf, 0.0, -1.0, 0.0, 1.0, np.pi / 2, 0.3, WALL) == np.inf

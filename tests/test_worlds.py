@@ -66,3 +66,16 @@ def test_spl_and_sct_take_the_way_round_walls():
     assert (sct(trace) > 0.9).all()
     beeline = norm(trace.goal[:, 0, 0] - trace.position[:, 0, 0])
     assert (beeline < 0.95 * trace.steps * trace.rules.dt).all()
+
+
+@pytest.mark.parametrize("planner", ["orca", "social_force", "ppo"])
+def test_a_unicycle_that_follows_velocities_stops_in_front_of_walls(planner):
+    trace = drive(planner, "10", "doorway", vehicle__dynamics="unicycle")
+    examined(trace)
+    assert not (trace.outcome == Outcome.WALL_COLLISION).any()
+
+
+def test_a_lookahead_of_a_unicycle_foresees_where_it_could_not_stop():
+    trace = drive("sarl_lin", "10", "doorway", vehicle__dynamics="unicycle")
+    examined(trace)
+    assert (trace.outcome == Outcome.WALL_COLLISION).mean() <= 0.2

@@ -41,7 +41,7 @@ class ORCAPlanner(Planner):
         position, velocity, radius, present = obs.everybody()
         preferred = np.zeros_like(position)
         preferred[:, 0] = toward_goal(vehicle.position, vehicle.local_goal, vehicle.preferred_speed)
-        return orca_velocities(
+        asked = orca_velocities(
             position,
             velocity,
             preferred,
@@ -53,6 +53,8 @@ class ORCAPlanner(Planner):
             seen=present,
             moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
         )[:, 0]
+        # Nothing else keeps a vehicle off walls that cannot take these velocities at once.
+        return along_walls(obs, asked)
 
 
 class SocialForcePlanner(Planner):

@@ -55,3 +55,34 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, p
             wall_gap = min(wall_gap, wall)
         begin[1:] += chord[1:]
     return gap, wall_gap
+
+
+@no_type_check
+@njit(nogil=True)
+def stopping_gap(body, deceleration, x, y, vx, vy, heading, radius, obstacles):
+    """The smallest distance to obstacles while the vehicle brakes to a standstill, straight ahead. Compiled.
+
+    A vehicle that cannot stop in front of a wall is in an inevitable collision state (Fraichard and Asama 2004).
+
+    Args:
+        body (array): Where the centres of its discs are, in metres ahead of its position.
+        deceleration (float): How hard it can brake, in m/s^2; infinite if it can stop at once.
+        x (float): x of its position in metres.
+        y (float): Its y.
+        vx (float): x of its velocity in m/s.
+        vy (float): Its y.
+        heading (float): Its heading in radians.
+        radius (float): The radius of its discs in metres.
+        obstacles (array): `[polygon, corner, 2]`, in metres, NaN after the last corner.
+
+    Returns:
+        gap (float): In metres; negative where it would hit an obstacle.
+    """
+    gap = math.inf
+    if len(obstacles) == 0 or deceleration == math.inf:
+        return gap
+    time = math.hypot(vx, vy) / (2.0 * deceleration)
+    c, s = math.cos(heading), math.sin(heading)
+    for ahead in body:
+        gap = min(gap, wall_gap_in_step(x + ahead * c, y + ahead * s, vx * time, vy * time, radius, obstacles))
+    return gap

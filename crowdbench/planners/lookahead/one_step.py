@@ -18,7 +18,7 @@ from crowdbench.predict import Prediction
 from crowdbench.sim.episode import step_outcome
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.routes import next_waypoints
-from crowdbench.sim.swept import gaps_on_arc
+from crowdbench.sim.swept import gaps_on_arc, stopping_gap
 from crowdbench.types import Observation, Vehicle
 from crowdbench.value.joint_state import SIZE, write_joint_state
 
@@ -159,7 +159,8 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
 
     The vehicle moves by its dynamics. The pedestrians move straight and at constant speed from where the planner sees
     them to where they are predicted. The rule for collisions, with pedestrians and obstacles, and for the goal is the
-    simulator's. The joint state has the local goal in place of the goal.
+    simulator's. A command after which the vehicle could not stop in front of a wall counts as a collision with it. The
+    joint state has the local goal in place of the goal.
 
     Args:
         scene: The vehicles and the pedestrians.
@@ -244,14 +245,16 @@ def _try_commands(
         w = world[row]
         x, y, vx, vy = position[w, 0], position[w, 1], velocity[w, 0], velocity[w, 1]
         first, second, limit, turn_rate = commands[row, 0], commands[row, 1], preferred_speed[w], 0.0
+        facing = heading[w]
         if code == HOLONOMIC:
             x, y, vx, vy = move_freely(limits[0] * dt, x, y, vx, vy, first, second, limit, dt)
         else:
-            x, y, vx, vy, _, turn_rate = drive(
+            x, y, vx, vy, facing, turn_rate = drive(
                 code, limits, x, y, vx, vy, heading[w], angular_speed[w], first, second, limit, dt
             )
         new_velocity[row, 0], new_velocity[row, 1] = vx, vy
         wall_gap = wall_gap_in_step(position[w, 0], position[w, 1], vx * dt, vy * dt, radius[w], obstacles[w])
+        stopping = stopping_gap(body, limits[0], x, y, vx, vy, facing, radius[w], obstacles[w])
         near = tolerance if tolerance > 0.0 else radius[w]
         dx, dy = goal[w, 0] - x, goal[w, 1] - y
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
@@ -266,7 +269,7 @@ def _try_commands(
             else:
                 own = heading[w], math.hypot(vx, vy), turn_rate, dt
                 gap[row, m], wall_gap = gaps_on_arc(body, *own, start, motion, radii, seen, obstacles[w])
-            outcome[row, m] = step_outcome(gap[row, m], wall_gap, dx, dy, near, False)
+            outcome[row, m] = step_outcome(gap[row, m], min(wall_gap, stopping), dx, dy, near, False)
             write_joint_state(
                 joint[row, m],
                 x,
