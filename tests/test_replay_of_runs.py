@@ -246,7 +246,7 @@ def other_digest(directory):
         (shorter_paths, "12 of 12 cases have other figures in episodes.csv: test:0 (path_length "),
         (better_summary, "values in result.json differ: metrics.jerk.mean ("),
         (other_commands, "cases end otherwise than episodes.csv says: test:0 ("),
-        (fast_commands, "cases in commands.parquet have commands that a run refuses, faster than the vehicle"),
+        (fast_commands, "cases in commands.parquet have commands that a run refuses, beyond the limits of the vehicle"),
         (fewer_commands, "12 of 12 cases have more or fewer commands in commands.parquet than steps: test:0 ("),
         (another_recording, "episodes in run.rrd have other states: test:0 ("),
         (fewer_recorded, "values in result.json differ: recorded ("),

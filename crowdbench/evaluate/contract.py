@@ -117,7 +117,7 @@ def examine(answer: object, max_speed: Float[np.ndarray, "world"], *steps: int, 
         return Examined(points, None)
     each = values.reshape(-1, *(steps or (1,)), 2)
     finite = np.asarray(np.isfinite(each).all(axis=2))
-    limit = np.broadcast_to(max_speed[:, None], finite.shape)
+    limit = np.broadcast_to(max_speed[:, None], finite.shape) if steps else max_speed[:, None]
     beyond = ~dynamics.is_within(np.where(finite[..., None], each, 0.0), limit)
     points["finite"] = None
     if finite.any():

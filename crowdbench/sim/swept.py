@@ -79,7 +79,7 @@ def stopping_gap(body, deceleration, x, y, vx, vy, heading, radius, obstacles):
         gap (float): In metres; negative where it would hit an obstacle.
     """
     gap = math.inf
-    if len(obstacles) == 0 or deceleration == math.inf:
+    if deceleration == math.inf:
         return gap
     time = math.hypot(vx, vy) / (2.0 * deceleration)
     c, s = math.cos(heading), math.sin(heading)

@@ -253,8 +253,10 @@ def _try_commands(
                 code, limits, x, y, vx, vy, heading[w], angular_speed[w], first, second, limit, dt
             )
         new_velocity[row, 0], new_velocity[row, 1] = vx, vy
-        wall_gap = wall_gap_in_step(position[w, 0], position[w, 1], vx * dt, vy * dt, radius[w], obstacles[w])
-        stopping = stopping_gap(body, limits[0], x, y, vx, vy, facing, radius[w], obstacles[w])
+        wall_gap = stopping = math.inf
+        if obstacles.shape[1] > 0:
+            wall_gap = wall_gap_in_step(position[w, 0], position[w, 1], vx * dt, vy * dt, radius[w], obstacles[w])
+            stopping = stopping_gap(body, limits[0], x, y, vx, vy, facing, radius[w], obstacles[w])
         near = tolerance if tolerance > 0.0 else radius[w]
         dx, dy = goal[w, 0] - x, goal[w, 1] - y
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]

@@ -144,7 +144,7 @@ def _try_sequences(
     radii = np.empty(pedestrians + 1)
     seen = np.ones(pedestrians + 1, np.bool_)
     # x, y, vx, vy, and on wheels heading and angular speed, before the first step and after each one.
-    way = np.empty((horizon + 1, 6))
+    way, to_walls = np.empty((horizon + 1, 6)), np.full(horizon, np.inf)
     running = Outcome.RUNNING.value
     for w in range(len(commands)):
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
@@ -161,25 +161,25 @@ def _try_sequences(
                         code, limits, x, y, vx, vy, way[t, 4], way[t, 5], first, second, limit, dt
                     )
                 way[t + 1, 0], way[t + 1, 1], way[t + 1, 2], way[t + 1, 3] = x, y, vx, vy
+                if obstacles.shape[1] > 0:
+                    to_walls[t] = wall_gap_in_step(way[t, 0], way[t, 1], vx * dt, vy * dt, radius[w], obstacles[w])
             for m in range(crowd.shape[1]):
                 ended = running
                 t = 0
                 while t < horizon and ended == running:
-                    after = way[t + 1]
-                    for k in range(2):
-                        start[0, k], motion[0, k] = way[t, k], after[2 + k] * dt
-                        for p in range(pedestrians):
+                    vx, vy, wall_gap = way[t + 1, 2], way[t + 1, 3], to_walls[t]
+                    start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = way[t, 0], way[t, 1], vx * dt, vy * dt
+                    for p in range(pedestrians):
+                        for k in range(2):
                             start[p + 1, k] = crowd[w, m, t, p, k]
                             motion[p + 1, k] = crowd[w, m, t + 1, p, k] - crowd[w, m, t, p, k]
                     if code == HOLONOMIC:
                         nearest, _ = nearest_in_step(0, start, motion, radii, seen)
-                        x, y, dx, dy = start[0, 0], start[0, 1], motion[0, 0], motion[0, 1]
-                        wall_gap = wall_gap_in_step(x, y, dx, dy, radius[w], obstacles[w])
                     else:
-                        own = way[t, 4], math.hypot(after[2], after[3]), after[5], dt
+                        own = way[t, 4], math.hypot(vx, vy), way[t + 1, 5], dt
                         nearest, wall_gap = gaps_on_arc(body, *own, start, motion, radii, seen, obstacles[w])
                     gap[w, s, m, t] = nearest - margin[t]
-                    dx, dy = goal[w, 0] - after[0], goal[w, 1] - after[1]
+                    dx, dy = goal[w, 0] - way[t + 1, 0], goal[w, 1] - way[t + 1, 1]
                     ended = step_outcome(gap[w, s, m, t], wall_gap, dx, dy, near, False)
                     t += 1
                 outcome[w, s, m], steps[w, s, m] = ended, t
