@@ -128,7 +128,7 @@ def test_not_a_number_is_seen_in_any_kind_of_array(make):
         def plan(self, obs):
             return make(np.full((len(obs), 2), np.nan))
 
-    with pytest.raises(InputError, match="velocity must be finite"):
+    with pytest.raises(InputError, match="command must be finite"):
         drive(Mine(), "3")
 
 

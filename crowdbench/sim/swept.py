@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import no_type_check
 
+import numpy as np
+
 from crowdbench.compiled import njit
 from crowdbench.dynamics.motion import along_arc, chords
 from crowdbench.geometry import nearest_in_step
@@ -40,11 +42,18 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, p
     """
     x, y = position[0, 0], position[0, 1]
     number = chords(speed, turn_rate, max(abs(body[0]), abs(body[-1])), dt)
-    begin, chord = position.copy(), motion / number
+    # By hand: numba takes seconds to compile expressions of arrays.
+    begin, chord = np.empty(position.shape), np.empty(motion.shape)
+    for agent in range(1, len(position)):
+        for axis in range(2):
+            chord[agent, axis] = motion[agent, axis] / number
     gap, wall_gap = math.inf, math.inf
     for k in range(number):
         x0, y0, before = along_arc(x, y, heading, speed, turn_rate, dt * k / number)
         x1, y1, after = along_arc(x, y, heading, speed, turn_rate, dt * (k + 1) / number)
+        for agent in range(1, len(position)):
+            for axis in range(2):
+                begin[agent, axis] = position[agent, axis] + k * chord[agent, axis]
         for ahead in body:
             begin[0, 0], begin[0, 1] = x0 + ahead * math.cos(before), y0 + ahead * math.sin(before)
             chord[0, 0] = x1 + ahead * math.cos(after) - begin[0, 0]
@@ -53,7 +62,6 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, p
             gap = min(gap, nearest)
             wall = wall_gap_in_step(begin[0, 0], begin[0, 1], chord[0, 0], chord[0, 1], radius[0], obstacles)
             wall_gap = min(wall_gap, wall)
-        begin[1:] += chord[1:]
     return gap, wall_gap
 
 
