@@ -225,7 +225,7 @@ def test_what_cannot_be_examined_is_said():
     assert (set(broken(points)), not_examined(points)) == ({"dtype"}, {"shape"} | after_shape)
     points = examined(lambda: Always(lambda obs: 1 / 0))
     assert (set(broken(points)), not_examined(points)) == ({"exceptions"}, set(POINTS) - {"exceptions"})
-    assert points["speed"].seen == "not examined: the planner returned no array of velocities"
+    assert points["speed"].seen == "not examined: the planner returned no array of commands"
 
 
 @pytest.mark.slow

@@ -214,3 +214,10 @@ def test_a_recording_of_a_later_format_is_refused(recorded, monkeypatch):
     monkeypatch.setattr(exact, "READABLE", (1,))
     with pytest.raises(InputError, match="newer version"):
         read(recorded)
+
+
+def test_an_episode_in_which_nothing_moves_is_read_back(tmp_path):
+    still = trace(np.zeros((3, 1, 2)), Outcome.TIMEOUT, gap=[np.inf] * 2)
+    got = read(write(tmp_path / "run.rrd", still)).trace
+    assert np.array_equal(got.position, still.position, equal_nan=True)
+    assert got.steps.tolist() == [2]

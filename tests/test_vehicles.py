@@ -1,12 +1,14 @@
 """Vehicles on wheels in the simulator: scenarios, rollouts, planners, recordings."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import drive, same, world
 
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.dynamics import Bicycle, State, Unicycle, chain, hull
 from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.vehicle import VehicleEnv
@@ -187,10 +189,12 @@ def test_native_commands_are_executed_and_kept_in_the_trace():
     assert trace.heading[0, 10] - trace.heading[0, 0] == pytest.approx(10 * 0.25 * 0.1)
 
 
-def test_a_planner_must_say_by_a_bool_whether_it_is_native():
+def test_a_planner_must_say_whether_it_is_native_and_of_which_dynamics():
     planner = Native(0.0, 0.0)
     planner.native = "yes"
-    with pytest.raises(InputError, match="planner mine has native = 'yes', but it must be True or False"):
+    with pytest.raises(
+        InputError, match="planner mine has native = 'yes', but it must be True, False or one of 'holonomic'"
+    ):
         Driver(planner, "mine")
 
 
@@ -289,3 +293,14 @@ def test_a_planner_in_its_own_process_drives_holonomic_discs_only():
             rollout(Driver(planner, "orca"), scenario, Cases.parse("1"))
     finally:
         planner.close()
+
+
+def test_the_planner_of_the_page_about_vehicles_commands_unicycles_only(tmp_path):
+    page = (Path(__file__).parents[1] / "docs" / "vehicles.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "turning.py").write_text(code)
+    _, planner = load_planner(str(tmp_path / "turning.py"))
+    trace = drive(planner, "5", "blind_corner", vehicle__dynamics="unicycle", pedestrians__number=0)
+    assert (trace.outcome == Outcome.SUCCESS).all()
+    with pytest.raises(InputError, match="has native = 'unicycle', but the vehicle of the scenario is holonomic"):
+        drive(planner, "1")

@@ -101,5 +101,8 @@ def velocities(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*s
     """
     asked = np.asarray(actions, np.float64)
     if asked.shape != shape or not np.isfinite(asked).all():
-        raise InputError(f"an action is a finite velocity (vx, vy) in m/s, but these are {actions!r}")
+        raise InputError(
+            "an action is a finite velocity (vx, vy) in m/s, or a finite command where actions are native, "
+            f"but these are {actions!r}"
+        )
     return asked

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.dynamics import FREE
+from crowdbench.dynamics import DYNAMICS, FREE
 from crowdbench.errors import InputError, described, is_interrupt, one_process, plugin_errors
 from crowdbench.evaluate.contract import Asked, Fault, examine
 from crowdbench.planners.base import OneStepOnly, Planner
@@ -71,7 +71,7 @@ class Driver:
         self.name = name
         self.decision_limit = decision_limit
         self.privileged = _flag(planner, name, "privileged")
-        self.native = _flag(planner, name, "native")
+        self.native = _native(planner, name)
         self.facts = _facts(planner, name)
         self.seconds = 0.0
         self._cases = np.empty(0, np.int64)
@@ -115,6 +115,11 @@ class Driver:
 
     def _asked(self, obs: Observation, plan: Callable[..., object], *steps: int) -> Float[np.ndarray, "world *time 2"]:
         asked = Asked.of(obs, self._cases)
+        if isinstance(self.native, str) and self.native != asked.dynamics.name:
+            raise InputError(
+                f"planner {self.name} has native = {self.native!r}, but the vehicle of the scenario is "
+                f"{asked.dynamics.name}: set vehicle.dynamics={self.native}"
+            )
         start = time.perf_counter()
         answer = self._answer(asked, lambda: plan(obs, *steps))
         seconds = time.perf_counter() - start
@@ -163,6 +168,15 @@ def _flag(planner: Planner, name: str, flag: str) -> bool:
         value = getattr(planner, flag)
     if not isinstance(value, bool):
         raise InputError(f"planner {name} has {flag} = {value!r}, but it must be True or False")
+    return value
+
+
+def _native(planner: Planner, name: str) -> bool | str:
+    with plugin_errors(f"planner {name} raised", " in native"):
+        value = planner.native
+    if not (isinstance(value, bool) or (isinstance(value, str) and value in DYNAMICS)):
+        words = ", ".join(map(repr, DYNAMICS))
+        raise InputError(f"planner {name} has native = {value!r}, but it must be True, False or one of {words}")
     return value
 
 

@@ -170,7 +170,7 @@ def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
     c = _dot(position, position) - reach**2
     root = b**2 - a * c
     meets = (b < 0) & (root >= 0)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         time = np.where(meets, c / (np.sqrt(np.where(meets, root, 0.0)) - b), np.inf)
     least = np.min(np.maximum(time, 0.0), axis=(1, 2), initial=np.inf)
     return np.where(np.isfinite(least), least, np.nan)

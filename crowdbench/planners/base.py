@@ -22,11 +22,11 @@ class Planner(abc.ABC):
     privileged: bool = False
     """Whether it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
 
-    native: bool = False
-    """Whether its commands are those of the vehicle's dynamics, see `crowdbench.dynamics`.
+    native: bool | str = False
+    """Whether its commands are those of the vehicle's dynamics, see `crowdbench.dynamics`: of any, or of the one named.
 
     Otherwise they are velocities, which a vehicle on wheels follows as far as it can. For a holonomic vehicle, both are
-    the same.
+    the same. A planner for one dynamics, such as `native = "unicycle"`, is refused with other vehicles.
     """
 
     facts: Mapping[str, str] = MappingProxyType({})

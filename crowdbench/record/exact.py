@@ -54,7 +54,8 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     arrays |= {name: getattr(trace, name)[row, :steps] for name in OF_STEPS}
     if trace.undisturbed is not None:
         arrays["undisturbed"] = trace.undisturbed[row, : steps + 1]
-    still = {name: array[:1] for name, array in arrays.items() if (array == array[:1]).all()}
+    # The position always changes, or else `/exact/states` could have no columns.
+    still = {name: array[:1] for name, array in arrays.items() if name != "position" and (array == array[:1]).all()}
     moving = {name: _of_states(array, steps + 1) for name, array in arrays.items() if name not in still}
     columns = {moment.timeline_name(): moment.as_arrow_array() for moment in times(0, steps + 1, dt)}
     columns |= {name: _lists(array) for name, array in moving.items()}

@@ -49,7 +49,7 @@ def shaped(answer: object, agents: int) -> Placement:
         wishes = zip(shape, array.shape, strict=False)
         if array.ndim != len(shape) or not all(wish in (None, length) for wish, length in wishes):
             words = ", ".join("any number" if wish is None else str(wish) for wish in shape)
-            raise InputError(f"the layout returned a {part} of shape {list(array.shape)} instead of [{words}]")
+            raise InputError(f"the layout returned {part} of shape {list(array.shape)} instead of [{words}]")
     return answer
 
 
@@ -182,5 +182,5 @@ def _outside(placement: Placement, radius: Float[np.ndarray, "agent"], shapes: M
                 agent = int(wrong.argmax())
                 raise InputError(
                     f"the {part} of {who(agent)}, {points[agent].tolist()}, is {distance[agent]:.3g} m from "
-                    f"obstacles[{i}], but must be its radius of {radius[agent]:.3g} m away"
+                    f"obstacles[{i}], but must be {radius[agent]:.3g} m away, the radius of the disc around it"
                 )

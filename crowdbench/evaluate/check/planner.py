@@ -27,7 +27,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.types import Observation
 
-MISSING = "not examined: the planner returned no array of velocities"
+MISSING = "not examined: the planner returned no array of commands"
 
 AHEAD = 8
 """Steps that `plan_ahead` is asked for."""
