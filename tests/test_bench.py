@@ -81,6 +81,7 @@ def short_training(monkeypatch):
     monkeypatch.setattr(method, "BATCH", 128)
 
 
+@pytest.mark.slow
 def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
     monkeypatch.setattr(simulator, "ROUNDS", 1)
     works = (
@@ -94,6 +95,7 @@ def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
     assert all(one.value > 0 and one.unit == "us" for one in measured)
 
 
+@pytest.mark.slow
 def test_environments_of_many_worlds_are_compared(monkeypatch):
     monkeypatch.setattr(environments, "ROUNDS", 1)
     measured = list(environments.measure_vec_env(worlds=3, steps=4))
@@ -187,6 +189,7 @@ def test_a_run_of_sarl_sgan_kce_is_timed_with_its_memory(monkeypatch, few_future
     assert 10.0 < memory.value < 1e5
 
 
+@pytest.mark.slow
 def test_decisions_under_futures_are_timed(few_futures):
     measured = [
         *decisions.measure_sarl_sgan_kce_batch(worlds=2, rounds=1, **few_futures),

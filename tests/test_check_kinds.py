@@ -377,7 +377,7 @@ LATER = np.random.default_rng(0)
 LAYOUTS_THAT_OFFEND = {
     "an exception": (lambda rng, radius, speed: radius[99], "exceptions", "layout mine in case 0 raised IndexError"),
     "a pair": (lambda rng, radius, speed: (radius, radius), "shape", "a tuple instead of a Placement"),
-    "too few": (changed_row(goal=lambda one: one.goal[1:]), "shape", "a goal of shape"),
+    "too few": (changed_row(goal=lambda one: one.goal[1:]), "shape", "with goal of shape"),
     "a flat wall": (
         changed_row(obstacles=lambda one: np.zeros((2, 2))),
         "shape",

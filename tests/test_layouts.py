@@ -54,9 +54,11 @@ def test_a_layout_of_ones_own_is_a_file_that_the_scenario_names(door):
     start = scenario().worlds(Cases.parse("2"))
     assert start.obstacles.shape == (2, 2, 2, 2)
     assert start.obstacles[0, 0, 1].tolist() == [-0.75, 0.0]
-    ways = start.route[0, :, :, 0]
-    assert (np.abs(ways[np.isfinite(ways)]) < 0.75).all()
-    assert np.isfinite(start.route[:, -1, 0]).all()
+    for agent in range(start.route.shape[1]):
+        way = np.concatenate([start.position[0, agent, None], start.route[0, agent], start.goal[0, agent, None]])
+        (x, y), (dx, dy) = way[np.isfinite(way[:, 0])].T, np.diff(way[np.isfinite(way[:, 0])], axis=0).T
+        (crossed,) = np.flatnonzero((y[:-1] > 0.0) != (y[1:] > 0.0))
+        assert abs(x[crossed] - y[crossed] / dy[crossed] * dx[crossed]) < 0.75
 
 
 def test_a_function_of_the_file_can_be_named_also_on_the_command_line(door):

@@ -170,3 +170,13 @@ def test_braking_takes_the_way_of_the_square_of_the_speed_over_twice_the_deceler
     assert stopping_gap(disc, 0.5, 0.0, -1.0, 0.0, 1.0, np.pi / 2, 0.3, WALL) == pytest.approx(-0.3)
     assert stopping_gap(np.array([0.0, 0.5]), 2.0, 0.0, -1.0, 0.0, 1.0, np.pi / 2, 0.3, WALL) == pytest.approx(-0.05)
     assert stopping_gap(disc, np.inf, 0.0, -1.0, 0.0, 1.0, np.pi / 2, 0.3, WALL) == np.inf
+
+
+def test_who_touches_a_wall_looks_along_the_line_of_its_centre():
+    obstacles = np.array([[[[-5.0, 0.0], [-0.75, 0.0]], [[0.75, 0.0], [5.0, 0.0]]]])
+    goal, route = np.array([[[0.0, 4.0]]]), np.array([[[[0.0, -1.0], [0.0, 0.5], [0.0, 2.0]]]])
+    beside = np.array([[[-3.0, -0.3]]])
+    found = next_waypoints(beside, goal, route, np.array([[3]]), np.array([[0.3]]), obstacles)
+    assert found == 0
+    ahead = local_goals(beside, goal, route, found)
+    assert ahead[0, 0, 0] > 0.0 > ahead[0, 0, 1]

@@ -126,7 +126,7 @@ def planner():
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
 def test_a_killed_study_goes_on_where_it_stopped(number, capsys):
     Path("stops.py").write_text(STOPS)
     text = CROWDS.replace('"orca_margin"', '"./stops.py"')
@@ -239,11 +239,15 @@ def test_a_study_that_is_not_there_is_told():
 
 @pytest.mark.slow
 def test_the_shipped_studies_can_be_made():
-    learned, crowds, kce = (read_study(STUDIES / f"{name}.toml") for name in ("learned", "crowds", "kce"))
+    names = ("learned", "crowds", "kce", "worlds")
+    learned, crowds, kce, worlds = (read_study(STUDIES / f"{name}.toml") for name in names)
     # Five seeds of every row, the first table's under both rules.
     assert len(learned.runs) == 5 * (2 * 6 + 4 + 6 + 5)
     assert {str(run.cases) for run in learned.runs} == {"test:0:500", "val:500:1000"}
-    assert len(crowds.runs) == 12 * len(catalog.scenarios())
+    assert len(crowds.runs) == 12 * 7
+    in_vehicles = {name for name, _ in catalog.scenarios() if name.endswith(("_unicycle", "_car"))}
+    shown = {run.scenario.name for study in (crowds, worlds) for run in study.runs}
+    assert shown | in_vehicles == {name for name, _ in catalog.scenarios()}
     assert {run.planner for run in crowds.runs if run.privileged} == {"sarl"}
     assert {str(run.cases) for run in kce.runs} == {"val:2000:2200"}
 

@@ -85,3 +85,12 @@ def test_options_that_leave_no_room_are_told_with_the_case(name, options, senten
     place = load_scenario(name, {f"layout.{option}": value for option, value in options.items()})
     with pytest.raises(InputError, match=f"^{name}.toml: in case test:0, {sentence}"):
         place.worlds(Cases.parse("1"))
+
+
+def test_a_way_has_a_waypoint_at_least_every_metre():
+    for name in ("doorway", "blind_corner"):
+        start = load_scenario(name).worlds(Cases.parse("3"))
+        for w, agent in np.ndindex(start.route.shape[:2]):
+            way = np.concatenate([start.position[w, agent, None], start.route[w, agent], start.goal[w, agent, None]])
+            legs = np.diff(way[np.isfinite(way[:, 0])], axis=0)
+            assert np.hypot(*legs.T).max() <= 1.0 + 1e-9

@@ -38,7 +38,7 @@ def test_planners_drive_among_walls(planner, scenario):
     examined(drive(planner, "5", scenario))
 
 
-@pytest.mark.parametrize("planner", ["lstm_rl", "sarl_lin", "sarl_sgan_seq"])
+@pytest.mark.parametrize("planner", ["lstm_rl", "sarl_lin", pytest.param("sarl_sgan_seq", marks=pytest.mark.slow)])
 def test_learned_planners_drive_among_walls(planner):
     examined(drive(planner, "1", "blind_corner"))
 

@@ -16,6 +16,9 @@ from crowdbench.scenario.ways import edges_of, shortest_ways
 EXTENT = 1e6
 """Coordinates are at most so many metres from zero."""
 
+SPACING = 1.0
+"""Waypoints of a shortest way are at most this far apart, in metres."""
+
 _TOLERANCE = 1e-9
 
 
@@ -49,7 +52,9 @@ def shaped(answer: object, agents: int) -> Placement:
         wishes = zip(shape, array.shape, strict=False)
         if array.ndim != len(shape) or not all(wish in (None, length) for wish, length in wishes):
             words = ", ".join("any number" if wish is None else str(wish) for wish in shape)
-            raise InputError(f"the layout returned {part} of shape {list(array.shape)} instead of [{words}]")
+            raise InputError(
+                f"the layout returned a Placement with {part} of shape {list(array.shape)} instead of [{words}]"
+            )
     return answer
 
 
@@ -112,7 +117,7 @@ def with_ways(placement: Placement, radius: Float[np.ndarray, "agent"]) -> Place
         if placement.obstacles is None:
             return placement
         route = shortest_ways(placement.start, placement.goal, radius, placement.obstacles)
-        return dataclasses.replace(placement, route=route)
+        return dataclasses.replace(placement, route=_marked(placement.start, placement.goal, route))
     route = route.copy()
     for agent, points in enumerate(route):
         last = int(np.isfinite(points[:, 0]).sum()) - 1
@@ -120,6 +125,31 @@ def with_ways(placement: Placement, radius: Float[np.ndarray, "agent"]) -> Place
             points[last] = np.nan
             last -= 1
     return dataclasses.replace(placement, route=route)
+
+
+def _marked(
+    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], route: Float[np.ndarray, "agent corner 2"]
+) -> Float[np.ndarray, "agent waypoint 2"]:
+    """Routes with waypoints at most `SPACING` apart, so that whoever has been pushed off its way sees one of them.
+
+    Args:
+        start: In metres.
+        goal: In metres.
+        route: The corners of the ways in metres, NaN beyond the last one of each.
+    """
+    ways = []
+    for agent, corners in enumerate(route):
+        points = np.concatenate([start[agent, None], corners[np.isfinite(corners[:, 0])], goal[agent, None]])
+        legs = np.ceil(np.hypot(*np.diff(points, axis=0).T) / SPACING).astype(int)
+        parts = [
+            first + np.arange(1, n + 1)[:, None] / n * (last - first)
+            for first, last, n in zip(points[:-1], points[1:], legs, strict=True)
+        ]
+        ways.append(np.concatenate([np.empty((0, 2)), *parts])[:-1])
+    marked = np.full((len(ways), max(map(len, ways)), 2), np.nan)
+    for agent, way in enumerate(ways):
+        marked[agent, : len(way)] = way
+    return marked
 
 
 def clear(placement: Placement, radius: Float[np.ndarray, "agent"]) -> Placement:

@@ -50,9 +50,10 @@ def next_waypoints(
 ) -> Int[np.ndarray, "world agent"]:
     """The waypoint that each agent heads for next.
 
-    Among obstacles it is the last one of the route that is in sight, the goal included; where none is in sight it does
-    not change. A disc of the agent's radius could go straight to what is in sight. Without obstacles it is the first
-    one that the agent has not reached.
+    Among obstacles it is the last one of the route that is in sight, the goal included: a disc of the agent's radius
+    could go straight there. Where there is none, as beside a wall, it is the last one to which no wall crosses the line
+    from the agent's centre, and else it does not change. Without obstacles it is the first one that the agent has not
+    reached.
 
     Args:
         position: Centres in metres.
@@ -92,15 +93,26 @@ def _next_waypoints(position, goal, route, radius, obstacles, waypoint):
                 last += 1
             x, y = position[w, i, 0], position[w, i, 1]
             if walled:
-                for k in range(last, -1, -1):
-                    target = goal[w, i] if k == last else route[w, i, k]
-                    dx, dy = target[0] - x, target[1] - y
-                    if wall_gap_in_step(x, y, dx, dy, radius[w, i] + SIGHT_GAP, obstacles[w]) >= 0.0:
-                        waypoint[w, i] = k
-                        break
+                # Whoever touches a wall cannot go anywhere by its whole disc, and looks along the line of its centre.
+                found = _last_in_sight(x, y, radius[w, i] + SIGHT_GAP, goal[w, i], route[w, i], last, obstacles[w])
+                if found < 0:
+                    found = _last_in_sight(x, y, 0.0, goal[w, i], route[w, i], last, obstacles[w])
+                if found >= 0:
+                    waypoint[w, i] = found
             else:
                 while waypoint[w, i] < last:
                     target = route[w, i, waypoint[w, i]]
                     if math.hypot(target[0] - x, target[1] - y) >= REACH:
                         break
                     waypoint[w, i] += 1
+
+
+@no_type_check
+@njit
+def _last_in_sight(x, y, radius, goal, route, last, obstacles):
+    """The index of the last waypoint to which a disc can go straight, `last` for the goal; -1 if there is none."""
+    for k in range(last, -1, -1):
+        target = goal if k == last else route[k]
+        if wall_gap_in_step(x, y, target[0] - x, target[1] - y, radius, obstacles) > 0.0:
+            return k
+    return -1
