@@ -29,5 +29,10 @@ class Placement:
 
 
 Layout = Callable[..., Placement]
-"""A function `(rng, radius, preferred_speed, **options) -> Placement`, whose options are keyword-only parameters with
-defaults. Its arrays have an entry per agent, the vehicle first. Random numbers come from `rng` alone."""
+"""A function `(rng, radius, preferred_speed, **options) -> Placement`.
+
+- `rng` is the random stream of the case, the only source of random numbers.
+- `radius` and `preferred_speed` are `[agent]`, in metres and in m/s, the vehicle first.
+- The options are keyword-only parameters with defaults.
+
+It raises InputError where there is no room for an agent."""

@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.scenario.layouts.placed import Area, Placed, polygons
+from crowdbench.scenario.layouts.placed import BEYOND, Area, Placed, polygons
 from crowdbench.scenario.placement import Placement
-
-BEYOND = 4.0
-"""Distance in metres from the vehicle's start and goal to the ends of the corridor."""
 
 
 def layout(
@@ -23,17 +20,11 @@ def layout(
     """A corridor with a corner: the vehicle turns right, and pedestrians come around the corner both ways.
 
     Args:
-        rng: The random stream of the case.
-        radius: Radii [m].
-        preferred_speed: Preferred speeds [m/s].
         width: Width of the corridor [m].
         distance: Distance of the vehicle's start and goal from the middle of the corner [m].
 
     Returns:
-        Starts, goals, and the walls.
-
-    Raises:
-        InputError: There is no room for a pedestrian.
+        See `Layout`, also for the parameters that all layouts have.
     """
     side, end = width / 2, distance + BEYOND
     placed = Placed(
@@ -52,8 +43,9 @@ def layout(
     right: Area = ((side, -side), (end, side))
     bottom: Area = ((-side, -end), (side, -arrival))
     far_right: Area = ((arrival, -side), (end, side))
-    for _ in preferred_speed[1:]:
-        along = rng.random() < 0.5
-        if not placed.draw(rng, *((below, far_right) if along else (right, bottom))):
-            raise placed.full(f"one side of the corner of a corridor of {width:g} m", "layout.width")
-    return placed.placement()
+    along, back = (below, far_right), (right, bottom)
+    return placed.fill(
+        lambda: placed.draw(rng, *(along if rng.random() < 0.5 else back)),
+        f"one side of the corner of a corridor of {width:g} m",
+        "layout.width",
+    )

@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.scenario.layouts.placed import Area, Placed, polygons
+from crowdbench.scenario.layouts.placed import BEYOND, Area, Placed, polygons
 from crowdbench.scenario.placement import Placement
-
-BEYOND = 4.0
-"""Distance in metres from the vehicle's start and goal to the ends of the corridor."""
 
 
 def layout(
@@ -23,17 +20,11 @@ def layout(
     """A corridor with pedestrians in both directions, who start ahead of the vehicle or behind it.
 
     Args:
-        rng: The random stream of the case.
-        radius: Radii [m].
-        preferred_speed: Preferred speeds [m/s].
         width: Width of the corridor [m].
         distance: Distance of the vehicle's start and goal from the middle of the corridor [m].
 
     Returns:
-        Starts, goals, and the walls.
-
-    Raises:
-        InputError: There is no room for a pedestrian.
+        See `Layout`, also for the parameters that all layouts have.
     """
     side, end = width / 2, distance + BEYOND
     placed = Placed(radius, polygons([(-side, -end), (-side, end)], [(side, -end), (side, end)]))
@@ -44,8 +35,9 @@ def layout(
     upper: Area = ((-side, distance / 4), (side, end))
     bottom: Area = ((-side, -end), (side, -arrival))
     top: Area = ((-side, arrival), (side, end))
-    for _ in preferred_speed[1:]:
-        upwards = rng.random() < 0.5
-        if not placed.draw(rng, *((lower, top) if upwards else (upper, bottom))):
-            raise placed.full(f"one end of a corridor of {width:g} m", "layout.width")
-    return placed.placement()
+    up, down = (lower, top), (upper, bottom)
+    return placed.fill(
+        lambda: placed.draw(rng, *(up if rng.random() < 0.5 else down)),
+        f"one end of a corridor of {width:g} m",
+        "layout.width",
+    )

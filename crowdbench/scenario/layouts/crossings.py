@@ -27,19 +27,13 @@ def circle_crossing(
     """All agents walk from a point near a circle to the opposite point, the vehicle from bottom to top.
 
     Args:
-        rng: The random stream of the case.
-        radius: Radii [m].
-        preferred_speed: Preferred speeds [m/s].
         circle_radius: Radius of the circle [m].
         perturbation: Standard deviation of Gaussian noise on each coordinate of the vehicle's start and of all goals;
             noise of more than two standard deviations is drawn again. The starts of pedestrians always have CrowdNav's
             uniform noise [m].
 
     Returns:
-        Starts and goals.
-
-    Raises:
-        InputError: There is no room for a pedestrian.
+        See `Layout`, also for the parameters that all layouts have.
     """
 
     def nudge(x: float, y: float) -> tuple[float, float]:
@@ -52,7 +46,10 @@ def circle_crossing(
 
     placed = Placed(radius)
     placed.add(nudge(0.0, -circle_radius), nudge(0.0, circle_radius))
-    for speed in preferred_speed[1:].tolist():
+    speeds = preferred_speed.tolist()
+
+    def place_next() -> bool:
+        speed = speeds[len(placed.start)]
         for _ in range(TRIES):
             angle = rng.random() * np.pi * 2
             x = circle_radius * math.cos(angle) + (rng.random() - 0.5) * speed
@@ -60,10 +57,10 @@ def circle_crossing(
             goal = nudge(-x, -y)
             if placed.start_is_clear(x, y) and placed.start_is_clear_of_goals(x, y):
                 placed.add((x, y), goal)
-                break
-        else:
-            raise placed.full(f"a circle of {circle_radius:g} m radius", "layout.circle_radius")
-    return placed.placement()
+                return True
+        return False
+
+    return placed.fill(place_next, f"a circle of {circle_radius:g} m radius", "layout.circle_radius")
 
 
 def square_crossing(
@@ -77,28 +74,25 @@ def square_crossing(
     """Pedestrians walk from one half of a square to the other, the vehicle upwards through its middle.
 
     Args:
-        rng: The random stream of the case.
-        radius: Radii [m].
-        preferred_speed: Preferred speeds [m/s].
         square_width: Width of the square [m].
         circle_radius: The vehicle goes from (0, -circle_radius) to (0, circle_radius) [m].
 
     Returns:
-        Starts and goals.
-
-    Raises:
-        InputError: There is no room for a pedestrian.
+        See `Layout`, also for the parameters that all layouts have.
     """
     placed = Placed(radius)
     placed.add((0.0, -circle_radius), (0.0, circle_radius))
-    for _ in preferred_speed[1:]:
+
+    def place_next() -> bool:
         side = -1.0 if rng.random() > 0.5 else 1.0
         start = _first(rng, square_width, side, placed.start_is_clear)
         goal = start and _first(rng, square_width, -side, placed.goal_is_clear)
         if start is None or goal is None:
-            raise placed.full(f"a square of {square_width:g} m", "layout.square_width")
+            return False
         placed.add(start, goal)
-    return placed.placement()
+        return True
+
+    return placed.fill(place_next, f"a square of {square_width:g} m", "layout.square_width")
 
 
 def _first(

@@ -25,18 +25,15 @@ def layout(
     """Two rooms with a door between them: the vehicle goes through it, and pedestrians from both sides.
 
     Args:
-        rng: The random stream of the case.
-        radius: Radii [m].
-        preferred_speed: Preferred speeds [m/s].
         door_width: Width of the door [m].
         width: Width of the rooms [m].
         distance: Distance of the vehicle's start and goal from the wall with the door [m].
 
     Returns:
-        Starts, goals, and the walls.
+        See `Layout`, also for the parameters that all layouts have.
 
     Raises:
-        InputError: There is no room for a pedestrian, or the door is wider than the wall.
+        InputError: The door is wider than the wall.
     """
     if door_width >= width:
         raise InputError(f"layout.door_width is {door_width:g} m, but must be below layout.width, {width:g} m")
@@ -58,8 +55,9 @@ def layout(
     upper: Area = ((-side, distance / 4), (side, back))
     bottom: Area = ((-side, -back), (side, -distance / 2))
     top: Area = ((-side, distance / 2), (side, back))
-    for _ in preferred_speed[1:]:
-        upwards = rng.random() < 0.5
-        if not placed.draw(rng, *((lower, top) if upwards else (upper, bottom))):
-            raise placed.full(f"one side of a wall of {width:g} m", "layout.width")
-    return placed.placement()
+    up, down = (lower, top), (upper, bottom)
+    return placed.fill(
+        lambda: placed.draw(rng, *(up if rng.random() < 0.5 else down)),
+        f"one side of a wall of {width:g} m",
+        "layout.width",
+    )

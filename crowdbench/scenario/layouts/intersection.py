@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.scenario.layouts.placed import Area, Placed, polygons
+from crowdbench.scenario.layouts.placed import BEYOND, Area, Placed, polygons
 from crowdbench.scenario.placement import Placement
-
-BEYOND = 4.0
-"""Distance in metres from the vehicle's start and goal to the ends of the streets."""
 
 
 def layout(
@@ -23,17 +20,11 @@ def layout(
     """Two streets cross between four blocks: the vehicle goes along one, pedestrians along both, both ways.
 
     Args:
-        rng: The random stream of the case.
-        radius: Radii [m].
-        preferred_speed: Preferred speeds [m/s].
         width: Width of the streets [m].
         distance: Distance of the vehicle's start and goal from the middle of the intersection [m].
 
     Returns:
-        Starts, goals, and the blocks.
-
-    Raises:
-        InputError: There is no room for a pedestrian.
+        See `Layout`, also for the parameters that all layouts have.
     """
     side, end = width / 2, distance + BEYOND
     signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
@@ -44,11 +35,10 @@ def layout(
     arrival = distance + BEYOND / 4
     starts = [_arm(turn, side, side, end) for turn in range(4)]
     goals = [_arm(turn, side, arrival, end) for turn in range(4)]
-    for _ in preferred_speed[1:]:
-        arm = int(rng.integers(4))
-        if not placed.draw(rng, starts[arm], goals[(arm + 2) % 4]):
-            raise placed.full(f"a street of {width:g} m", "layout.width")
-    return placed.placement()
+    ways = [(starts[arm], goals[(arm + 2) % 4]) for arm in range(4)]
+    return placed.fill(
+        lambda: placed.draw(rng, *ways[int(rng.integers(4))]), f"a street of {width:g} m", "layout.width"
+    )
 
 
 def _arm(turn: int, side: float, near: float, far: float) -> Area:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
@@ -19,9 +19,11 @@ WALL_CLEARANCE = 0.5
 """Smallest distance in metres between a rim and a wall at starts and goals. Nearer to a wall, the border of a social
 force keeps pedestrians away from their goals."""
 
+BEYOND = 4.0
+"""Distance in metres from the vehicle's start and goal to the ends of a corridor or of streets that cross."""
+
 TRIES = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
-
 
 Point = tuple[float, float]
 """A point in metres."""
@@ -78,6 +80,28 @@ class Placed:
         self.add(own_start, own_goal)
         return True
 
+    def fill(self, place_next: Callable[[], bool], area: str, key: str) -> Placement:
+        """Place all agents that are left.
+
+        Args:
+            place_next: Places the next agent, and says whether there was room.
+            area: Where that is, for the error.
+            key: The key of the scenario that would make more room.
+
+        Returns:
+            The placement of all agents.
+
+        Raises:
+            InputError: There is no room for an agent.
+        """
+        while len(self.start) < len(self.radius):
+            if not place_next():
+                raise InputError(
+                    f"pedestrian {len(self.start)} of {len(self.radius) - 1} finds no room on {area} after {TRIES} "
+                    f"draws: lower pedestrians.number or raise {key}"
+                )
+        return Placement(start=np.array(self.start), goal=np.array(self.goal), obstacles=self.obstacles)
+
     def _drawn(self, rng: np.random.Generator, area: Area, others: list[Point]) -> Point | None:
         reach = self.radius[len(self.start)] + WALL_CLEARANCE
         for _ in range(TRIES):
@@ -102,25 +126,6 @@ class Placed:
         return all(
             math.hypot(x - px, y - py) >= own + other for (px, py), other in zip(points, self.radius, strict=False)
         )
-
-    def full(self, area: str, key: str) -> InputError:
-        """The error that there is no room for the next agent.
-
-        Args:
-            area: Where there is none.
-            key: The key of the scenario that would make more.
-
-        Returns:
-            The error.
-        """
-        return InputError(
-            f"pedestrian {len(self.start)} of {len(self.radius) - 1} finds no room on {area} after {TRIES} "
-            f"draws: lower pedestrians.number or raise {key}"
-        )
-
-    def placement(self) -> Placement:
-        """The placement of all agents."""
-        return Placement(start=np.array(self.start), goal=np.array(self.goal), obstacles=self.obstacles)
 
 
 def _shape(polygon: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:

@@ -36,17 +36,14 @@ def layout(
     """A square room with blocks somewhere: the vehicle goes from bottom to top, pedestrians from anywhere to anywhere.
 
     Args:
-        rng: The random stream of the case.
-        radius: Radii [m].
-        preferred_speed: Preferred speeds [m/s].
         width: Width of the room [m].
         blocks: Number of blocks [1].
 
     Returns:
-        Starts, goals, and walls and blocks.
+        See `Layout`, also for the parameters that all layouts have.
 
     Raises:
-        InputError: There is no room for a block or a pedestrian.
+        InputError: There is no room for a block.
     """
     side = width / 2
     start, goal = (0.0, MARGIN - side), (0.0, side - MARGIN)
@@ -55,10 +52,7 @@ def layout(
     placed = Placed(radius, polygons(*walls, *_blocks(rng, side, blocks, shapely.MultiPoint([start, goal]))))
     placed.add(start, goal)
     area: Area = (corners[0], corners[2])
-    for _ in preferred_speed[1:]:
-        if not _walk(placed, rng, area, WAY * width):
-            raise placed.full(f"a room of {width:g} m", "layout.width")
-    return placed.placement()
+    return placed.fill(lambda: _walk(placed, rng, area, WAY * width), f"a room of {width:g} m", "layout.width")
 
 
 def _walk(placed: Placed, rng: np.random.Generator, area: Area, least: float) -> bool:
