@@ -58,6 +58,7 @@ def parse(
     """
     file = Location(source)
     top = parsed(ScenarioSpec, table, file)
+    _refuse_limits_of_others(table.get("vehicle", {}), top.vehicle.dynamics, file.at("vehicle"))
     vehicle = parsed(vehicle_spec(top.vehicle.dynamics), table.get("vehicle", {}), file.at("vehicle"))
     rules = _rules(top, vehicle, file.at("vehicle"))
     # Not by `max_steps`, which a tiny dt makes infinite.
@@ -106,6 +107,16 @@ def parse(
             "pedestrians": pedestrians | _written(policies),
         },
     )
+
+
+def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: Location) -> None:
+    """Raise InputError where `[vehicle]` has a limit that only other dynamics have."""
+    known = {name: {field.name for field in dataclasses.fields(kind)} for name, kind in DYNAMICS.items()}
+    for key in table:
+        owners = [f'"{name}"' for name, limits in known.items() if key in limits]
+        if owners and key not in known[dynamics]:
+            right = f"left out where dynamics is {dynamics}: only {' and '.join(owners)} has it"
+            raise location.at(key).wrong("given", right)
 
 
 def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules:
