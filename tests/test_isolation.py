@@ -15,6 +15,7 @@ import psutil
 import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.dynamics import Bicycle, Holonomic, chain
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
 from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
@@ -23,6 +24,7 @@ from crowdbench.isolation import protocol, sandbox
 from crowdbench.isolation.planner import IsolatedPlanner, Limits, called
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
+from crowdbench.types import Rules
 
 pytestmark = pytest.mark.slow
 
@@ -71,8 +73,8 @@ def driven(spec, options=None, limits=Limits()):  # noqa: B008 (immutable)
         yield Driver(planner, planner.name, limits.decision)
 
 
-def drive(driver, cases="test:2", replanning=EVERY_STEP):
-    return rollout(driver, load_scenario(SCENARIO), Cases.parse(cases), replanning=replanning)
+def drive(driver, cases="test:2", replanning=EVERY_STEP, scenario=SCENARIO):
+    return rollout(driver, load_scenario(scenario), Cases.parse(cases), replanning=replanning)
 
 
 MEMORY = """
@@ -100,6 +102,72 @@ def test_a_planner_gives_the_same_commands_in_its_own_process(name, mine):
     np.testing.assert_array_equal(apart.position, here.position)
 
 
+NATIVE = """
+class Native(Mine):
+    native = True
+
+    def plan(self, obs):
+        vehicle = obs.vehicle
+        asked = vehicle.state, vehicle.preferred_speed, obs.dt
+        commands = vehicle.dynamics.commands(*asked)
+        ends = vehicle.dynamics.velocities(vehicle.state, commands, *asked[1:])
+        gained = np.einsum("wad,wd->wa", ends, vehicle.local_goal - vehicle.position)
+        return commands[np.arange(len(obs)), np.argmax(gained, axis=1)]
+
+def planner():
+    return Native()
+"""
+
+
+@pytest.mark.parametrize("name", ["orca", "ppo", NATIVE])
+def test_a_planner_in_its_own_process_drives_every_vehicle_in_every_world_as_in_this_one(name, mine):
+    spec = mine(name) if name == NATIVE else name
+    here = Driver(load_planner(spec)[1], "here")
+    with driven(spec) as apart:
+        for scenario in ("circle_crossing_5_unicycle", "circle_crossing_5_car", "doorway"):
+            one, two = (drive(driver, "val:3", scenario=scenario) for driver in (here, apart))
+            for array in ("command", "position", "heading", "outcome", "steps"):
+                np.testing.assert_array_equal(getattr(one, array), getattr(two, array), scenario)
+
+
+BEYOND = """
+class Beyond(Mine):
+    native = "unicycle"
+    commands = [(0.5, 2.5), (-0.5, 0.0), (np.nan, 0.0)]
+
+    def reset(self, rows):
+        self.command = self.commands.pop()
+
+    def plan(self, obs):
+        return np.tile(self.command, (len(obs), 1))
+
+def planner():
+    return Beyond()
+"""
+
+
+def test_native_commands_beyond_the_limits_get_the_same_sentences_as_in_this_process(mine):
+    def sentences(driver):
+        found = []
+        for _ in range(3):
+            with pytest.raises(InputError) as error:
+                drive(driver, scenario="circle_crossing_5_unicycle")
+            found.append(str(error.value))
+        with pytest.raises(InputError, match="has native = 'unicycle', but the vehicle of the scenario is holonomic"):
+            drive(driver)
+        return found
+
+    spec = mine(BEYOND.replace("commands = [", "commands = [(0.0, 0.0), "))
+    with driven(spec) as apart:
+        found = sentences(apart)
+    assert found == sentences(Driver(load_planner(spec)[1], "mine"))
+    assert [sentence.split(",")[0] for sentence in found] == [
+        "planner mine returned [nan",
+        "planner mine asked for -0.5 m/s",
+        "planner mine asked for 2.5 rad/s",
+    ]
+
+
 def test_several_commands_at_once_come_through(mine):
     replanning = Replanning(4, look_first=2)
     spec = mine("")
@@ -124,7 +192,10 @@ def test_every_array_of_an_observation_arrives():
         route=generator.normal(size=(5, 4, 3, 2)),
         velocity=generator.normal(size=(5, 4, 2)),
     )
-    for future in (None, generator.normal(size=(5, 3, 2))):
+    car = Rules(dynamics=Bicycle(2.5, 0.5, 1.5), goal_tolerance=1.0, body=chain(4.5, 0.9, 1.25))
+    slow = Rules(dynamics=Holonomic(0.5))
+    for future, rules in ((None, Rules()), (generator.normal(size=(5, 3, 2)), car), (None, slow)):
+        world = world.replace(rules=rules)
         sent = observe(world, np.arange(5)[::-1], future)
         received, steps = protocol.read_observation(bytearray(b"".join(protocol.observation_parts(sent, 3))))
         assert steps == 3
@@ -136,6 +207,8 @@ def test_every_array_of_an_observation_arrives():
                     np.testing.assert_array_equal(value, other)
                     assert other.flags.writeable
                     assert other.flags.aligned
+        for constant in ("dynamics", "goal_tolerance", "body"):
+            assert getattr(received.vehicle, constant) == getattr(sent.vehicle, constant)
         assert received.dt == sent.dt
         assert (received.future is None) == (future is None)
 
@@ -197,6 +270,21 @@ def test_a_planner_that_cannot_be_made_is_refused(mine):
         pytest.raises(InputError, match=r"^planner mine raised ValueError in reset\(\): no$"),
     ):
         drive(driver)
+
+
+def test_a_program_that_speaks_another_version_is_refused(tmp_path):
+    program = tmp_path / "old"
+    answer = protocol.to_json({"privileged": False})
+    program.write_text(
+        f"#!{sys.executable}\nimport os, struct\n_, size = struct.unpack('<IQ', os.read(0, 12))\nos.read(0, size)\n"
+        f"os.write(1, struct.pack('<IQ', 11, {len(answer)}) + {answer!r})\n"
+    )
+    program.chmod(0o755)
+    with pytest.raises(InputError) as error:
+        IsolatedPlanner(str(program), {})
+    assert str(error.value) == (
+        "planner old speaks version 1 of the messages, but must speak version 2, which docs/isolation.md describes"
+    )
 
 
 def test_a_planner_that_hangs_is_killed(mine):

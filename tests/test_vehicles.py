@@ -15,9 +15,7 @@ from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import spl
-from crowdbench.evaluate.rollout import rollout
 from crowdbench.geometry import wrap_angle
-from crowdbench.isolation.planner import IsolatedPlanner
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead.one_step import moved as one_moved
 from crowdbench.planners.lookahead.one_step import scene_of, try_commands
@@ -25,7 +23,6 @@ from crowdbench.planners.sequences.planner import _driven
 from crowdbench.predict import Prediction
 from crowdbench.record.read import read
 from crowdbench.record.write import Recorder
-from crowdbench.scenario.cases import Cases
 from crowdbench.sim.episode import check_step
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.sensor import observe
@@ -283,16 +280,6 @@ def test_a_recorded_vehicle_has_its_dynamics_its_body_and_its_tolerance(tmp_path
 def test_spl_counts_the_way_to_where_the_vehicle_arrives():
     trace = drive("straight", "1", pedestrians__number=0, vehicle__goal_tolerance=2.0)
     assert spl(trace)[0] == pytest.approx(6.0 / 6.25)
-
-
-def test_a_planner_in_its_own_process_drives_holonomic_discs_only():
-    scenario = load_scenario("circle_crossing_5", {"vehicle.dynamics": "unicycle"})
-    planner = IsolatedPlanner("orca", {})
-    try:
-        with pytest.raises(InputError, match="planner orca runs in a process of its own, which is not told of"):
-            rollout(Driver(planner, "orca"), scenario, Cases.parse("1"))
-    finally:
-        planner.close()
 
 
 def test_the_planner_of_the_page_about_vehicles_commands_unicycles_only(tmp_path):

@@ -95,6 +95,7 @@ class Served:
             raise InputError(f"the format {asked['version']} of messages is asked for, but this is format {VERSION}")
         self.name, self.planner = load_planner(asked["planner"], asked["options"])
         says: dict[str, Any] = {
+            "version": VERSION,
             "privileged": self.planner.privileged,
             "native": self.planner.native,
             "facts": dict(self.planner.facts),

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import plugins
-from crowdbench.dynamics import DISC, FREE
 from crowdbench.errors import LONGEST, InputError
 from crowdbench.evaluate.contract import Fault
 from crowdbench.evaluate.driver import FaultyAnswer, TimeLimit
@@ -99,9 +98,16 @@ class IsolatedPlanner(Planner):
         self.usage["construction_seconds"] = self.process.seconds
 
     def _start(self, spec: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Have the planner made. What it says of itself is for the driver to check."""
+        """Have the planner made. What it says of itself, but for the version, is for the driver to check."""
         asked = {"version": VERSION, "planner": spec, "options": dict(options)}
-        return from_json(self._ask("in its construction", self.limits.construction, Kind.START, to_json(asked)))
+        says = from_json(self._ask("in its construction", self.limits.construction, Kind.START, to_json(asked)))
+        version = says.get("version", 1)  # version 1 did not name itself
+        if version != VERSION:
+            raise InputError(
+                f"planner {self.name} speaks version {version!r} of the messages, but must speak version {VERSION}, "
+                "which docs/isolation.md describes"
+            )
+        return says
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """See `Planner`."""
@@ -113,12 +119,6 @@ class IsolatedPlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`."""
-        vehicle = obs.vehicle
-        if (vehicle.dynamics, vehicle.body, vehicle.goal_tolerance) != (FREE, DISC, None):
-            raise InputError(
-                f"planner {self.name} runs in a process of its own, which is not told of a vehicle's dynamics, length "
-                "and goal tolerance: there it can drive a holonomic disc only"
-            )
         content = self._ask("", self.limits.decision, Kind.OBSERVATION, *observation_parts(obs, steps))
         return read_commands(content, len(obs), steps)
 

@@ -7,6 +7,7 @@ each to its standard output. `docs/isolation.md` has a client in C++.
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import json
 import struct
@@ -16,10 +17,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.dynamics import DISC, DYNAMICS, FREE
 from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle
 
-VERSION = 1
-"""Version of the format, which `START` names."""
+VERSION = 2
+"""Version of the format, which `START` and its answer name."""
 
 LARGEST = 2**31
 """Bytes of the largest message."""
@@ -35,9 +37,9 @@ class Kind(enum.IntEnum):
     OBSERVATION = 3
     """An observation and for how many steps to decide: see `DIMENSIONS` and `ARRAYS`. Its answer is `COMMANDS`."""
     READY = 11
-    """After `START`, JSON: `privileged`, perhaps `native` (booleans, see `Planner`) and `facts` (texts by name)."""
+    """After `START`, JSON: `version`, `privileged`, perhaps `native` (see `Planner`) and `facts` (texts by name)."""
     COMMANDS = 12
-    """float64 `[world, time, 2]`: the velocities in m/s for the steps that were asked for."""
+    """float64 `[world, time, 2]`: velocities in m/s for the steps that were asked for, or commands, see `native`."""
     FAILED = 13
     """JSON in the place of any answer: `how` (see `How`) and `what`, a text; perhaps `row`, the world that it is in."""
 
@@ -55,11 +57,23 @@ class How(enum.StrEnum):
 
 _HEADER = struct.Struct("<IQ")
 
-DIMENSIONS = ("steps", "world", "pedestrian", "waypoint", "polygon", "corner", "future")
+DIMENSIONS = (
+    "steps",
+    "world",
+    "pedestrian",
+    "waypoint",
+    "polygon",
+    "corner",
+    "future",
+    "dynamics",
+    "limit",
+    "tolerance",
+    "disc",
+)
 """An observation begins with these int64 numbers.
 
 `steps` is for how many steps to decide. `future` is 1 where that array follows, which it does for privileged planners
-only.
+only. `dynamics` is the index of the vehicle's dynamics in `DYNAMICS`.
 """
 
 _SIZES = struct.Struct(f"<{len(DIMENSIONS)}q")
@@ -86,9 +100,16 @@ ARRAYS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
     "pedestrians.observed": ("<i8", ("world", "pedestrian")),
     "obstacles": ("<f8", ("world", "polygon", "corner", 2)),
     "future": ("<f8", ("world", "pedestrian", 2)),
+    "vehicle.dynamics": ("<f8", ("limit",)),
+    "vehicle.goal_tolerance": ("<f8", ("tolerance",)),
+    "vehicle.body": ("<f8", ("disc",)),
     "pedestrians.seen": ("|u1", ("world", "pedestrian")),
 }
-"""Then follow these arrays, by their names in `Observation`, with their type and their shape."""
+"""Then follow these arrays, by their names in `Observation`, with their type and their shape.
+
+`vehicle.dynamics` has the limits in the order of the fields of the class. It, `vehicle.goal_tolerance` and
+`vehicle.body` are empty where they are those of a holonomic disc.
+"""
 
 
 Write = Callable[[memoryview], int | None]
@@ -177,6 +198,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         obs: The observation. What is logged in it is not sent.
         steps: For how many steps the planner is to decide.
     """
+    vehicle = _constants(obs.vehicle)
     sizes = {
         "steps": steps,
         "world": len(obs),
@@ -185,12 +207,26 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         "polygon": obs.obstacles.shape[1],
         "corner": obs.obstacles.shape[2],
         "future": int(obs.future is not None),
+        "dynamics": list(DYNAMICS).index(obs.vehicle.dynamics.name),
+        "limit": len(vehicle["vehicle.dynamics"]),
+        "tolerance": len(vehicle["vehicle.goal_tolerance"]),
+        "disc": len(vehicle["vehicle.body"]),
     }
     yield _SIZES.pack(*(sizes[name] for name in DIMENSIONS))
     for name, (dtype, _) in ARRAYS.items():
-        value = _value(obs, name)
+        value = vehicle[name] if name in vehicle else _value(obs, name)
         if value is not None:
             yield np.ascontiguousarray(value, dtype).reshape(-1).view(np.uint8).data
+
+
+def _constants(vehicle: Vehicle) -> dict[str, tuple[float, ...]]:
+    """What is the same for the vehicle of each world, by names as in `ARRAYS`."""
+    dynamics, tolerance = vehicle.dynamics, vehicle.goal_tolerance
+    return {
+        "vehicle.dynamics": () if dynamics == FREE else dataclasses.astuple(dynamics),  # type: ignore[call-overload]
+        "vehicle.goal_tolerance": () if tolerance is None else (tolerance,),
+        "vehicle.body": () if vehicle.body == DISC else vehicle.body,
+    }
 
 
 def _value(obs: Observation, name: str) -> Any:
@@ -220,9 +256,12 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
     def part(prefix: str) -> dict[str, Any]:
         return {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
 
-    crowd = part("pedestrians.")
+    crowd, own = part("pedestrians."), part("vehicle.")
+    own["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*own["dynamics"].tolist())
+    own["goal_tolerance"] = next(iter(own["goal_tolerance"].tolist()), None)
+    own["body"] = tuple(own["body"].tolist()) or DISC
     obs = Observation(
-        vehicle=Vehicle(**part("vehicle.")),
+        vehicle=Vehicle(**own),
         pedestrians=Pedestrians(**{**crowd, "seen": crowd["seen"].view(bool)}),
         obstacles=found["obstacles"],
         row=found["row"],
@@ -248,7 +287,7 @@ def read_commands(content: bytearray, worlds: int, steps: int) -> Float[np.ndarr
         steps: Number of steps.
 
     Returns:
-        Velocities in m/s.
+        Velocities in m/s, or commands of a native planner.
 
     Raises:
         Broken: It has another size.
