@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import json
+import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -249,7 +250,7 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
         if name == "future" and not sizes["future"]:
             continue
         lengths = [sizes[axis] if isinstance(axis, str) else axis for axis in shape]
-        count = int(np.prod(lengths, dtype=np.int64))
+        count = math.prod(lengths)
         found[name] = np.frombuffer(content, dtype, count, offset).reshape(lengths)
         offset += found[name].nbytes
 
