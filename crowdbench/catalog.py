@@ -102,10 +102,8 @@ def load_layout(spec: str, folder: Path = Path()) -> tuple[str, Layout, str | No
     Raises:
         InputError: There is no such layout, or its file is broken.
     """
-    if plugins.file_and_function(spec)[0] is not None:
-        spec = str(folder / spec)
-    name, layout = LAYOUTS.find(spec)
-    return name, cast(Layout, layout), plugins.source(spec)
+    name, layout, digest = _found(LAYOUTS, spec, folder)
+    return name, cast(Layout, layout), digest
 
 
 def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy, str | None]:
@@ -121,10 +119,15 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
     Raises:
         InputError: There is no such policy, or its file is broken.
     """
+    name, factory, digest = _found(PEDESTRIANS, spec, folder)
+    return name, made_policy(name, factory), digest
+
+
+def _found(kind: Kind, spec: str, folder: Path) -> tuple[str, Callable[..., object], str | None]:
+    """A plug-in's name and function, and the digest of its file, whose path is relative to a folder."""
     if plugins.file_and_function(spec)[0] is not None:
         spec = str(folder / spec)
-    name, factory = PEDESTRIANS.find(spec)
-    return name, made_policy(name, factory), plugins.source(spec)
+    return *kind.find(spec), plugins.source(spec)
 
 
 def made_policy(name: str, factory: Callable[..., object]) -> PedestrianPolicy:

@@ -20,8 +20,7 @@ def test_the_walled_worlds_are_those_that_ship():
     assert sorted(found) == sorted(WALLED)
 
 
-def examined(trace):
-    """Check that episodes end, that only the vehicle meets walls, and that it ends there."""
+def assert_only_the_vehicle_meets_walls_and_ends_there(trace):
     assert (trace.outcome != Outcome.RUNNING).all()
     hit = np.nanmin(trace.wall_gap, axis=1) < 0.0
     assert (hit[trace.outcome == Outcome.WALL_COLLISION]).all()
@@ -35,12 +34,12 @@ def examined(trace):
 @pytest.mark.parametrize("scenario", WALLED)
 @pytest.mark.parametrize("planner", ["straight", "orca", "social_force", "ppo"])
 def test_planners_drive_among_walls(planner, scenario):
-    examined(drive(planner, "5", scenario))
+    assert_only_the_vehicle_meets_walls_and_ends_there(drive(planner, "5", scenario))
 
 
 @pytest.mark.parametrize("planner", ["lstm_rl", "sarl_lin", pytest.param("sarl_sgan_seq", marks=pytest.mark.slow)])
 def test_learned_planners_drive_among_walls(planner):
-    examined(drive(planner, "1", "blind_corner"))
+    assert_only_the_vehicle_meets_walls_and_ends_there(drive(planner, "1", "blind_corner"))
 
 
 @pytest.mark.parametrize("pedestrians", ["orca", "social_force"])
@@ -71,11 +70,11 @@ def test_spl_and_sct_take_the_way_round_walls():
 @pytest.mark.parametrize("planner", ["orca", "social_force", "ppo"])
 def test_a_unicycle_that_follows_velocities_stops_in_front_of_walls(planner):
     trace = drive(planner, "10", "doorway", vehicle__dynamics="unicycle")
-    examined(trace)
+    assert_only_the_vehicle_meets_walls_and_ends_there(trace)
     assert not (trace.outcome == Outcome.WALL_COLLISION).any()
 
 
 def test_a_lookahead_of_a_unicycle_foresees_where_it_could_not_stop():
     trace = drive("sarl_lin", "10", "doorway", vehicle__dynamics="unicycle")
-    examined(trace)
+    assert_only_the_vehicle_meets_walls_and_ends_there(trace)
     assert (trace.outcome == Outcome.WALL_COLLISION).mean() <= 0.2

@@ -248,16 +248,46 @@ def timed(board: Board, entrant: Entrant, out: Path, hidden: Sequence[Path]) -> 
 
 
 def figures(board: Board, out: Path) -> Figures:
-    """The means of the metrics of runs, by scenario. Raises InputError where a run is damaged."""
+    """The means of the metrics of runs.
+
+    Args:
+        board: The board.
+        out: The folder of its runs.
+
+    Returns:
+        Means by metric, by scenario.
+
+    Raises:
+        InputError: A run is damaged.
+    """
     results = {name: read_result(out / name)["metrics"] for name in made(board, out)}
     return {name: {metric: each["mean"] for metric, each in metrics.items()} for name, metrics in results.items()}
 
 
 def episodes(board: Board, out: Path) -> dict[str, Episodes]:
-    """The episodes of runs, by scenario. Raises InputError where a run is damaged."""
+    """The episodes of runs.
+
+    Args:
+        board: The board.
+        out: The folder of its runs.
+
+    Returns:
+        Episodes by scenario.
+
+    Raises:
+        InputError: A run is damaged.
+    """
     return {name: Episodes.read(out / name / EPISODES) for name in made(board, out)}
 
 
 def made(board: Board, out: Path) -> list[str]:
-    """The scenarios of a board of which there is a run."""
+    """The scenarios of a board of which there is a run.
+
+    Args:
+        board: The board.
+        out: The folder of its runs.
+
+    Returns:
+        Their names.
+    """
     return [scenario.name for scenario in board.scenarios if (out / scenario.name).is_dir()]

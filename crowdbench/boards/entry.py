@@ -264,6 +264,11 @@ def _check_files(directory: Path, named: Mapping[str, str]) -> None:
 
 
 def write_entry(directory: Path, spec: EntrySpec) -> None:
-    """Write `entry.json`, whole."""
+    """Write `entry.json`, whole.
+
+    Args:
+        directory: The folder of the entry.
+        spec: What the file holds.
+    """
     with files.whole(directory / ENTRY) as partial:
         partial.write_text(json.dumps(spec.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")

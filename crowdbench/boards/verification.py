@@ -83,7 +83,9 @@ def verify(
         except (NotWritten, Unfinished):
             raise
         except InputError:
-            pass  # below, it fails again, and is refused
+            # A fault of the planner's is no end: `_verified` below drives the same cases, meets it again, and makes a
+            # verdict of it, which says that the entry is refused.
+            pass
     with locked(kept):
         _check_possible(read_entry(entry.directory, check_files=False), board, season)  # another process may be done
         # Of a process that was killed between writing its runs and its verdict.

@@ -192,7 +192,14 @@ def _interrupts_told() -> Iterator[None]:
 
 
 def print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path) -> None:
-    """Print the table of a run, and where its files are."""
+    """Print the table of a run, and where its files are.
+
+    Args:
+        what: The title of the table.
+        result: The run's `result.json`.
+        metrics: The metrics that it has, by name.
+        directory: Where its files are.
+    """
     from crowdbench.cli.tables import result_table
 
     print_table(result_table(f"{what}, cases {result['cases']}", result, metrics))

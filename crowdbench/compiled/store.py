@@ -55,7 +55,12 @@ def read(entry: Entry) -> bytes | None:
 
 
 def write(entry: Entry, payload: bytes) -> None:
-    """Write to the last place, unless that fails: a full disk must not stop a run. Out-of-date files are removed."""
+    """Write to the last place, unless that fails: a full disk must not stop a run. Out-of-date files are removed.
+
+    Args:
+        entry: What the file is named after.
+        payload: What is written after the checksum.
+    """
     folder = _places()[-1].folder
     with contextlib.suppress(OSError):
         with whole(folder / entry.file_name) as partial:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import abc
+import math
 from typing import ClassVar, NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.compiled import njit
-from crowdbench.dynamics.motion import SPEED_TOLERANCE, drive
+from crowdbench.dynamics.motion import HOLONOMIC, SPEED_TOLERANCE, drive
 
 
 class State(NamedTuple):
@@ -84,7 +85,15 @@ class Dynamics(abc.ABC):
 
     @abc.abstractmethod
     def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
-        """What a command beyond the limits asks for and what the limit is, as the predicate of a sentence."""
+        """What is wrong with a command.
+
+        Args:
+            command: One that is not within the limits.
+            max_speed: In m/s.
+
+        Returns:
+            What it asks for and what the limit is, as the predicate of a sentence.
+        """
 
     def is_within(
         self, command: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"]
@@ -107,7 +116,19 @@ class Dynamics(abc.ABC):
         max_speed: Float[np.ndarray, "world"],
         dt: float,
     ) -> Float[np.ndarray, "world action 2"]:
-        """The velocities in m/s that vehicles have after a step under each of some commands; arguments as in `step`."""
+        """The velocities that vehicles have after a step under each of some commands.
+
+        Args:
+            state: The vehicles before the step.
+            commands: The commands of each vehicle, within the limits.
+            max_speed: In m/s.
+            dt: Duration of the step in seconds.
+
+        Returns:
+            In m/s.
+        """
+        if self.code == HOLONOMIC and self.limits[0] == math.inf:
+            return commands
         actions = commands.shape[1]
         each = State(*(np.repeat(array[:, None], actions, axis=1) for array in state))
         return self.step(each, commands, np.repeat(max_speed[:, None], actions, axis=1), dt).velocity

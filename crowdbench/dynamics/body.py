@@ -87,7 +87,17 @@ def outline(
 def nose(
     body: Body, position: Float[np.ndarray, "*batch 2"], heading: Float[np.ndarray, "*batch"], radius: float
 ) -> Float[np.ndarray, "*batch 2 2"]:
-    """A line that shows where a body faces, from the centre of its front disc to the rim; arguments as in `outline`."""
+    """A line that shows where a body faces, from the centre of its front disc to the rim.
+
+    Args:
+        body: The body.
+        position: Where it is, in metres.
+        heading: In radians.
+        radius: The radius of its discs in metres.
+
+    Returns:
+        The two ends in metres.
+    """
     direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     ends = np.array([body[-1], body[-1] + radius])
     return position[..., None, :] + ends[:, None] * direction[..., None, :]

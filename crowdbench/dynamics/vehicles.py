@@ -65,16 +65,6 @@ class Holonomic(Dynamics):
         """See `Dynamics`: the velocities themselves."""
         return velocity
 
-    def velocities(
-        self,
-        state: State,
-        commands: Float[np.ndarray, "world action 2"],
-        max_speed: Float[np.ndarray, "world"],
-        dt: float,
-    ) -> Float[np.ndarray, "world action 2"]:
-        """See `Dynamics`: the commands themselves where nothing limits acceleration."""
-        return commands if self == FREE else super().velocities(state, commands, max_speed, dt)
-
     def is_within(
         self, command: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"]
     ) -> Bool[np.ndarray, "*batch"]:

@@ -148,17 +148,49 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         """Nothing is left open."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the environment, which all worlds share, once for each."""
+        """An attribute of the environment, which all worlds share, once for each.
+
+        Args:
+            attr_name: Its name.
+            indices: Which worlds; all if None.
+        """
         return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refused, with an InputError: worlds have no attributes of their own."""
+        """Refused: worlds have no attributes of their own.
+
+        Args:
+            attr_name: The attribute's name.
+            value: Its value.
+            indices: Which worlds; all if None.
+
+        Raises:
+            InputError: Always.
+        """
         raise InputError(f"{attr_name} cannot be set for single worlds: make another environment")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Refused, with an InputError: worlds have no methods of their own."""
+        """Refused: worlds have no methods of their own.
+
+        Args:
+            method_name: The method's name.
+            *args: Its arguments.
+            indices: Which worlds; all if None.
+            **kwargs: Its arguments by name.
+
+        Raises:
+            InputError: Always.
+        """
         raise InputError(f"worlds have no method {method_name} of their own")
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Worlds are never wrapped."""
+        """Worlds are never wrapped.
+
+        Args:
+            wrapper_class: What they could be wrapped in.
+            indices: Which worlds; all if None.
+
+        Returns:
+            False for each world.
+        """
         return [False] * len(list(self._get_indices(indices)))

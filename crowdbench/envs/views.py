@@ -129,14 +129,24 @@ class View:
         return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
 
     def followed(self, worlds: World, asked: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
-        """The commands of vehicles that are asked for velocities in m/s, or for commands where actions are native."""
+        """The commands of vehicles that are asked for velocities, or for commands where actions are native.
+
+        Args:
+            worlds: The worlds before the step.
+            asked: Velocities in m/s, or native commands.
+        """
         if self.action == "native":
             return asked
         state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
         return worlds.rules.dynamics.follow(state, asked, worlds.preferred_speed[:, 0], worlds.rules.dt)
 
     def vehicle_commands(self, worlds: World, action: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
-        """The commands of vehicles whose actions are given."""
+        """The commands of vehicles whose actions are given.
+
+        Args:
+            worlds: The worlds before the step.
+            action: The actions.
+        """
         return self.followed(worlds, self.commands(worlds.position[:, 0], goals_on_way(worlds)[:, 0], action))
 
 

@@ -35,7 +35,12 @@ class Asked:
 
     @classmethod
     def of(cls, obs: Observation, cases: Int[np.ndarray, "case"]) -> Asked:
-        """What a planner is asked by an observation; `cases` are the case numbers by `Observation.row`."""
+        """What a planner is asked by an observation.
+
+        Args:
+            obs: The observation.
+            cases: The case numbers by `Observation.row`.
+        """
         vehicle = obs.vehicle
         state = None
         if not isinstance(vehicle.dynamics, Holonomic):

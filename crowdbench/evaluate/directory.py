@@ -48,7 +48,15 @@ def new_directory(path: Path, overwrite: bool) -> Iterator[Path]:
 
 
 def check_free(path: Path, overwrite: bool) -> None:
-    """Raise NotWritten where `new_directory` would, before anything is made."""
+    """Find out before anything is made whether `new_directory` could write.
+
+    Args:
+        path: The name of the directory.
+        overwrite: Whether an earlier run of that name is replaced.
+
+    Raises:
+        NotWritten: `path` exists and may not be overwritten, or cannot be written.
+    """
     _prepared(path, overwrite)
 
 

@@ -52,7 +52,12 @@ def recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: C
 
 @contextlib.contextmanager
 def command_writer(record: str, directory: Path) -> Iterator[Callable[[Trace], None]]:
-    """A function that keeps the commands of a batch in `directory`, unless nothing is recorded."""
+    """A function that keeps the commands of a batch.
+
+    Args:
+        record: What is recorded: `none` keeps no commands either.
+        directory: Where they are kept.
+    """
     if record == "none":
         yield lambda trace: None
         return

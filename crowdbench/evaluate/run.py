@@ -128,7 +128,12 @@ def make(
 
 
 def parts_of(wanted: Wanted, out: Path) -> Parts:
-    """The parts of a run whose directory is `out`."""
+    """The parts of a run.
+
+    Args:
+        wanted: The run.
+        out: Its directory.
+    """
     return Parts.of(wanted.cases, out, wanted.depends, wanted.batch)
 
 

@@ -231,7 +231,12 @@ def versions() -> dict[str, str]:
 
 
 def fitting(batch: int, scenario: Scenario) -> int:
-    """How many cases run in lock-step: `batch`, or fewer where their traces would take too much memory."""
+    """How many cases run in lock-step: fewer than asked where their traces would take too much memory.
+
+    Args:
+        batch: How many are asked for.
+        scenario: The scenario.
+    """
     # Positions and velocities of every state, and as much again for what metrics make of them.
     each = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
     return max(1, min(batch, int(MEMORY / each)))

@@ -39,7 +39,18 @@ def place(layout: Callable[[], object], radius: Float[np.ndarray, "agent"]) -> P
 
 
 def shaped(answer: object, agents: int) -> Placement:
-    """What a layout returned. Raises InputError where it is no placement of so many agents."""
+    """What a layout returned.
+
+    Args:
+        answer: Whatever that is.
+        agents: The number of agents.
+
+    Returns:
+        The placement.
+
+    Raises:
+        InputError: It is no placement of so many agents.
+    """
     if not isinstance(answer, Placement):
         raise InputError(f"the layout returned a {type(answer).__name__} instead of a Placement")
     wanted = {"start": (agents, 2), "goal": (agents, 2), "route": (agents, None, 2), "obstacles": (None, None, 2)}
@@ -153,7 +164,18 @@ def _marked(
 
 
 def clear(placement: Placement, radius: Float[np.ndarray, "agent"]) -> Placement:
-    """A placement. Raises InputError where the route of an agent with a radius in metres leads into a wall."""
+    """A placement whose routes lead clear of walls.
+
+    Args:
+        placement: The placement.
+        radius: Radii in metres.
+
+    Returns:
+        The same placement.
+
+    Raises:
+        InputError: The route of an agent leads into a wall.
+    """
     if placement.route is None or placement.obstacles is None:
         return placement
     edges = shapely.MultiLineString(list(edges_of(placement.obstacles)))

@@ -87,7 +87,15 @@ def edges_of(obstacles: Float[np.ndarray, "polygon corner 2"]) -> Float[np.ndarr
 def nearest_on(
     edges: Float[np.ndarray, "edge 2 2"], points: Float[np.ndarray, "point 2"]
 ) -> Float[np.ndarray, "point edge 2"]:
-    """The point of each edge that is nearest to each of the points."""
+    """The point of each edge that is nearest to each of the points.
+
+    Args:
+        edges: Both ends of each edge in metres.
+        points: Points in metres.
+
+    Returns:
+        In metres.
+    """
     first, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     share = ((points[:, None] - first) * along).sum(2) / np.maximum((along**2).sum(1), np.finfo(float).tiny)
     return first + np.clip(share, 0.0, 1.0)[..., None] * along

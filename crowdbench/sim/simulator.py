@@ -117,7 +117,15 @@ def advance(world: World, command: Float[np.ndarray, "world agent 2"]) -> World:
 def taken_velocities(
     world: World, crowd: Float[np.ndarray, "world pedestrian 2"]
 ) -> Float[np.ndarray, "world pedestrian 2"]:
-    """The velocities in m/s that pedestrians take in the next step, where their policies ask for `crowd`."""
+    """The velocities that pedestrians take in the next step.
+
+    Args:
+        world: The worlds before the step.
+        crowd: The velocities in m/s that their policies ask for.
+
+    Returns:
+        In m/s.
+    """
     return advance(world, np.pad(crowd, ((0, 0), (1, 0), (0, 0)))).velocity[:, 1:]
 
 

@@ -53,7 +53,15 @@ class Shown:
 
 
 def build(root: Path, out: Path) -> int:
-    """Build all pages; see `crowdbench.boards.site.build_site`."""
+    """Build all pages; see `crowdbench.boards.site.build_site`.
+
+    Args:
+        root: The folder of the boards.
+        out: The folder to write.
+
+    Returns:
+        The number of pages.
+    """
     templates = environment()
     with site_folder(out) as folder:
         season = read_season(root) if (root / SEASON).exists() else None

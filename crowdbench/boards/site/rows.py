@@ -77,7 +77,15 @@ def success_axis(found: Standings) -> float:
 
 
 def band(estimate: Estimate, begin: float) -> Band:
-    """A share with its interval on an axis that begins at `begin` and ends at 1."""
+    """A share with its interval on an axis that ends at 1.
+
+    Args:
+        estimate: The share.
+        begin: Where the axis begins, as a share.
+
+    Returns:
+        In per cent of the length of the axis.
+    """
     low, mean, high = (
         100.0 * min(max((value - begin) / (1.0 - begin), 0.0), 1.0) if math.isfinite(value) else 0.0
         for value in (estimate.low, estimate.mean, estimate.high)

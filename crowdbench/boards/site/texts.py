@@ -43,7 +43,12 @@ _DOI = re.compile(r"(?:doi:)?(10\.\d{4,9}/[^\s<>\"]+)", re.IGNORECASE)
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A number with a fixed number of decimal places; a dash where it is undefined."""
+    """A number with a fixed number of decimal places; a dash where it is undefined.
+
+    Args:
+        value: The number; None and NaN are undefined.
+        digits: How many decimal places.
+    """
     if value is None or not math.isfinite(value):
         return NOTHING
     text = f"{value:.{digits}f}"
@@ -51,7 +56,12 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def metric(value: float | None, name: str) -> str:
-    """A value of a metric as tables show it, in per cent where the metric is a share."""
+    """A value of a metric as tables show it, in per cent where the metric is a share.
+
+    Args:
+        value: The value; None and NaN are undefined.
+        name: The metric's name.
+    """
     if value is None or name not in SHARES:
         return number(value, DIGITS.get(name, 2))
     return number(100.0 * value, 1)
@@ -73,7 +83,12 @@ def sortable(value: float | None) -> str:
 
 
 def shortened(text: str, longest: int = LONGEST) -> str:
-    """A stranger's text without control characters, cut where it is too long for a page."""
+    """A stranger's text without control characters, cut where it is too long for a page.
+
+    Args:
+        text: The text.
+        longest: How many characters are shown.
+    """
     plain = "".join(letter if letter.isprintable() else " " for letter in text)
     return plain if len(plain) <= longest else plain[: longest - 1] + "…"
 
@@ -126,7 +141,12 @@ def why_unranked(standing: Standing, bounds: FlagsSpec) -> str:
 
 
 def beyond(flag: str, bounds: FlagsSpec) -> str:
-    """What a flag means on a board, in a sentence."""
+    """What a flag means on a board, in a sentence.
+
+    Args:
+        flag: `intrusive` or `jerky`.
+        bounds: The board's bounds, beyond which entries are flagged.
+    """
     if flag == "intrusive":
         return f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody."
     return f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."

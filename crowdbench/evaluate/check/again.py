@@ -38,7 +38,12 @@ class Tolerance:
     share: float
 
     def sentence(self, differing: str, when: str) -> str:
-        """What was seen: how many answers differ, and when."""
+        """What was seen, as a sentence.
+
+        Args:
+            differing: How many answers differ.
+            when: In which circumstances.
+        """
         numbers = f"by more than {self.rounding:g} " if self.rounding else ""
         return f"{differing} differ {numbers}{when}" + (f" (at most {self.share:.0%} may)" if self.share else "")
 

@@ -78,7 +78,12 @@ class Findings:
         return result
 
     def point(self, name: str, kept: str) -> Point:
-        """A point; `kept` is what is said where it is kept."""
+        """Whether a point was kept in all that was examined.
+
+        Args:
+            name: Name of the point.
+            kept: What is said where it is kept.
+        """
         if name in self.faults:
             return Point(name, False, self.faults[name])
         if not self.examined[name]:

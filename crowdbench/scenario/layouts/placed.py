@@ -58,7 +58,12 @@ class Placed:
         self.goal: list[Point] = []
 
     def add(self, start: Point, goal: Point) -> None:
-        """Place the next agent, by its start and its goal in metres."""
+        """Place the next agent.
+
+        Args:
+            start: Where it starts, in metres.
+            goal: Where it goes, in metres.
+        """
         self.start.append(start)
         self.goal.append(goal)
 
