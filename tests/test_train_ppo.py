@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from crowdbench.train import ppo, value_figures
 from crowdbench.train.directories import CHECKPOINT
 from crowdbench.train.ppo_request import PPORequest
 from crowdbench.train.training_run import TrainingRun
-from crowdbench.weights.store import digest
+from crowdbench.weights.store import digest, weights_file
 
 torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
 
@@ -115,6 +116,24 @@ def test_a_reward_of_ones_own_is_on_the_card(tmp_path):
     card = json.loads(run.finish(ignore).with_suffix(".json").read_text())
     assert list(card["training"]["reward_files"]) == ["my reward.py"]
     assert f"--reward '{tmp_path / 'my reward.py'}'" in card["command"]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "expected"),
+    [
+        ({"pedestrians": {"number": 4}}, 4),
+        ({"pedestrians": {"number": [2, 7]}}, 7),
+        ({"pedestrians": {"number": "many"}}, None),
+        ("circle_crossing_5", None),
+    ],
+)
+def test_a_policy_knows_with_how_many_pedestrians_it_was_trained(scenario, expected, tmp_path):
+    weights = tmp_path / "ppo.safetensors"
+    shutil.copy(weights_file("ppo"), weights)
+    card = json.loads(weights_file("ppo").with_suffix(".json").read_text())
+    card["training"]["scenario"] = scenario
+    weights.with_suffix(".json").write_text(json.dumps(card))
+    assert load_policy(str(weights)).trained_pedestrians == expected
 
 
 def test_weights_that_are_not_a_policys_get_one_sentence(tmp_path):

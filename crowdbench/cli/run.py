@@ -114,6 +114,7 @@ def run(
     with _interrupts_told(), spec.loaded() as wanted, progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell:
         changes = {**spec.options, **spec.changes, **spec.replanning.settings}
         name = runs.directory_name(wanted.driver.name, wanted.scenario.name, spec.cases, changes)
+        say_of_training(wanted)
         directory = out or Path("runs") / name
         if on_ray:
             _make_on_ray(spec, wanted, directory, own, overwrite, threads, tell)
@@ -127,6 +128,16 @@ def run(
         changed = "".join(f", {key}={value}" for key, value in spec.changes.items())
         label = planner_label(wanted.driver.name, spec.options, spec.replanning.settings)
         print_result(f"{label} on {wanted.scenario.name}{changed}", finished.result, wanted.metrics, directory)
+
+
+def say_of_training(wanted: Wanted) -> None:
+    """Says where a scenario has more pedestrians than its planner was trained with."""
+    from crowdbench.cli.console import say
+
+    trained, most = wanted.driver.planner.trained_pedestrians, wanted.scenario.max_agents - 1
+    if trained is not None and most > trained:
+        numbers = f"{trained} pedestrian{'s'[: trained != 1]} at most, but {wanted.scenario.name} has {most}"
+        say(f"crowdbench: planner {wanted.driver.name} was trained with {numbers}: its figures may be worse for that")
 
 
 def _make_on_ray(

@@ -29,6 +29,9 @@ class Planner(abc.ABC):
     the same. A planner for one dynamics, such as `native = "unicycle"`, is refused with other vehicles.
     """
 
+    trained_pedestrians: int | None = None
+    """The largest number of pedestrians that it was trained with. With more, `crowdbench run` says so; None: unknown."""
+
     facts: Mapping[str, str] = MappingProxyType({})
     """What results say of it beyond its name and options, such as the digest of its weights."""
 

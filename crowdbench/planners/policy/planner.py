@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -26,11 +29,13 @@ class PolicyPlanner(Planner):
     Args:
         policy: The trained network.
         nearest: How many pedestrians it is shown, at most: the nearest ones.
+        trained_pedestrians: The largest number of pedestrians that it was trained with; None where that is unknown.
     """
 
-    def __init__(self, policy: Policy, nearest: int) -> None:
+    def __init__(self, policy: Policy, nearest: int, trained_pedestrians: int | None = None) -> None:
         self.policy = policy.eval()
         self.nearest = nearest
+        self.trained_pedestrians = trained_pedestrians
         self.facts = {"network": NAME, "weights": digest(policy)}
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
@@ -74,7 +79,18 @@ def load_policy(weights: str, device: str = "cpu") -> PolicyPlanner:
     """
     path = weights_file(weights)
     policy = load_into(Policy(), NAME, path, device)
-    nearest = read_card(path).get("training", {}).get("nearest")
+    training = read_card(path).get("training", {})
+    nearest = training.get("nearest")
     if not is_integer(nearest) or nearest < 1:
         raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
-    return PolicyPlanner(policy, int(nearest))
+    return PolicyPlanner(policy, int(nearest), _most_pedestrians(training))
+
+
+def _most_pedestrians(training: Mapping[str, Any]) -> int | None:
+    """The largest number of pedestrians that a card says of the training; None where it does not say one."""
+    try:
+        number = training["scenario"]["pedestrians"]["number"]
+    except (KeyError, TypeError):
+        return None
+    most = number[-1] if isinstance(number, list) and number else number
+    return most if is_integer(most) else None
