@@ -30,7 +30,7 @@ class Planner(abc.ABC):
     """
 
     trained_pedestrians: int | None = None
-    """The largest number of pedestrians that it was trained with. With more, `crowdbench run` says so; None: unknown."""
+    """The largest number of pedestrians that it was trained with. `crowdbench run` says where there are more."""
 
     facts: Mapping[str, str] = MappingProxyType({})
     """What results say of it beyond its name and options, such as the digest of its weights."""
