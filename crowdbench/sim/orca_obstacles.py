@@ -16,6 +16,7 @@ from typing import no_type_check
 
 from crowdbench.compiled import njit
 from crowdbench.sim.linear_program import unit
+from crowdbench.sim.obstacles import number_of_corners
 
 EDGE = 12
 """Numbers about an edge: first corner x, y, second corner x, y, direction x, y, direction of the edge before it x, y,
@@ -39,9 +40,7 @@ def fill_edges(polygons, edges):
     """
     number = 0
     for polygon in polygons:
-        corners = 0
-        while corners < len(polygon) and not math.isnan(polygon[corners, 0]):
-            corners += 1
+        corners = number_of_corners(polygon)
         for k in range(corners):
             first, second = polygon[k], polygon[(k + 1) % corners]
             before, after = polygon[(k - 1) % corners], polygon[(k + 2) % corners]
@@ -212,35 +211,61 @@ def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
             _, _, right_x, right_y = _legs(bx, by, squared_b, radius)
 
     # A leg that points into the neighbouring edge is replaced by that edge, whose own line does the rest.
-    is_left_foreign = is_first_convex and left_y * before_x - left_x * before_y >= 0.0
-    if is_left_foreign:
+    foreign_left = is_first_convex and left_y * before_x - left_x * before_y >= 0.0
+    if foreign_left:
         left_x, left_y = -before_x, -before_y
-    is_right_foreign = is_second_convex and right_x * after_y - right_y * after_x <= 0.0
-    if is_right_foreign:
+    foreign_right = is_second_convex and right_x * after_y - right_y * after_x <= 0.0
+    if foreign_right:
         right_x, right_y = after_x, after_y
 
-    # The velocity projected on the truncated cone: on a round end, on the cut-off line, or on a leg.
-    cax, cay, cbx, cby = rate * ax, rate * ay, rate * bx, rate * by
-    cx, cy = cbx - cax, cby - cay
-    t = 0.5 if one else ((vx - cax) * cx + (vy - cay) * cy) / (cx * cx + cy * cy)
-    on_left = (vx - cax) * left_x + (vy - cay) * left_y
-    on_right = (vx - cbx) * right_x + (vy - cby) * right_y
+    return _tangent(
+        vx, vy, ax, ay, bx, by, one, ux, uy, left_x, left_y, right_x, right_y, foreign_left, foreign_right, radius, rate
+    )
+
+
+@no_type_check
+@njit(error_model="numpy", inline="always")
+def _tangent(
+    vx, vy, ax, ay, bx, by, one, ux, uy, left_x, left_y, right_x, right_y, foreign_left, foreign_right, radius, rate
+):
+    """The line that is tangent to a truncated cone at the point nearest to a velocity.
+
+    That point is on a round end, on the cut-off line, or on a leg.
+
+    Args:
+        vx, vy: The velocity in m/s.
+        ax, ay, bx, by: The corners of the edge as the agent sees them, in metres.
+        one: Whether they are the same one.
+        ux, uy: The direction of the cut-off line.
+        left_x, left_y: The direction of the left leg.
+        right_x, right_y: The direction of the right leg.
+        foreign_left, foreign_right: Whether a leg is a neighbouring edge.
+        radius: The agent's radius in metres.
+        rate: 1 over the time horizon, in 1/s.
+
+    Returns:
+        Whether there is a line, which is not so on a foreign leg; its point and its direction.
+    """
+    ax, ay, bx, by, margin = rate * ax, rate * ay, rate * bx, rate * by, radius * rate
+    ex, ey = bx - ax, by - ay
+    t = 0.5 if one else ((vx - ax) * ex + (vy - ay) * ey) / (ex * ex + ey * ey)
+    on_left = (vx - ax) * left_x + (vy - ay) * left_y
+    on_right = (vx - bx) * right_x + (vy - by) * right_y
     if (t < 0.0 and on_left < 0.0) or (one and on_left < 0.0 and on_right < 0.0):
-        wx, wy, _ = unit(vx - cax, vy - cay)
-        return True, cax + radius * rate * wx, cay + radius * rate * wy, wy, -wx
+        wx, wy, _ = unit(vx - ax, vy - ay)
+        return True, ax + margin * wx, ay + margin * wy, wy, -wx
     if t > 1.0 and on_right < 0.0:
-        wx, wy, _ = unit(vx - cbx, vy - cby)
-        return True, cbx + radius * rate * wx, cby + radius * rate * wy, wy, -wx
-    to_cut = math.inf
+        wx, wy, _ = unit(vx - bx, vy - by)
+        return True, bx + margin * wx, by + margin * wy, wy, -wx
+    to_cut, to_left, to_right = math.inf, math.inf, math.inf
     if 0.0 <= t <= 1.0 and not one:
-        to_cut = (vx - cax - t * cx) ** 2 + (vy - cay - t * cy) ** 2
-    to_left, to_right = math.inf, math.inf
+        to_cut = (vx - ax - t * ex) ** 2 + (vy - ay - t * ey) ** 2
     if on_left >= 0.0:
-        to_left = (vx - cax - on_left * left_x) ** 2 + (vy - cay - on_left * left_y) ** 2
+        to_left = (vx - ax - on_left * left_x) ** 2 + (vy - ay - on_left * left_y) ** 2
     if on_right >= 0.0:
-        to_right = (vx - cbx - on_right * right_x) ** 2 + (vy - cby - on_right * right_y) ** 2
+        to_right = (vx - bx - on_right * right_x) ** 2 + (vy - by - on_right * right_y) ** 2
     if to_cut <= to_left and to_cut <= to_right:
-        return True, cax + radius * rate * uy, cay - radius * rate * ux, -ux, -uy
+        return True, ax + margin * uy, ay - margin * ux, -ux, -uy
     if to_left <= to_right:
-        return not is_left_foreign, cax - radius * rate * left_y, cay + radius * rate * left_x, left_x, left_y
-    return not is_right_foreign, cbx + radius * rate * right_y, cby - radius * rate * right_x, -right_x, -right_y
+        return not foreign_left, ax - margin * left_y, ay + margin * left_x, left_x, left_y
+    return not foreign_right, bx + margin * right_y, by - margin * right_x, -right_x, -right_y

@@ -197,44 +197,47 @@ def _advance(
             for p in range(agents - 1):
                 new_history[w, t, p, 0] = history[w, t + 1, p, 0]
                 new_history[w, t, p, 1] = history[w, t + 1, p, 1]
-        for a in range(agents):
-            x, y = command[w, a, 0], command[w, a, 1]
+        x, y, vx, vy = position[w, 0, 0], position[w, 0, 1], velocity[w, 0, 0], velocity[w, 0, 1]
+        first, second = command[w, 0, 0], command[w, 0, 1]
+        if not present[w, 0]:
+            first, second = 0.0, 0.0
+        x, y, vx, vy, new_heading[w], angular_speed[w] = drive(
+            code, limits, x, y, vx, vy, heading[w], turn_rate[w], first, second, max_speed[w, 0], dt
+        )
+        new_position[w, 0, 0], new_position[w, 0, 1] = x, y
+        limited[w, 0, 0], limited[w, 0, 1] = vx, vy
+        for a in range(1, agents):
+            x, y, vx, vy = position[w, a, 0], position[w, a, 1], command[w, a, 0], command[w, a, 1]
             if not present[w, a]:
-                x, y = 0.0, 0.0
-            if a == 0:
-                (
-                    new_position[w, 0, 0],
-                    new_position[w, 0, 1],
-                    limited[w, 0, 0],
-                    limited[w, 0, 1],
-                    new_heading[w],
-                    angular_speed[w],
-                ) = drive(
-                    code,
-                    limits,
-                    position[w, 0, 0],
-                    position[w, 0, 1],
-                    velocity[w, 0, 0],
-                    velocity[w, 0, 1],
-                    heading[w],
-                    turn_rate[w],
-                    x,
-                    y,
-                    max_speed[w, 0],
-                    dt,
-                )
-                continue
-            speed = math.sqrt(x * x + y * y)
+                vx, vy = 0.0, 0.0
+            speed = math.sqrt(vx * vx + vy * vy)
             if speed > max_speed[w, a] * (1.0 + SPEED_TOLERANCE):
-                x, y = x * (max_speed[w, a] / speed), y * (max_speed[w, a] / speed)
-            limited[w, a, 0], limited[w, a, 1] = x, y
-            new_position[w, a, 0] = position[w, a, 0] + x * dt
-            new_position[w, a, 1] = position[w, a, 1] + y * dt
+                vx, vy = vx * (max_speed[w, a] / speed), vy * (max_speed[w, a] / speed)
             if obstacles.shape[1] > 0:
-                px, py = position[w, a, 0], position[w, a, 1]
-                touched, qx, qy = slide(px, py, x * dt, y * dt, radius[w, a], obstacles[w])
-                if touched:
-                    new_position[w, a, 0], new_position[w, a, 1] = qx, qy
-                    limited[w, a, 0], limited[w, a, 1] = (qx - px) / dt, (qy - py) / dt
-            new_history[w, length - 1, a - 1, 0] = new_position[w, a, 0]
-            new_history[w, length - 1, a - 1, 1] = new_position[w, a, 1]
+                x, y, vx, vy = _along_walls(x, y, vx, vy, radius[w, a], obstacles[w], dt)
+            else:
+                x, y = x + vx * dt, y + vy * dt
+            new_position[w, a, 0], new_position[w, a, 1] = x, y
+            limited[w, a, 0], limited[w, a, 1] = vx, vy
+            new_history[w, length - 1, a - 1, 0], new_history[w, length - 1, a - 1, 1] = x, y
+
+
+@no_type_check
+@njit(inline="always")
+def _along_walls(x, y, vx, vy, radius, obstacles, dt):
+    """Move a pedestrian that cannot pass walls.
+
+    Args:
+        x, y: Its centre in metres.
+        vx, vy: Its velocity in m/s.
+        radius: In metres.
+        obstacles: `[polygon, corner, 2]`, in metres.
+        dt: Length of the step in seconds.
+
+    Returns:
+        Its centre after the step, x and y, and the velocity that it took, x and y.
+    """
+    touched, new_x, new_y = slide(x, y, vx * dt, vy * dt, radius, obstacles)
+    if touched:
+        return new_x, new_y, (new_x - x) / dt, (new_y - y) / dt
+    return x + vx * dt, y + vy * dt, vx, vy

@@ -236,9 +236,9 @@ def _try_commands(
     new_velocity,
     joint,
 ):
+    """See `try_commands`; fills the last four."""
     pedestrians = crowd.shape[2]
-    start = np.empty((pedestrians + 1, 2))
-    motion = np.empty((pedestrians + 1, 2))
+    start, motion = np.empty((pedestrians + 1, 2)), np.empty((pedestrians + 1, 2))
     radii = np.empty(pedestrians + 1)
     seen = np.ones(pedestrians + 1, np.bool_)
     for row in range(len(commands)):
@@ -262,27 +262,23 @@ def _try_commands(
         radii[0], radii[1:], seen[1:] = radius[w], crowd_radius[w], present[w]
         start[0], motion[0, 0], motion[0, 1] = position[w], vx * dt, vy * dt
         for m in range(crowd.shape[1]):
-            for p in range(pedestrians):
-                for k in range(2):
-                    start[p + 1, k] = crowd[w, m, p, k]
-                    motion[p + 1, k] = next_crowd[w, m, p, k] - crowd[w, m, p, k]
+            _fill_crowd(crowd[w, m], next_crowd[w, m], start, motion)
             if code == HOLONOMIC:
                 gap[row, m], _ = nearest_in_step(0, start, motion, radii, seen)
             else:
-                own = heading[w], math.hypot(vx, vy), turn_rate, dt
-                gap[row, m], wall_gap = gaps_on_arc(body, *own, start, motion, radii, seen, obstacles[w])
+                arc = heading[w], math.hypot(vx, vy), turn_rate, dt
+                gap[row, m], wall_gap = gaps_on_arc(body, *arc, start, motion, radii, seen, obstacles[w])
             outcome[row, m] = step_outcome(gap[row, m], min(wall_gap, stopping), dx, dy, near, False)
-            write_joint_state(
-                joint[row, m],
-                x,
-                y,
-                vx,
-                vy,
-                radius[w],
-                local_goal[w],
-                preferred_speed[w],
-                next_crowd[w, m],
-                next_velocity[w, m],
-                crowd_radius[w],
-                present[w],
-            )
+            own = x, y, vx, vy, radius[w], local_goal[w], preferred_speed[w]
+            others = next_crowd[w, m], next_velocity[w, m], crowd_radius[w], present[w]
+            write_joint_state(joint[row, m], *own, *others)
+
+
+@no_type_check
+@njit(nogil=True, inline="always")
+def _fill_crowd(before, after, start, motion):
+    """Fill all rows but the first with where pedestrians start and how far they move, in metres."""
+    for p in range(len(before)):
+        for k in range(2):
+            start[p + 1, k] = before[p, k]
+            motion[p + 1, k] = after[p, k] - before[p, k]
