@@ -249,6 +249,17 @@ def test_a_network_is_entered_once(root, tmp_path):
             submit(wanted, root, tmp_path / "work")
 
 
+def test_a_method_is_measured_on_the_cases_that_all_its_networks_drove(root, tmp_path):
+    (tmp_path / "card.toml").write_text(card())
+    board = read_board(root / "small")
+    others = [{"safety_space": space} for space in (0.05, 0.1, 0.15, 0.2)]
+    wanted = Submission(board, "margins", "orca", {}, others, tmp_path / "card.toml", "Ada")
+    entry, _ = submit(wanted, tmp_path / "boards", tmp_path / "work")
+    found = verify(entry, board, by="", work=tmp_path / "work", cases=Cases("test", 0, 3))
+    assert found.method is not None
+    assert (found.method.networks, found.method.cases) == (5, 3)
+
+
 def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(root, tmp_path):
     board = write_board(root, text=BOARD.replace("cases = 10", "cases = 12"))
     with pytest.raises(

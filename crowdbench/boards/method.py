@@ -23,12 +23,12 @@ LEAST = 5
 """Fewer networks say nothing of their method."""
 
 MOST_CASES = 250
-"""Cases that each network drives."""
+"""Cases that each network drives, at most."""
 
 
-def method_cases(board: Board) -> Cases:
-    """The cases of a board's scenario that each network drives."""
-    return Cases("test", 0, min(MOST_CASES, board.spec.cases))
+def method_cases(cases: Cases) -> Cases:
+    """Those of an entry's cases that each network of its method drives: the first ones."""
+    return Cases(cases.split, cases.start, min(cases.stop, cases.start + MOST_CASES))
 
 
 def claims(board: Board, networks: Sequence[Mapping[str, Any]]) -> bool:
@@ -47,18 +47,20 @@ def drive_others(
     networks: Sequence[Mapping[str, Any]],
     kept: Path,
     *,
+    cases: Cases,
     seed: int,
     hidden: Sequence[Path],
     shard: Shard = WHOLE,
     progress: Progress | None = None,
 ) -> None:
-    """Drive the other networks of a method through the first cases of a board.
+    """Drive the other networks of a method.
 
     Args:
         board: The board, of one scenario.
         entrant: The planner of the entry.
         networks: The options in which each other network differs.
         kept: The folder of runs.
+        cases: As `method_cases` chose them.
         seed: The seed of the cases.
         hidden: Folders that the planner must not read.
         shard: Which share of the batches is run.
@@ -69,7 +71,7 @@ def drive_others(
         Unfinished: Runs are missing that other shards make.
         KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
     """
-    cases, folders = method_cases(board), _folders(kept, networks)
+    folders = _folders(kept, networks)
     for number, (folder, options) in enumerate(zip(folders, networks, strict=True), start=1):
         other = dataclasses.replace(entrant, options={**entrant.options, **options})
         own = shard.rotated(number)
@@ -78,18 +80,19 @@ def drive_others(
         check_finished(board, folder, {})
 
 
-def measured(board: Board, networks: Sequence[Mapping[str, Any]], kept: Path) -> Method:
+def measured(board: Board, networks: Sequence[Mapping[str, Any]], kept: Path, cases: Cases) -> Method:
     """What holds of a method whose networks have all driven.
 
     Args:
         board: The board, of one scenario.
         networks: The options in which each other network differs.
         kept: The folder of the entry's own run and of theirs.
+        cases: As `method_cases` chose them.
 
     Returns:
         The means over all networks, with intervals for other networks on other cases.
     """
-    cases, folders = method_cases(board), [kept, *_folders(kept, networks)]
+    folders = [kept, *_folders(kept, networks)]
     (scenario,) = board.scenarios
     runs = [episodes(board, folder)[scenario.name].columns for folder in folders]
     found = {}

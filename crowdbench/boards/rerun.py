@@ -92,9 +92,10 @@ def cases_of(entry: Entry, board: Board, cases: Cases | None = None) -> int:
         board: Its board.
         cases: The cases of each scenario, if not those of a season.
     """
-    own = (len(cases or cases_of_season(entry, board)) + board.spec.public_cases) * len(board.scenarios)
+    driven = cases or cases_of_season(entry, board)
+    own = (len(driven) + board.spec.public_cases) * len(board.scenarios)
     others = len(entry.spec.networks) if claims(board, entry.spec.networks) else 0
-    return own + others * len(method_cases(board))
+    return own + others * len(method_cases(driven))
 
 
 def found(entry: Entry, board: Board, seed: int, cases: Cases, kept: Path, progress: Progress | None) -> Found:
@@ -124,7 +125,8 @@ def found(entry: Entry, board: Board, seed: int, cases: Cases, kept: Path, progr
         failed = drive_all(entry, board, seed, cases, kept, WHOLE, progress)
         if unexpected := [name for name in failed if name in entry.spec.reported]:
             return Found(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}", {})
-        method = measured(board, entry.spec.networks, kept) if claims(board, entry.spec.networks) else None
+        networks = entry.spec.networks
+        method = measured(board, networks, kept, method_cases(cases)) if claims(board, networks) else None
         speed = timed(board, entrant_of(entry), kept, _hidden(entry, kept))
     except NotWritten:
         raise
@@ -161,7 +163,10 @@ def drive_all(
     hidden = _hidden(entry, kept)
     failed = drive(board, entrant, kept, cases=cases, seed=seed, hidden=hidden, shard=shard, progress=progress)
     if claims(board, others):
-        drive_others(board, entrant, others, kept, seed=seed, hidden=hidden, shard=shard, progress=progress)
+        shared = method_cases(cases)
+        drive_others(
+            board, entrant, others, kept, cases=shared, seed=seed, hidden=hidden, shard=shard, progress=progress
+        )
     check_finished(board, kept, failed)
     return failed
 
