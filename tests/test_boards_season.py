@@ -10,10 +10,12 @@ from crowdbench.boards.driving import InUse, Unfinished
 from crowdbench.boards.entry import Verdict, read_entry
 from crowdbench.boards.markdown import write_readme
 from crowdbench.boards.season import TooEarly, freeze, read_season
+from crowdbench.boards.shipped import Job
 from crowdbench.boards.site import build_site
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
+from crowdbench.cli.boards import do_all
 from crowdbench.errors import InputError
 from crowdbench.evaluate.shard import Shard
 from crowdbench.scenario.cases import Cases
@@ -173,3 +175,18 @@ def test_the_seed_of_a_season_needs_frozen_entries_and_the_round(root):
     (root / "frozen.json").unlink()
     with pytest.raises(InputError, match="the entries of small are not frozen yet"):
         read_season(root).seed("small")
+
+
+def test_a_filling_process_goes_on_when_the_others_are_done_too():
+    missing = ["one", "two"]
+
+    def make(name, in_use):
+        if in_use:
+            missing.remove("one")  # by another process, in the meantime
+            raise InUse("one is in use")
+        missing.remove(name)
+
+    def wanted():
+        return [Job(name, 1, lambda _, name=name: make(name, name == "one")) for name in missing]
+
+    assert do_all(wanted, "entry")

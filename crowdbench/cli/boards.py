@@ -251,7 +251,7 @@ def fill(root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOptio
     announce_compilation()
     try:
         for board in read_boards(root):
-            if not _all_done(functools.partial(to_submit, board, root, work), "entry"):
+            if not do_all(functools.partial(to_submit, board, root, work), "entry"):
                 say(f"{board.name}: other processes are making the last entries")
                 continue
             try:
@@ -259,14 +259,14 @@ def fill(root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOptio
             except TooEarly as error:
                 say(f"{board.name}: no entry is verified: {error}")
                 continue
-            _all_done(functools.partial(to_verify, board, root, work), "verification")
+            do_all(functools.partial(to_verify, board, root, work), "verification")
     except KeyboardInterrupt:
         say(f"crowdbench: interrupted: the same command goes on with what is kept in {root} and {work}")
         sys.exit(INTERRUPTED)
 
 
-def _all_done(wanted: Callable[[], Sequence[Job]], what: str) -> bool:
-    """Do all work that no other process does; False where others are still at it."""
+def do_all(wanted: Callable[[], Sequence[Job]], what: str) -> bool:
+    """Do all work that no other process does; False where others are still at theirs when this one has nothing left."""
     from crowdbench.boards.driving import InUse
     from crowdbench.cli.console import progress, say
 
@@ -279,4 +279,4 @@ def _all_done(wanted: Callable[[], Sequence[Job]], what: str) -> bool:
                 job.do(tell)
         except InUse:
             skipped.add(job.title)
-    return not skipped
+    return not wanted()
