@@ -244,7 +244,7 @@ def test_the_shipped_studies_can_be_made():
     # Five seeds of every row, the first table's under both rules.
     assert len(learned.runs) == 5 * (2 * 6 + 4 + 6 + 5)
     assert {str(run.cases) for run in learned.runs} == {"test:0:500", "val:500:1000"}
-    assert len(crowds.runs) == 12 * 7
+    assert len(crowds.runs) == 14 * 7
     in_vehicles = {name for name, _ in catalog.scenarios() if name.endswith(("_unicycle", "_car"))}
     shown = {run.scenario.name for study in (crowds, worlds) for run in study.runs}
     assert shown | in_vehicles == {name for name, _ in catalog.scenarios()}
