@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from crowdbench.predict.load import load_predictor
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.scenario import Scenario
-    from crowdbench.sim.pedestrians import PedestrianPolicy
+    from crowdbench.sim.pedestrians import PedestrianPolicy, PolicyWithMemory
     from crowdbench.types import Observation, Outcome, Rules, Trace, World
     from crowdbench.value.networks import load_network
 
@@ -41,6 +41,7 @@ _HOMES = {
     "Outcome": "types",
     "PedestrianPolicy": "sim.pedestrians",
     "Planner": "planners.base",
+    "PolicyWithMemory": "sim.pedestrians",
     "Prediction": "predict",
     "Predictor": "predict",
     "Rules": "types",
@@ -67,6 +68,7 @@ __all__ = [
     "Outcome",
     "PedestrianPolicy",
     "Planner",
+    "PolicyWithMemory",
     "Prediction",
     "Predictor",
     "Rules",

@@ -20,7 +20,9 @@ from crowdbench.scenario import file as scenario_file
 from crowdbench.scenario import layouts
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.scenario.schema import PedestriansSpec
 from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.tracks.scenes import load_scene
 
 PLANNERS = Kind("planner", ROOT / "agents" / "planners", "planner", "crowdbench.planners")
 PEDESTRIANS = Kind("pedestrian policy", ROOT / "agents" / "pedestrians", "policy", "crowdbench.pedestrians")
@@ -30,7 +32,7 @@ LAYOUTS = Kind("layout", SCENARIOS, "layout", "crowdbench.layouts", layouts.LAYO
 Loaded = TypeVar("Loaded", tuple[str, Layout, str | None], tuple[str, PedestrianPolicy, str | None])
 """Name, plug-in, and the digest of its file."""
 
-RESERVED = ("case", "outcome", "steps")
+RESERVED = ("case", "outcome", "steps", "block")
 """Names of columns in every table of episodes, which a metric cannot have."""
 
 
@@ -196,13 +198,19 @@ def load_metric(spec: str) -> tuple[str, Metric]:
     raise InputError(f"no metric is called {spec!r}; there are {', '.join(METRICS)}, or give a file: ./mine.py")
 
 
-def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestrians: str | None = None) -> Scenario:
+def load_scenario(
+    spec: str,
+    overrides: Mapping[str, Any] | None = None,
+    pedestrians: str | None = None,
+    data: Path | None = None,
+) -> Scenario:
     """Find a scenario and read it.
 
     Args:
         spec: The name of a built-in scenario, or `file.toml`.
         overrides: Values for dotted keys of the file, such as `{"vehicle.visible": True}`.
         pedestrians: A policy that moves all pedestrians instead of the scenario's own, without its parameters.
+        data: The folder with the recorded tracks that the scenario's `[tracks]` needs.
 
     Returns:
         The scenario.
@@ -218,20 +226,28 @@ def load_scenario(spec: str, overrides: Mapping[str, Any] | None = None, pedestr
     table = scenario_file.read_table(path)
     crowd = table.get("pedestrians", {})
     if pedestrians is not None and isinstance(crowd, dict):
-        others = [key for key, value in crowd.items() if isinstance(value, dict) and "mean" not in value]
-        table["pedestrians"] = {key: crowd[key] for key in crowd if key not in others}
+        table["pedestrians"] = {key: crowd[key] for key in crowd if key in PedestriansSpec.model_fields}
         table["pedestrians"]["policy"] = _from_here(pedestrians)
     for key, value in (overrides or {}).items():
         _set(table, key, _from_here(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     source = str(path) if own_file else path.name
     find_layout = functools.partial(load_layout, folder=path.parent)
     return scenario_file.parse(
-        table, path.stem, source, find_layout, functools.partial(load_policy, folder=path.parent)
+        table,
+        path.stem,
+        source,
+        find_layout,
+        functools.partial(load_policy, folder=path.parent),
+        lambda scene, files: load_scene(scene, data, files),
     )
 
 
 def load_recorded_scenario(
-    table: Mapping[str, Any], source: str, pedestrians: Iterable[str] = (), layout: str | None = None
+    table: Mapping[str, Any],
+    source: str,
+    pedestrians: Iterable[str] = (),
+    layout: str | None = None,
+    data: Path | None = None,
 ) -> Scenario:
     """Make the scenario of a run again.
 
@@ -242,6 +258,7 @@ def load_recorded_scenario(
         source: What that file is called, for errors.
         pedestrians: The files of the pedestrian policies that are the user's own.
         layout: The file of the layout, if it is the user's own.
+        data: The folder with the recorded tracks, if the run had any.
 
     Returns:
         The scenario.
@@ -261,6 +278,7 @@ def load_recorded_scenario(
         source,
         lambda name: own_layout.get(name) or load_layout(name),
         lambda name: policies.get(name) or load_policy(name),
+        lambda scene, files: load_scene(scene, data, files),
     )
 
 
@@ -302,6 +320,11 @@ class _Given(Generic[Loaded]):
                 f"{self.option} ./{name}.py, and it is loaded if its digest is {self.digests.get(name)}"
             )
         return None
+
+
+def simulated_scenarios() -> list[str]:
+    """The names of the built-in scenarios that need no recorded tracks."""
+    return [name for name, _ in scenarios() if "tracks" not in scenario_file.read_table(SCENARIOS / f"{name}.toml")]
 
 
 def scenarios() -> list[tuple[str, str]]:

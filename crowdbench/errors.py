@@ -16,16 +16,19 @@ class InputError(ValueError):
     """Something the user gave is wrong. The message is one sentence: what, where, and what would be right."""
 
 
-class NotWritten(InputError):
-    """A file or folder cannot be written: a fault of the machine, or of a name, never of a plug-in."""
+class MachineFault(InputError):
+    """A fault of the machine, or of the installation, never of a plug-in."""
+
+
+class NotWritten(MachineFault):
+    """A file or folder cannot be written."""
 
 
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C or SIGTERM has arrived. Only crowdbench's own handlers raise it, never a plug-in."""
 
 
-@contextlib.contextmanager
-def plugin_errors(beginning: str, where: str = "") -> Iterator[None]:
+class plugin_errors:
     """Turn whatever a plug-in raises, even SystemExit, into an InputError. A process that it forks ends here.
 
     Args:
@@ -36,18 +39,22 @@ def plugin_errors(beginning: str, where: str = "") -> Iterator[None]:
         InputError: The plug-in raised something. An InputError of its own stays as it is.
         KeyboardInterrupt: Somebody interrupted it.
     """
-    # Not `with one_process(...)`: the policies of pedestrians are asked in here in every step.
-    process = os.getpid()
-    try:
-        yield
-    except BaseException as error:
-        if os.getpid() != process:
+
+    # A class, and not `with one_process(...)`: the policies of pedestrians are asked in here in every step, and a
+    # generator would take as long as all the rest of asking them.
+    __slots__ = ("_beginning", "_process", "_where")
+
+    def __init__(self, beginning: str, where: str = "") -> None:
+        self._beginning, self._where = beginning, where
+
+    def __enter__(self) -> None:
+        self._process = os.getpid()
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if os.getpid() != self._process:
             _end_fork("a plug-in", error)
-        if isinstance(error, InputError) or is_interrupt(error):
-            raise
-        raise InputError(f"{beginning} {described(error, where)}") from error
-    if os.getpid() != process:
-        _end_fork("a plug-in", None)
+        if error is not None and not (isinstance(error, InputError) or is_interrupt(error)):
+            raise InputError(f"{self._beginning} {described(error, self._where)}") from error
 
 
 @contextlib.contextmanager

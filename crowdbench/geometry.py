@@ -104,14 +104,23 @@ def toward_goal(
         Velocities in m/s.
     """
     out = np.empty(position.shape)
-    _toward_goal(np.ascontiguousarray(position), np.ascontiguousarray(goal), np.ascontiguousarray(preferred_speed), out)
+    fill_toward_goal(
+        np.ascontiguousarray(position), np.ascontiguousarray(goal), np.ascontiguousarray(preferred_speed), out
+    )
     return out
 
 
 @no_type_check
 @njit
-def _toward_goal(position, goal, preferred_speed, out):
-    """See `toward_goal`; fills `out`."""
+def fill_toward_goal(position, goal, preferred_speed, out):
+    """See `toward_goal`. Compiled.
+
+    Args:
+        position (array): `[..., 2]`, in metres.
+        goal (array): `[..., 2]`, in metres.
+        preferred_speed (array): `[...]`, in m/s.
+        out (array): `[..., 2]`, filled: velocities in m/s.
+    """
     # Reshaped here and not in Python, where it would take most of the time.
     position, goal, out = position.reshape(-1, 2), goal.reshape(-1, 2), out.reshape(-1, 2)
     preferred_speed = preferred_speed.reshape(-1)

@@ -6,9 +6,12 @@ reward that does not depend on the length of a step. The reward for discomfort i
 
 from __future__ import annotations
 
+from typing import no_type_check
+
 import numpy as np
 from jaxtyping import Float, Int
 
+from crowdbench.compiled import njit
 from crowdbench.types import DISCOMFORT_GAP, Outcome, Trace
 
 SUCCESS = 1.0
@@ -45,8 +48,21 @@ def reward(
     Returns:
         The reward.
     """
-    discomfort = np.minimum(gap - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
-    return np.where(outcome == _RUNNING, discomfort, _ENDED[outcome])
+    paid = np.empty(outcome.shape)
+    _fill_reward(np.ascontiguousarray(outcome), np.ascontiguousarray(gap), dt, paid)
+    return paid
+
+
+@no_type_check
+@njit
+def _fill_reward(outcome, gap, dt, paid):
+    """Fill `paid [...]`, see `reward`. Compiled, because NumPy takes as long for one world as a step does."""
+    outcome, gap, paid = outcome.reshape(-1), gap.reshape(-1), paid.reshape(-1)
+    for i in range(len(paid)):
+        if outcome[i] == _RUNNING:
+            paid[i] = min(gap[i] - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
+        else:
+            paid[i] = _ENDED[outcome[i]]
 
 
 def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:

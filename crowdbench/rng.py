@@ -21,6 +21,9 @@ from crowdbench.errors import InputError
 LEADING, LEADING_BITS = 3, 21
 """Axes of noise before the last two, and bits of an index along one of them: all fit in 64 bits of a counter."""
 
+MOST_NORMAL = math.sqrt(2.0 * 53.0 * math.log(2.0))
+"""No normal number that is drawn by compiled code is larger, because its radius is of a number of 53 bits."""
+
 SPLITS = ("train", "val", "test")
 """The splits of a scenario's cases. Each has the cases 0, 1, 2, ... without an end."""
 
@@ -39,17 +42,21 @@ def case_keys(seed: int, split: str, cases: Int[np.ndarray, "world"]) -> UInt[np
     return _keys(np.uint64(seed), np.uint64(SPLITS.index(split)), cases.astype(np.uint64))
 
 
-def generator(key: np.uint64, purpose: str) -> np.random.Generator:
+def generator(key: np.uint64, purpose: str, step: int = 0, person: int = 0) -> np.random.Generator:
     """A NumPy generator.
 
     Args:
         key: The key of a case.
         purpose: A name for what is drawn. Other purposes of the same case have independent random numbers.
+        step: The step for which it is drawn.
+        person: The person for whom it is drawn.
 
     Returns:
         The generator, at its start.
     """
-    return np.random.Generator(np.random.Philox(key=np.array([key, _purpose(purpose)], np.uint64)))
+    # A generator counts in the counter's first half.
+    own = np.array([0, 0, person, step], np.uint64)
+    return np.random.Generator(np.random.Philox(key=np.array([key, purpose_bits(purpose)], np.uint64), counter=own))
 
 
 def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
@@ -96,12 +103,28 @@ def normal(
     for index in indices:
         blocks = (blocks << np.uint64(LEADING_BITS)) | index
     out = np.empty((len(key), len(blocks), rows, n))
-    _normal(key, _purpose(purpose), step, blocks, out)
+    _normal(key, purpose_bits(purpose), step, blocks, out)
     return out.reshape(len(key), *shape)
 
 
+def uniforms(
+    key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], person: Int[np.ndarray, "world n"]
+) -> Float[np.ndarray, "world n"]:
+    """Numbers from 0 to below 1. Each depends only on key, purpose, step and person.
+
+    Args:
+        key: The key of every world.
+        purpose: A name for what is drawn. Other purposes with the same key have independent random numbers.
+        step: The step of every world.
+        person: The numbers of the persons for whom they are drawn.
+    """
+    out = np.empty(person.shape)
+    _uniforms(key, purpose_bits(purpose), step, person, out)
+    return out
+
+
 @functools.cache
-def _purpose(name: str) -> np.uint64:
+def purpose_bits(name: str) -> np.uint64:
     """The 64 bits that stand for a purpose: the second half of the generator's key."""
     return np.uint64(int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little"))
 
@@ -173,6 +196,53 @@ def _pair(a, b):
 
 @no_type_check
 @njit
+def four_normal(index, row, step, block, key, purpose):
+    """Four of the numbers that `normal` draws. Compiled.
+
+    Args:
+        index (int): Index of the first of them along the last axis, a multiple of 4.
+        row (int): Index along the axis before it.
+        step (int): The step.
+        block (uint64): The indices along the axes before that.
+        key (uint64): The key of the world.
+        purpose (uint64): The `purpose_bits` of the purpose.
+
+    Returns:
+        numbers (tuple): Four standard normal numbers.
+    """
+    four = philox(np.uint64(index), np.uint64(row), np.uint64(step), block, key, purpose)
+    return (*_pair(four[0], four[1]), *_pair(four[2], four[3]))
+
+
+@no_type_check
+@njit
+def uniform(row, step, key, purpose):
+    """A number that is uniform in [0, 1). Compiled.
+
+    Args:
+        row (int): For what it is drawn, in a step.
+        step (int): The step.
+        key (uint64): The key of the world.
+        purpose (uint64): The `purpose_bits` of a purpose that draws nothing else.
+
+    Returns:
+        number (float): The number.
+    """
+    zero = np.uint64(0)
+    return (philox(zero, np.uint64(row), np.uint64(step), zero, key, purpose)[0] >> np.uint64(11)) * 2.0**-53
+
+
+@no_type_check
+@njit
+def _uniforms(key, purpose, step, person, out):
+    """Fill `out [world, n]`."""
+    for w in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            out[w, i] = uniform(person[w, i], step[w], key[w], purpose)
+
+
+@no_type_check
+@njit
 def _normal(key, purpose, step, blocks, out):
     """Fill `out [world, block, row, n]`: key (key, purpose), counter (index, row, step, block), four at a time."""
     worlds, _, rows, n = out.shape
@@ -180,7 +250,6 @@ def _normal(key, purpose, step, blocks, out):
         for b in range(len(blocks)):
             for r in range(rows):
                 for start in range(0, n, 4):
-                    four = philox(np.uint64(start), np.uint64(r), np.uint64(step[w]), blocks[b], key[w], purpose)
-                    quad = (*_pair(four[0], four[1]), *_pair(four[2], four[3]))
+                    quad = four_normal(start, r, step[w], blocks[b], key[w], purpose)
                     for i in range(min(4, n - start)):
                         out[w, b, r, start + i] = quad[i]

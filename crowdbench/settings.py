@@ -23,3 +23,6 @@ FIRST_RECORDED = 10
 
 MOST_FAILURES = 1000
 """With "failures": no more failures than this are recorded, because Rerun needs 0.25 MB of memory for each."""
+
+RECORDED_CROWD = 100
+"""In scenarios with more pedestrians, fewer failures are recorded: as many as have so many pedestrians together."""

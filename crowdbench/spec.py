@@ -5,13 +5,16 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog, plugins
+from crowdbench.errors import plugin_errors
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.wanted import Wanted
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.settings import BATCH, DECISION_LIMIT, RECORD
 
 
@@ -32,6 +35,7 @@ class RunSpec:
         batch: Cases that run in lock-step.
         isolated: Whether the planner runs in a process of its own.
         decision_limit: Seconds that the planner may take for a decision.
+        data: The folder with recorded tracks.
     """
 
     planner: str
@@ -46,6 +50,7 @@ class RunSpec:
     batch: int = BATCH
     isolated: bool = False
     decision_limit: float = DECISION_LIMIT
+    data: Path | None = None
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -64,20 +69,28 @@ class RunSpec:
             return
         from crowdbench.isolation.planner import IsolatedPlanner, Limits
 
-        limits = Limits(decision=self.decision_limit)
-        with contextlib.closing(IsolatedPlanner(self.planner, self.options, limits)) as apart:
-            yield self._wanted(Driver(apart, apart.name, self.decision_limit), {"isolation": apart.usage})
+        limits, scenario = Limits(decision=self.decision_limit), self._scenario()
+        scene = scenario.tracks.scene if scenario.tracks else None
+        with contextlib.closing(IsolatedPlanner(self.planner, self.options, limits, scene=scene)) as apart:
+            yield self._wanted(Driver(apart, apart.name, self.decision_limit), scenario, {"isolation": apart.usage})
 
     def load(self) -> Wanted:
         """Load the run with its planner in this process. Raises InputError as `loaded` does."""
+        scenario = self._scenario()
         name, planner = catalog.load_planner(self.planner, self.options)
-        return self._wanted(Driver(planner, name, self.decision_limit), {})
+        if scenario.tracks:
+            with plugin_errors(f"planner {name} raised", " in unseen()"):
+                planner = planner.unseen(scenario.tracks.scene)
+        return self._wanted(Driver(planner, name, self.decision_limit), scenario, {})
 
-    def _wanted(self, driver: Driver, more: Mapping[str, Any]) -> Wanted:
+    def _scenario(self) -> Scenario:
+        return catalog.load_scenario(self.scenario, self.overrides, self.pedestrians, self.data)
+
+    def _wanted(self, driver: Driver, scenario: Scenario, more: Mapping[str, Any]) -> Wanted:
         files = catalog.planner_files(self.planner, self.options)
         return Wanted(
             driver,
-            catalog.load_scenario(self.scenario, self.overrides, self.pedestrians),
+            scenario,
             self.cases,
             catalog.load_metrics(self.metrics),
             about={"options": self.options, "planner_files": files, **more, "overrides": self.changes},

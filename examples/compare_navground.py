@@ -3,9 +3,10 @@
 navground (https://pypi.org/project/navground) is a C++ library with ORCA agents and a PettingZoo environment. Both
 do the same work by turns in this one run: python examples/compare_navground.py
 
-The same work: agents with ORCA walk to the opposite point of a circle. navground moves them too, and in addition
-pushes overlapping agents apart. Its environment, in its fastest usual form, shows each agent its five nearest
-neighbours, as crowdbench's does.
+The same work: agents with ORCA walk to the opposite point of a circle, or cross a square, and avoid at most ten others
+within 10 m. navground moves them too, and in addition pushes overlapping agents apart. A whole step of crowdbench is
+one of a rollout: ORCA, motion, the history of each pedestrian, and the collision check of the vehicle. navground's
+environment, in its fastest usual form, shows each agent its five nearest neighbours, as crowdbench's does.
 """
 
 import functools
@@ -25,7 +26,7 @@ from navground.sim.state_estimations import BoundedStateEstimation
 from navground.sim.tasks import WaypointsTask
 
 from crowdbench.bench import simulator
-from crowdbench.bench.simulator import DT, RADIUS, STEPS, circle
+from crowdbench.bench.simulator import DT, FEW_STEPS, RADIUS, STEPS, THOUSANDS, circle
 from crowdbench.bench.timing import in_turns
 
 SCENARIO = """
@@ -44,33 +45,48 @@ groups:
 """
 
 
-def make_world(start: np.ndarray) -> sim.World:
+def make_world(start: np.ndarray, goal: np.ndarray) -> sim.World:
     """A world of navground, one step after the start: the first step builds its indices.
 
     Args:
-        start: Starts in metres, `[agent, 2]`. Each agent walks to the opposite point.
+        start: Starts in metres, `[agent, 2]`.
+        goal: Goals in metres, `[agent, 2]`.
     """
     world = sim.World()
-    for position in start:
+    for position, target in zip(start, goal, strict=True):
         kinematics = OmnidirectionalKinematics(1.0, math.inf)
         behavior = ORCABehavior(kinematics, RADIUS)
         behavior.optimal_speed, behavior.horizon, behavior.time_horizon = 1.0, 10.0, 5.0
         behavior.max_number_of_neighbors = 10
-        agent = sim.Agent(RADIUS, behavior, kinematics, WaypointsTask([-position], False, 0.1))
+        agent = sim.Agent(RADIUS, behavior, kinematics, WaypointsTask([target], False, 0.1))
         agent.state_estimation = BoundedStateEstimation(10.0)
-        agent.pose = core.Pose2(position, math.atan2(-position[1], -position[0]))
+        agent.pose = core.Pose2(position, math.atan2(*(target - position)[::-1]))
         world.add_agent(agent)
     world.update(DT)
     return world
 
 
-def one_world(start: np.ndarray) -> float:
-    """Seconds per step of one world of navground, called step by step. `start` is `[agent, 2]` in metres."""
-    world = make_world(start)
-    begin = time.perf_counter()
-    for _ in range(STEPS):
+def one_world(
+    start: np.ndarray, goal: np.ndarray, steps: int = STEPS, clock: Callable[[], float] = time.perf_counter
+) -> float:
+    """Seconds per step of one world of navground, called step by step.
+
+    Args:
+        start: Starts in metres, `[agent, 2]`.
+        goal: Goals in metres, `[agent, 2]`.
+        steps: Number of steps.
+        clock: Tells the time in seconds.
+    """
+    world = make_world(start, goal)
+    begin = clock()
+    for _ in range(steps):
         world.update(DT)
-    return (time.perf_counter() - begin) / STEPS
+    return (clock() - begin) / steps
+
+
+def large_world(start: np.ndarray, goal: np.ndarray) -> float:
+    """Seconds of processor time per agent and step of a large world of navground; arguments as of `one_world`."""
+    return one_world(start, goal, FEW_STEPS, time.process_time) / len(start)
 
 
 def many_worlds(start: np.ndarray) -> float:
@@ -107,7 +123,7 @@ def run_worlds(pipe: Connection, start: np.ndarray) -> None:
         pipe: The connection to the process that measures.
         start: Where the agents of each world start, in metres.
     """
-    worlds = [make_world(positions) for positions in start]
+    worlds = [make_world(positions, -positions) for positions in start]
     pipe.send("ready")
     pipe.recv()
     for world in worlds:
@@ -146,17 +162,31 @@ def compare(work: str, rounds: int, ours: Callable[[], float], theirs: Callable[
         theirs: The same work of navground.
     """
     crowdbench, navground = (1e6 * seconds for seconds in in_turns(rounds, ours, theirs))
-    print(f"{work:66} {crowdbench:10.3g} {navground:10.3g} {navground / crowdbench:6.1f}x", flush=True)
+    print(f"{work:84} {crowdbench:10.3g} {navground:10.3g} {navground / crowdbench:6.1f}x", flush=True)
 
 
 if __name__ == "__main__":
-    print(f"{'microseconds':66} {'crowdbench':>10} {'navground':>10} {'ratio':>7}")
+    print(f"{'microseconds':84} {'crowdbench':>10} {'navground':>10} {'ratio':>7}")
     for agents in (6, 51):
         compare(
             f"ORCA and motion, one world, {agents} agents, per step",
             150,
             functools.partial(simulator.many_worlds, circle(agents, 1), STEPS),
-            functools.partial(one_world, circle(agents, 1)[0]),
+            functools.partial(one_world, circle(agents, 1)[0], -circle(agents, 1)[0]),
+        )
+    compare(
+        "a whole step, one world, 6 agents",
+        45,
+        simulator.whole_step,
+        functools.partial(one_world, circle(6, 1)[0], -circle(6, 1)[0]),
+    )
+    for agents in THOUSANDS:
+        _, start = large = simulator.start_of_thousands(agents)
+        compare(
+            f"a whole step, one world, {agents:,} agents, one on 4 m^2, processor time per agent-step",
+            5 if agents <= 1000 else 2,
+            functools.partial(simulator.thousands, large),
+            functools.partial(large_world, start.position[0], start.goal[0]),
         )
     compare(
         "ORCA and motion, 1,000 worlds, 6 agents, all cores, per world-step",

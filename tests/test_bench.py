@@ -11,7 +11,7 @@ import torch
 from rich.console import Console
 from safetensors.torch import save_file
 
-from crowdbench.bench import commands, decisions, environments, isolation, simulator, speed_ups, timing, training
+from crowdbench.bench import commands, decisions, environments, isolation, sight, simulator, speed_ups, timing, training
 from crowdbench.bench.measurement import Measurement, Variant, VariantComparison
 from crowdbench.bench.suite import SUITE
 from crowdbench.catalog import load_scenario
@@ -244,7 +244,7 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 
 def test_every_measurement_is_taken():
     names = {measure.__name__ for measure in SUITE}
-    modules = (simulator, environments, isolation, decisions, training, commands)
+    modules = (simulator, sight, environments, isolation, decisions, training, commands)
     assert names == {name for module in modules for name in vars(module) if name.startswith("measure_")}
 
 

@@ -20,7 +20,7 @@ LIMIT = 2.0
 
 GAP_OF_A_STEP = """
 import numpy as np
-from crowdbench.sim.episode import _check
+from crowdbench.sim.episode import check_worlds
 from crowdbench.types import Outcome
 
 position = np.zeros((1, 2, 2))
@@ -29,7 +29,8 @@ outcome, gap, wall_gap = np.zeros(1, np.int64), np.zeros(1), np.zeros(1)
 radius, present, step = np.ones((1, 2)), np.ones((1, 2), bool), np.zeros(1, np.int64)
 still, walls = (np.zeros(1), position * 0.0, np.zeros(1)), np.empty((1, 0, 0, 2))
 places = (position, position * 0.0, position, position + 9.0)
-_check(0, np.zeros(1), 0.0, 0.25, *still, *places, radius, present, walls, step, 99, outcome, gap, wall_gap)
+still_there = (*still, *places, radius, present, walls, step)
+check_worlds(0, np.zeros(1), 0.0, 0, 0.25, *still_there, 99, outcome, gap, wall_gap)
 print(Outcome(outcome[0]).name, gap[0])
 """
 
@@ -88,7 +89,7 @@ def test_an_edit_acts_at_once_in_functions_of_other_files(tmp_path):
     geometry.write_text(edited)
     assert run(GAP_OF_A_STEP, tmp_path) == ["COLLISION", "-52.0"]
     kernels = [path.name.partition("-")[0] for path in (package / "__pycache__" / "kernels").iterdir()]
-    assert {"crowdbench.geometry.nearest_in_step", "crowdbench.sim.episode._check"} < set(kernels)
+    assert {"crowdbench.geometry.nearest_in_step", "crowdbench.sim.episode.check_worlds"} < set(kernels)
     assert len(kernels) == len(set(kernels)), "one file each is left, since those that are out of date are removed"
 
 

@@ -291,3 +291,17 @@ def test_a_planner_of_one_line_keeps_the_contract(tmp_path):
     done = CliRunner().invoke(app, ["check", str(tmp_path / "mine.py"), "--cases", "val:3"])
     assert done.exit_code == 0, done.output
     assert re.search(r"batch +0 of \d\d+ commands differ", done.output)
+
+
+def test_a_policy_is_always_shown_somebody_where_there_is_anybody():
+    class Keeps(Policy):
+        shown: ClassVar = []
+
+        def predict(self, state):
+            self.shown.append((state.self_state.position, state.human_states))
+            return ActionXY(0.0, 1.0)
+
+    drive(CrowdNavPlanner(Keeps()), "1", sensor__range=1.0)
+    alone = [(own, humans[0]) for own, humans in Keeps.shown if humans[0].velocity == (0.0, 0.0) and len(humans) == 1]
+    assert all(humans for _, humans in Keeps.shown)
+    assert alone[0][1].position == pytest.approx((alone[0][0][0], alone[0][0][1] - 20.0))

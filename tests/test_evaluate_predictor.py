@@ -19,9 +19,9 @@ from crowdbench.predict import (
     Predictor,
 )
 from crowdbench.predict.load import PREDICTORS
-from crowdbench.predict.tracks import Tracks, read_folder
 from crowdbench.scenario.cases import Cases
 from crowdbench.settings import HORIZON
+from crowdbench.tracks.eth_ucy import Tracks, read_folder
 
 CASES = Cases.parse("val:6")
 FIRST, TOGETHER, EACH = range(3)
@@ -170,7 +170,7 @@ def test_scenes_are_resampled_apart_from_each_other():
 def slowly(predict, scenario, cases, ahead):
     """ADE and FDE `[ahead]`: one pedestrian after the other, until it comes near its goal."""
     world = scenario.worlds(cases)
-    track = _without_vehicle(scenario, world)
+    track, _ = _without_vehicle(scenario, world)
     errors = []
     for w in range(len(world)):
         for p in np.flatnonzero(world.present[w, 1:]):

@@ -16,7 +16,7 @@ import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.dynamics import Bicycle, Holonomic, chain
-from crowdbench.errors import InputError
+from crowdbench.errors import InputError, MachineFault
 from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
 from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.rollout import rollout
@@ -24,7 +24,8 @@ from crowdbench.isolation import protocol, sandbox
 from crowdbench.isolation.planner import IsolatedPlanner, Limits, called
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.types import Rules
+from crowdbench.sim.sight import look
+from crowdbench.types import Lidar, Rules, Sensor
 
 pytestmark = pytest.mark.slow
 
@@ -194,14 +195,16 @@ def test_every_array_of_an_observation_arrives():
     )
     car = Rules(dynamics=Bicycle(2.5, 0.5, 1.5), goal_tolerance=1.0, body=chain(4.5, 0.9, 1.25))
     slow = Rules(dynamics=Holonomic(0.5))
-    for future, rules in ((None, Rules()), (generator.normal(size=(5, 3, 2)), car), (None, slow)):
-        world = world.replace(rules=rules)
+    blind = Rules(sensor=Sensor(range=2.0, remember=1.0, lidar=Lidar(7, 3.0)))
+    for future, rules in ((None, Rules()), (generator.normal(size=(5, 3, 2)), car), (None, slow), (None, blind)):
+        world = look(world.replace(rules=rules))
         sent = observe(world, np.arange(5)[::-1], future)
         received, steps = protocol.read_observation(bytearray(b"".join(protocol.observation_parts(sent, 3))))
         assert steps == 3
         for one, two in ((sent, received), (sent.vehicle, received.vehicle), (sent.pedestrians, received.pedestrians)):
             for field in dataclasses.fields(one):
                 value, other = getattr(one, field.name), getattr(two, field.name)
+                assert (value is None) == (other is None)
                 if isinstance(value, np.ndarray):
                     assert value.dtype == other.dtype
                     np.testing.assert_array_equal(value, other)
@@ -210,7 +213,6 @@ def test_every_array_of_an_observation_arrives():
         for constant in ("dynamics", "goal_tolerance", "body"):
             assert getattr(received.vehicle, constant) == getattr(sent.vehicle, constant)
         assert received.dt == sent.dt
-        assert (received.future is None) == (future is None)
 
 
 LOOP = """\
@@ -283,8 +285,14 @@ def test_a_program_that_speaks_another_version_is_refused(tmp_path):
     with pytest.raises(InputError) as error:
         IsolatedPlanner(str(program), {})
     assert str(error.value) == (
-        "planner old speaks version 1 of the messages, but must speak version 2, which docs/isolation.md describes"
+        "planner old speaks version 1 of the messages, but must speak version 3, which docs/isolation.md describes"
     )
+
+
+def test_another_version_of_crowdbench_in_its_process_is_no_fault_of_the_planner(monkeypatch):
+    monkeypatch.setattr("crowdbench.isolation.planner.VERSION", 99)
+    with pytest.raises(MachineFault, match=r"^crowdbench has changed since this command started.*; start the command"):
+        IsolatedPlanner("straight", {})
 
 
 def test_a_planner_that_hangs_is_killed(mine):

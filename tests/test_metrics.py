@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from helpers import drive, trace
@@ -50,6 +52,21 @@ def test_path_length_and_spl_of_a_detour():
 def test_who_starts_at_the_goal_wastes_nothing():
     for path, goal in ((STRAIGHT[:2], [[0.1, 0], [0, 0]]), ([STRAIGHT[0]] * 2, [[0.3, 0], [0, 0]])):
         assert value("spl", trace(path, goal=goal)) == 1.0
+
+
+def test_intrusions_are_into_the_way_that_a_pedestrian_goes():
+    # The vehicle stands; the pedestrian comes from 2 m by 0.25 m a step.
+    comes = trace([[[0, 0], [2 - 0.25 * t, 0]] for t in range(7)])
+    # Within five steps it is nearer than 0.6 m from the second state on, at last at 0.5 m.
+    assert value("intrusion_time_ratio", comes) == pytest.approx(5 / 6)
+    assert value("social_distance", comes) == pytest.approx(0.5)
+    goes = trace([[[0, 0], [0.5 + 0.25 * t, 0]] for t in range(7)])
+    assert value("intrusion_time_ratio", goes) == 0.0
+    assert np.isnan(value("social_distance", goes))
+    hidden = dataclasses.replace(comes, seen=np.zeros_like(comes.seen))
+    assert value("intrusion_time_ratio", hidden) == 0.0
+    other = dataclasses.replace(comes, person=np.arange(comes.person.shape[1])[None, :, None])
+    assert value("intrusion_time_ratio", other) == 0.0
 
 
 def test_changes_of_velocity_count_the_start_from_rest():

@@ -13,6 +13,7 @@ NAMES = [
     "Outcome",
     "PedestrianPolicy",
     "Planner",
+    "PolicyWithMemory",
     "Prediction",
     "Predictor",
     "Rules",

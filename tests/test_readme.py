@@ -54,14 +54,15 @@ def test_the_environments_of_the_readme_start():
     assert isinstance(names["vehicle"], gymnasium.Env)
 
 
-def test_the_policy_of_contributing_keeps_the_contract(tmp_path):
-    path = tmp_path / "stroll.py"
-    (text,) = [block for block in blocks("CONTRIBUTING.md") if "def policy()" in block]
+@pytest.mark.parametrize(("name", "parameters"), [("stroll", {"pace": 0.5}), ("tired", {})])
+def test_the_policies_of_contributing_keep_the_contract(name, parameters, tmp_path):
+    path = tmp_path / f"{name}.py"
+    (text,) = [block for block in blocks("CONTRIBUTING.md") if f"class {name.title()}" in block]
     path.write_text(text)
-    name, policy, _ = load_policy(str(path))
-    assert (name, policy.parameters) == ("stroll", {"pace": 0.5})
+    loaded, policy, _ = load_policy(str(path))
+    assert (loaded, policy.parameters) == (name, parameters)
     place = load_scenario("circle_crossing_5", {"time_limit": 3.0}, str(path))
-    points = check_policy(lambda: load_policy(str(path))[1], "stroll", place, Cases.parse("val:3"), 60.0)
+    points = check_policy(lambda: load_policy(str(path))[1], name, place, Cases.parse("val:3"), 60.0)
     assert all(point.kept for point in points)
 
 
@@ -142,6 +143,18 @@ def test_the_layout_of_the_docs_keeps_the_contract(tmp_path):
     start = place.worlds(Cases.parse("2"))
     assert start.obstacles.max() == 0.75
     assert np.isfinite(start.route[:, :2, 0]).all()
+
+
+def test_the_layout_that_draws_people_again_in_the_docs_keeps_the_contract(tmp_path):
+    (tmp_path / "ring.py").write_text(blocks("docs/layouts.md")[1])
+    (tmp_path / "mine.toml").write_text('[layout]\ngenerator = "./ring.py"\n[pedestrians]\narrival = "respawn"\n')
+    place = load_scenario(str(tmp_path / "mine.toml"), {"pedestrians.preferred_speed": 2.0})
+    points = check_layout(place.layout, "ring", place, Cases.parse("val:3"))
+    assert {point.name for point in points if not point.kept} <= {"random numbers"}  # the tests' type checker draws
+    trace = drive("orca", "3", str(tmp_path / "mine.toml"), pedestrians__preferred_speed=2.0)
+    new = np.diff(trace.person, axis=1) != 0
+    assert new.any()
+    assert np.hypot(*trace.position[:, 1:, 1:][new].T) == pytest.approx(4.0)
 
 
 def test_the_docs_list_every_layout_with_its_options():

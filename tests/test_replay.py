@@ -50,7 +50,8 @@ def slow_transitions(trace, n=1):
             yield {
                 "joint": states[t],
                 "next_joint": states[then],
-                "present": trace.present[w, 0, 1:],
+                "present": trace.present[w, t, 1:],
+                "next_present": trace.present[w, then, 1:],
                 "reward": sum(factor**k * reward for k, reward in enumerate(rewards[t:then])),
                 "bootstrap": 0.0 if ended else factor ** (then - t),
                 "episode_return": sum(factor**k * reward for k, reward in enumerate(rewards[t:])),
@@ -110,7 +111,7 @@ def numbered(start, stop):
     """Steps that can be told by their reward."""
     number = np.arange(start, stop, dtype=np.float32)
     joint = np.repeat(number[:, None, None], 13, axis=2)
-    return Transitions(joint, joint + 0.5, number[:, None] % 2 == 0, number, number, number)
+    return Transitions(joint, joint + 0.5, number[:, None] % 2 == 0, number[:, None] % 2 == 1, number, number, number)
 
 
 @pytest.mark.parametrize("portion", [1, 3, 10, 25])

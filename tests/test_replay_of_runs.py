@@ -277,12 +277,15 @@ def goal_moved(monkeypatch):
 
 
 def crowd_stopped(monkeypatch):
-    monkeypatch.setattr(rollouts, "crowd_velocities", lambda world, policies: np.zeros_like(world.position[:, 1:]))
+    def still(world, policies):
+        return np.zeros_like(world.position[:, 1:]), world
+
+    monkeypatch.setattr(rollouts, "crowd_decisions", still)
 
 
 def judge_lenient(monkeypatch):
-    def lenient(world, command, crowd):
-        after, check = step(world, command, crowd)
+    def lenient(world, command, crowd, renewal):
+        after, check = step(world, command, crowd, renewal)
         return after, check._replace(outcome=np.where(check.outcome == Outcome.COLLISION, 0, check.outcome))
 
     monkeypatch.setattr(rollouts, "step", lenient)

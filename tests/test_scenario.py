@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from crowdbench.catalog import PEDESTRIANS, load_policy, load_scenario, scenarios
+from crowdbench.catalog import PEDESTRIANS, load_policy, load_scenario, simulated_scenarios
 from crowdbench.errors import InputError
 from crowdbench.scenario import schema
 from crowdbench.scenario.cases import Cases, parse_case
@@ -109,8 +109,17 @@ OTHERS = {
     "vehicle.dynamics": "unicycle",
     "vehicle.goal_tolerance": 0.5,
     "vehicle.max_acceleration": 2.0,
+    "sensor.range": 5.0,
+    "sensor.field_of_view": 90.0,
+    "sensor.occlusion": True,
+    "sensor.missed": 0.5,
+    "sensor.nearest": 7,
+    "sensor.lidar": {"beams": 9, "range": 3.0},
     "pedestrians.number": [4, 6],
     "pedestrians.policy": {"orca": 0.5, "social_force": 0.5},
+    "pedestrians.groups": {"1": 0.5, "2": 0.5},
+    "pedestrians.arrival": "stop",
+    "pedestrians.goal_change": {"period": 5.0, "chance": 0.5},
 }
 
 
@@ -132,7 +141,7 @@ def test_every_other_value_than_a_default_has_a_digest_of_its_own():
     changes = [{}, *({key: other(key)} for key in DEFAULTS if key != "vehicle.length")]
     changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
-    assert len(changes) == 28
+    assert len(changes) == 41
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
@@ -174,19 +183,25 @@ DIGESTS = {
     "circle_crossing_5_social_force": "bb7bd7ef9d67",
     "circle_crossing_5_unicycle": "87916ba303c1",
     "circle_crossing_5_visible": "95bdfee2e846",
+    "circle_crossing_limited_sight": "dba52d1a2617",
     "circle_crossing_mixed": "ba5dc8813c51",
+    "companions": "6eab92864111",
     "corridor": "593019e6d69a",
+    "crowdnav_plus_20": "2f87b295e48b",
+    "crowdnav_plus_20_random": "a2c4d2eaa318",
     "doorway": "117ab1cf4b4f",
     "intersection": "a6c6c1a6c0a8",
+    "restless": "990aab580523",
     "room": "c10cd0679e5e",
     "square_crossing_5": "53f7c8ebd351",
+    "thousand": "c3a456a54a8b",
     "traffic": "5c3615765887",
 }
 
 
 def test_the_digests_of_the_built_in_scenarios_stay():
     """Where this fails because a default is another one, `crowdbench.scenario.digest.VERSION` must be raised."""
-    assert {name: load_scenario(name).digest for name, _ in scenarios()} == DIGESTS
+    assert {name: load_scenario(name).digest for name in simulated_scenarios()} == DIGESTS
 
 
 def test_the_digest_knows_all_built_in_policies():
@@ -255,6 +270,11 @@ BROKEN = {
     "[pedestrians]\nradius = {mean = 1, std = 1, low = 1, high = 1}": ["pedestrians.radius is {'mean'", "tenth of std"],
     "[pedestrians.orca]\ntime_horizon = -3": ["pedestrians.orca.time_horizon is -3", "at least 0"],
     "[pedestrians]\norca = 3": ["pedestrians.orca is 3", "a table [pedestrians.orca]"],
+    "[sensor]\nfield_of_view = 400": ["sensor.field_of_view is 400", "above 0 and up to 360"],
+    "[sensor]\nmissed = 1.0": ["sensor.missed is 1.0", "of at least 0 and below 1"],
+    "[sensor.noise]\nspeed = 0.1": ["unknown key sensor.noise.speed", "position, velocity"],
+    "[sensor]\nlidar = { beams = 9 }": ["sensor.lidar.range is missing", "above 0"],
+    "[sensor]\nlidar = 9": ["sensor.lidar is 9", "a table [sensor.lidar] with beams and range"],
     "[vehicle]\nradus = 1\nradius = 'x'": ["unknown key vehicle.radus", "visible, radius, preferred_speed"],
     "[vehicle]\ndynamics = 'tank'": ["vehicle.dynamics is 'tank'", '"holonomic", "unicycle", "bicycle"'],
     "[vehicle]\nwheelbase = 2.0": ["vehicle.wheelbase is given", "left out where dynamics is holonomic", "bicycle"],

@@ -3,11 +3,13 @@ import pytest
 from helpers import world
 
 from crowdbench.errors import InputError
+from crowdbench.geometry import toward_goal
 from crowdbench.reward import discount, reward
 from crowdbench.sim.episode import check_step
+from crowdbench.sim.orca import orca_velocities
 from crowdbench.sim.pedestrians import ORCA, PedestrianPolicy
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities
+from crowdbench.sim.simulator import advance, crowd_velocities, step
 from crowdbench.types import HISTORY, Outcome, Rules, World
 
 POLICIES = {"orca": ORCA()}
@@ -24,6 +26,42 @@ def test_everybody_moves_with_its_velocity():
     assert after.position.tolist() == [[[0.1, 0.05], [2.75, 0.0]]]
     assert after.velocity.tolist() == [[[0.4, 0.2], [-1.0, 0.0]]]
     assert after.step.tolist() == [1]
+
+
+@pytest.mark.parametrize("collision", ["swept", "crowdnav", "crowdnav_plus"])
+def test_a_step_is_the_motion_and_its_check(collision):
+    random = np.random.default_rng(0)
+    before = world(random.normal(size=(5, 2)), random.normal(size=(5, 2)), rules=Rules(collision=collision))
+    velocity = random.normal(size=(1, 5, 2))
+    after, check = step(before, velocity[:, 0], velocity[:, 1:])
+    moved = advance(before, velocity)
+    for name, value in vars(moved).items():
+        if isinstance(value, np.ndarray):
+            assert np.array_equal(vars(after)[name], value)
+    assert all(map(np.array_equal, check, check_step(before, moved)))
+
+
+@pytest.mark.parametrize("visible", [True, False])
+def test_pedestrians_get_from_orca_what_all_agents_get(visible):
+    random = np.random.default_rng(0)
+    now = world(3.0 * random.normal(size=(40, 2)), random.normal(size=(40, 2)), rules=Rules(visible=visible))
+    present = np.arange(40) != 7
+    now = now.replace(present=present[None])
+    moves = present[None] & (np.arange(40) > 0)
+    everybody = orca_velocities(
+        now.position,
+        now.velocity,
+        toward_goal(now.position, now.goal, now.preferred_speed),
+        now.radius + 0.01,
+        now.preferred_speed,
+        time_horizon_obst=1.0,
+        seen=now.present & (visible | (np.arange(40) > 0)),
+        moves=moves,
+    )
+    for _ in range(2):
+        assert np.array_equal(crowd_velocities(now, POLICIES), everybody[:, 1:])
+        # As many worlds as are worth several threads.
+        now, everybody = now.take(np.zeros(11, np.int64)), np.repeat(everybody, 11, axis=0)
 
 
 def test_speed_is_limited_to_the_preferred_speed_but_for_rounding():
@@ -64,13 +102,13 @@ def test_a_world_has_no_fields_but_its_own():
 def test_history_holds_the_last_positions_and_says_how_many_are_real():
     now = world([[0, 0], [0, 5]])
     seen = [now.position[0, 1].copy()]
-    for step in range(10):
+    for t in range(10):
         pedestrians = observe(now).pedestrians
-        assert pedestrians.observed[0, 0] == min(step + 1, HISTORY)
+        assert pedestrians.observed[0, 0] == min(t + 1, HISTORY)
         assert pedestrians.age[0, 0] == 0.0
         expected = ([seen[0]] * HISTORY + seen)[-HISTORY:]
         assert np.array_equal(pedestrians.history[0, :, 0], expected)
-        now = advance(now, np.array([[[0, 0], [0.1 * step, -0.3]]]))
+        now = advance(now, np.array([[[0, 0], [0.1 * t, -0.3]]]))
         seen.append(now.position[0, 1].copy())
 
 
@@ -88,6 +126,17 @@ def test_the_rules_differ_in_the_pedestrians_velocity():
     assert swept[0] is Outcome.COLLISION
     assert crowdnav[0] is Outcome.RUNNING
     assert crowdnav[1] == pytest.approx(0.2)
+
+
+def test_under_the_rule_of_crowdnav_plus_nothing_moves():
+    rules = Rules(collision="crowdnav_plus")
+    into, still = [[1, 0], [-1, 0]], [[0, 0], [0, 0]]
+    assert outcome_of(world([[0, 0], [0.8, 0]], rules=rules), into) == (Outcome.RUNNING, pytest.approx(0.2))
+    assert outcome_of(world([[0, 0], [0.5, 0]], rules=rules), still)[0] is Outcome.COLLISION
+    near = world([[0, 0], [5, 5]], goal=[[0.5, 0], [9, 9]], rules=rules)
+    assert outcome_of(near, into)[0] is Outcome.RUNNING
+    there = world([[0.25, 0], [5, 5]], goal=[[0.5, 0], [9, 9]], rules=rules)
+    assert outcome_of(there, [[-1, 0], [0, 0]])[0] is Outcome.SUCCESS
 
 
 def test_touching_is_no_collision_yet():

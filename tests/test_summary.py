@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from crowdbench.evaluate import summary
-from crowdbench.evaluate.summary import Estimate, bootstrap, summarize, weighted_mean, wilson
+from crowdbench.evaluate.summary import Estimate, bootstrap, by_block, rate, summarize, weighted_mean, wilson
 
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 10), (7, 10), (500, 500), (212, 500), (1, 1)])
@@ -83,3 +83,33 @@ def test_rounding_leaves_no_mean_outside_its_interval():
     rates = [wilson(np.ones(n, bool)) for n in range(1, 600, 7)]
     means = [bootstrap(np.full(n, 0.7), np.arange(1.0, n + 1)) for n in range(1, 60, 7)]
     assert [each for each in rates + means if not each.low <= each.mean <= each.high] == []
+
+
+def test_cases_of_the_same_block_do_not_make_an_interval_narrower():
+    values = np.random.default_rng(3).uniform(size=12)
+    block = np.arange(12)
+    once, often = (
+        bootstrap(values, np.ones(12), block),
+        bootstrap(np.tile(values, 20), np.ones(240), np.tile(block, 20)),
+    )
+    assert once == bootstrap(values, np.ones(12))
+    assert (often.low, often.high) == pytest.approx((once.low, once.high))
+    assert often.n == 240
+    assert bootstrap(np.tile(values, 20), np.ones(240)).high < often.high
+
+
+def test_blocks_have_the_weighted_mean_of_their_cases():
+    values, weights, block = np.array([1.0, 3.0, 5.0]), np.array([1.0, 3.0, 2.0]), np.array([7, 7, 2])
+    means, sums = by_block(values, weights, block)
+    assert dict(zip(means.tolist(), sums.tolist(), strict=True)) == {5.0: 2.0, 2.5: 4.0}
+    assert weighted_mean(means, sums) == pytest.approx(weighted_mean(values, weights))
+
+
+def test_a_rate_without_failures_has_the_interval_of_as_many_cases_as_blocks():
+    block = np.repeat(np.arange(8), 5)
+    found = rate(np.ones(40, bool), block)
+    assert (found.low, found.high) == (wilson(np.ones(8, bool)).low, 1.0)
+    assert found.n == 40
+    mixed = np.repeat(np.arange(8) < 6, 5)
+    assert rate(mixed, block).low < rate(mixed, None).low
+    assert rate(mixed, None) == wilson(mixed)

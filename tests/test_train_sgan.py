@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from crowdbench import InputError, load_predictor, load_scenario
-from crowdbench.predict.tracks import FRAME_STEP
 from crowdbench.scenario.cases import Cases
+from crowdbench.tracks.eth_ucy import FRAME_STEP
 from crowdbench.train import checkpoint, social_gan, social_gan_samples, training_run
 from crowdbench.train.social_gan import cross_entropy, non_saturating_loss, variety_loss
 from crowdbench.train.social_gan_request import SocialGANRequest

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from crowdbench.errors import InputError
-from crowdbench.predict.tracks import DT, FRAME_STEP, Tracks, read_folder, windows
 from crowdbench.predict.training_tracks import resampled, training_split
+from crowdbench.predict.windows import windows
+from crowdbench.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_folder
 
 PUBLISHED = {  # where validation starts, as the data's README has it
     "biwi_eth": 10240,

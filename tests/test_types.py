@@ -39,6 +39,19 @@ def test_rows_are_put_into_memories_however_deep():
     assert both.case.tolist() == [0, 1, 2, 3]
 
 
+def test_a_world_is_put_among_worlds_with_other_routes():
+    place = load_scenario("room")
+    alone = [place.worlds(Cases("val", case, case + 1)) for case in range(6)]
+    longest = [world.route.shape[2] for world in alone]
+    short, long = alone[int(np.argmin(longest))], alone[int(np.argmax(longest))]
+    assert short.route.shape[2] < long.route.shape[2]
+    for first, second in ((short, long), (long, short)):
+        (case,) = second.case
+        both = first.take(np.array([0, 0])).put(np.array([1]), second)
+        together = place.draw("val", np.array([first.case[0], case]))
+        assert np.array_equal(both.route, together.route, equal_nan=True)
+
+
 def walled(rng, radius, preferred_speed):
     """A layout of one wall in every other case, in which the vehicle has a way of two points."""
     placed = circle_crossing(rng, radius, preferred_speed)

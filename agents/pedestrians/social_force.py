@@ -1,7 +1,7 @@
 """The social force model (Helbing and Molnár 1995), with the paper's parameters.
 
 Helbing and Molnár, "Social force model for pedestrian dynamics", Physical Review E 51, 1995. The paper gives the
-fluctuation no size: that is ours.
+fluctuation no size: that is ours. In groups there are the forces of Moussaïd et al. (2010) besides.
 """
 
 from crowdbench.sim.pedestrians import SocialForce
@@ -19,6 +19,9 @@ def policy() -> SocialForce:
         behind_weight: How much others outside of the sight angle count: the paper's c [1].
         wall_strength: Height of the repulsive potential of obstacles: the paper's U0 [m^2/s^2].
         wall_range: Distance over which that potential falls by a factor of e: the paper's R [m].
+        group_gaze: How much who is ahead of its group slows down: beta 1 of Moussaïd et al. [1/(rad s)].
+        group_attraction: Attraction to the centre of a group: beta 2 of Moussaïd et al. [m/s^2].
+        group_repulsion: Repulsion of members of a group who come too near: beta 3 of Moussaïd et al. [m/s^2].
         fluctuation: Standard deviation of a lone pedestrian's velocity, across its way [m/s].
 
     Returns:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import time
 from collections.abc import Callable, Iterator
 
@@ -15,9 +16,10 @@ from crowdbench.catalog import load_scenario
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.geometry import toward_goal
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.episode import check_step
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.orca import orca_velocities
-from crowdbench.sim.simulator import advance, crowd_velocities
+from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.types import World
 
 RADIUS = 0.3
 """Radius of every agent in metres."""
@@ -29,6 +31,15 @@ STEPS = 28
 """Steps of an episode that are timed. No agent arrives before step 33, so that every agent moves in all of them."""
 
 ROUNDS = 15
+
+THOUSANDS = (1000, 10_000)
+"""Agents of the large worlds."""
+
+DENSITY = 0.25
+"""Agents per square metre there."""
+
+FEW_STEPS = 12
+"""Steps of a large world that are timed."""
 
 
 def measure_one_world() -> Iterator[Measurement]:
@@ -47,6 +58,13 @@ def measure_many_worlds() -> Iterator[Measurement]:
 def measure_whole_step() -> Iterator[Measurement]:
     """A step as in a rollout: pedestrians, motion, collision check."""
     yield _measured("a step of the simulator with its collision check, one world, 6 agents", ROUNDS, whole_step)
+
+
+def measure_thousands() -> Iterator[Measurement]:
+    """The same in one world of thousands, per agent."""
+    for agents in THOUSANDS:
+        work = f"the same, one world, {agents:,} agents, one on 4 m^2: processor time per agent-step"
+        yield _measured(work, 5, functools.partial(thousands, start_of_thousands(agents)))
 
 
 def measure_environment() -> Iterator[Measurement]:
@@ -97,15 +115,40 @@ def many_worlds(start: Float[np.ndarray, "world agent 2"], steps: int) -> float:
 def whole_step() -> float:
     """Seconds per step of one world as in a rollout, in which the vehicle stands still."""
     scenario = load_scenario("circle_crossing_5")
-    world = scenario.worlds(Cases("test", 0, 1))
-    velocity = np.zeros((1, 6, 2))
-    begin = time.perf_counter()
-    for _ in range(STEPS):
-        velocity[:, 1:] = crowd_velocities(world, scenario.policies)
-        after = advance(world, velocity)
-        check_step(world, after)
-        world = after
-    return (time.perf_counter() - begin) / STEPS
+    return _steps(scenario, scenario.worlds(Cases("test", 0, 1)), STEPS)
+
+
+def start_of_thousands(agents: int) -> tuple[Scenario, World]:
+    """A scenario of so many agents, one on 4 square metres, and the start of a case."""
+    scenario = load_scenario(
+        "thousand", {"pedestrians.number": agents - 1, "layout.square_width": math.sqrt(agents / DENSITY)}
+    )
+    return scenario, scenario.worlds(Cases("test", 0, 1))
+
+
+def thousands(start: tuple[Scenario, World]) -> float:
+    """Seconds of processor time, of all cores together, per agent and step of one world as in a rollout.
+
+    Args:
+        start: What `start_of_thousands` made.
+    """
+    return _steps(*start, FEW_STEPS, time.process_time) / start[1].radius.size
+
+
+def _steps(scenario: Scenario, world: World, steps: int, clock: Callable[[], float] = time.perf_counter) -> float:
+    """Seconds per step of one world as in a rollout, in which the vehicle stands still.
+
+    Args:
+        scenario: Its scenario.
+        world: The world at the start.
+        steps: Number of steps.
+        clock: Tells the time in seconds.
+    """
+    standing = np.zeros((1, 2))
+    begin = clock()
+    for _ in range(steps):
+        world, _ = step(world, standing, crowd_velocities(world, scenario.policies))
+    return (clock() - begin) / steps
 
 
 def environment(steps: int) -> float:

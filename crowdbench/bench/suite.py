@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from crowdbench.bench import commands, decisions, environments, isolation, simulator, training
+from crowdbench.bench import commands, decisions, environments, isolation, sight, simulator, training
 from crowdbench.bench.measurement import Measurement
 
 SUITE: tuple[Callable[[], Iterator[Measurement]], ...] = (
     simulator.measure_one_world,
     simulator.measure_many_worlds,
     simulator.measure_whole_step,
+    sight.measure_sight,
+    simulator.measure_thousands,
     simulator.measure_environment,
     environments.measure_vec_env,
     isolation.measure_isolation,

@@ -17,7 +17,7 @@ from crowdbench import plugins
 from crowdbench.boards.board import Board
 from crowdbench.boards.decision_time import decision_time
 from crowdbench.boards.entry import PLANNER, DecisionTime, Figures, file_digests
-from crowdbench.errors import InputError, NotWritten
+from crowdbench.errors import InputError, MachineFault
 from crowdbench.evaluate import run as runs
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import METRICS
@@ -134,7 +134,7 @@ def drive(
 
     Raises:
         InputError: This is so in all scenarios.
-        NotWritten: `out` cannot be written, which is not the planner's fault.
+        MachineFault: `out` cannot be written, or crowdbench has changed meanwhile.
         KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
     """
     failed: dict[str, InputError] = {}
@@ -147,7 +147,7 @@ def drive(
         try:
             with entrant.started([*hidden, out]) as planner:
                 _run(board, entrant, planner, scenario, cases, directory, seed, shard.rotated(number), progress)
-        except NotWritten:
+        except MachineFault:
             raise
         except InputError as error:
             # Without what is kept of other batches, of which nothing comes: this planner would fail again.

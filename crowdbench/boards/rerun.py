@@ -34,7 +34,7 @@ from crowdbench.boards.entry import (
 )
 from crowdbench.boards.method import claims, drive_others, measured, method_cases
 from crowdbench.boards.packaged import changed
-from crowdbench.errors import InputError, NotWritten
+from crowdbench.errors import InputError, MachineFault
 from crowdbench.evaluate.replay import RunFiles, replay
 from crowdbench.evaluate.results import read_result
 from crowdbench.evaluate.shard import WHOLE, Shard
@@ -113,7 +113,7 @@ def found(entry: Entry, board: Board, seed: int, cases: Cases, kept: Path, progr
         What was found.
 
     Raises:
-        NotWritten: The runs cannot be written.
+        MachineFault: The runs cannot be written, or crowdbench has changed meanwhile.
         KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
     """
     differs = next(_differences(entry, board, progress), None)
@@ -128,7 +128,7 @@ def found(entry: Entry, board: Board, seed: int, cases: Cases, kept: Path, progr
         networks = entry.spec.networks
         method = measured(board, networks, kept, method_cases(cases)) if claims(board, networks) else None
         speed = timed(board, entrant_of(entry), kept, _hidden(entry, kept))
-    except NotWritten:
+    except MachineFault:
         raise
     except InputError as error:
         return Found(Verdict.REFUSED, str(error), {})
@@ -155,7 +155,7 @@ def drive_all(
 
     Raises:
         InputError: This is so in all scenarios, or in a run of another network.
-        NotWritten: The runs cannot be written.
+        MachineFault: The runs cannot be written, or crowdbench has changed meanwhile.
         Unfinished: Runs are missing that other shards make.
         KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
     """

@@ -27,7 +27,7 @@ from crowdbench.boards.entry import (
 )
 from crowdbench.boards.rerun import cases_of_season, drive_all, entrant_of, found
 from crowdbench.boards.season import Season
-from crowdbench.errors import InputError, NotWritten
+from crowdbench.errors import InputError, MachineFault
 from crowdbench.evaluate.seal import code
 from crowdbench.evaluate.shard import WHOLE, Shard
 from crowdbench.isolation import sandbox
@@ -63,7 +63,7 @@ def verify(
 
     Raises:
         Unfinished: Runs are missing that other shards make.
-        NotWritten: `work` or the entry cannot be written.
+        MachineFault: `work` or the entry cannot be written, or crowdbench has changed meanwhile.
         InputError: The entry is not one of this board, or takes no part in the season, or was verified in it before.
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
@@ -80,7 +80,7 @@ def verify(
     if shard != WHOLE:
         try:
             drive_all(entry, board, seed, cases, kept, shard, progress)
-        except (NotWritten, Unfinished):
+        except (MachineFault, Unfinished):
             raise
         except InputError:
             # A fault of the planner's is no end: `_verified` below drives the same cases, meets it again, and makes a

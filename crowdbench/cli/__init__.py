@@ -14,7 +14,19 @@ from typing import Annotated
 import typer
 
 from crowdbench import interrupts
-from crowdbench.cli import bench, boards, check, evaluate_predictor, listing, results, run, streams, study, train
+from crowdbench.cli import (
+    bench,
+    boards,
+    check,
+    evaluate_predictor,
+    listing,
+    results,
+    run,
+    streams,
+    study,
+    train,
+    validity,
+)
 from crowdbench.cli.console import say
 from crowdbench.cli.failures import DEBUG, NOTHING_KEPT, failure
 from crowdbench.cli.options import INTERRUPTED
@@ -31,6 +43,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "view": results.view,
     "score": results.score,
     "evaluate-predictor": evaluate_predictor.evaluate_predictor,
+    "validity": validity.validity,
     "bench": bench.bench,
     "new-planner": boards.new_planner,
     "submit": boards.submit,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import LimitOption, OptionOption, assignments, print_table
+from crowdbench.cli.options import DataOption, LimitOption, OptionOption, assignments, print_table
 from crowdbench.errors import InputError
 from crowdbench.settings import DECISION_LIMIT
 
@@ -30,6 +30,18 @@ FUNCTIONS = {
     "layouts": "layout",
 }
 """The function that a file of each kind defines."""
+
+LIMITED_SIGHT = {
+    "sensor": {
+        "range": 3.0,
+        "occlusion": True,
+        "noise": {"position": 0.05, "velocity": 0.1},
+        "missed": 0.1,
+        "delay": 1,
+        "remember": 1.0,
+    }
+}
+"""What changes in the scenario where a planner is checked without seeing everybody."""
 
 
 def check(
@@ -51,6 +63,7 @@ def check(
         ),
     ] = None,
     cases: Annotated[str, typer.Option(help="The cases of the scenario.")] = "val:20",
+    data: DataOption = None,
     decision_limit: LimitOption = DECISION_LIMIT,
 ) -> None:
     """Check point by point whether a plug-in keeps the contract of its kind: valid answers, the same in any batch."""
@@ -63,7 +76,7 @@ def check(
         *others, last = _CHECKS
         raise InputError(f"nothing is checked as {kind!r}: --kind is {', '.join(others)} or {last}")
     announce_compilation()
-    asked = _Asked(plugin, assignments(option or [], "--option"), scenario, Cases.parse(cases), decision_limit)
+    asked = _Asked(plugin, assignments(option or [], "--option"), scenario, Cases.parse(cases), decision_limit, data)
     name, points = _CHECKS[kind](asked)
     print_table(check_table(name, points))
     if not all(point.kept for point in points):
@@ -99,6 +112,7 @@ class _Asked:
     scenario: str | None
     cases: Cases
     limit: float
+    data: Path | None
 
     def place(self, pedestrians: str | None = None, changes: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
         """The scenario; where none is given, one with crowds of several sizes that see the vehicle.
@@ -110,7 +124,7 @@ class _Asked:
         from crowdbench.catalog import load_scenario
 
         if self.scenario is not None:
-            return load_scenario(self.scenario, changes, pedestrians)
+            return load_scenario(self.scenario, changes, pedestrians, self.data)
         return load_scenario("circle_crossing_mixed", {"vehicle.visible": True, **changes}, pedestrians)
 
     def without_options(self, what: str) -> None:
@@ -124,9 +138,12 @@ def _planner(asked: _Asked) -> tuple[str, list[Point]]:
     from crowdbench.evaluate.check import check_planner
 
     load = functools.partial(catalog.load_planner, asked.plugin, asked.options)
-    place = catalog.load_scenario(asked.scenario or "circle_crossing_5")
+    place, limited = (
+        catalog.load_scenario(asked.scenario or "circle_crossing_5", each, data=asked.data)
+        for each in ({}, LIMITED_SIGHT)
+    )
     name, _ = load()
-    return name, check_planner(lambda: load()[1], name, place, asked.cases, asked.limit)
+    return name, check_planner(lambda: load()[1], name, place, asked.cases, asked.limit, limited)
 
 
 def _policy(asked: _Asked) -> tuple[str, list[Point]]:
@@ -166,12 +183,17 @@ def _metric(asked: _Asked) -> tuple[str, list[Point]]:
 def _layout(asked: _Asked) -> tuple[str, list[Point]]:
     from crowdbench.catalog import load_layout
     from crowdbench.evaluate.check import check_layout
+    from crowdbench.scenario.again import LayoutWithAgain
 
     name, _, digest = load_layout(asked.plugin)
     generator = str(Path.cwd() / asked.plugin) if digest else name
     # As a part of the scenario, so that its options are checked.
     place = asked.place(changes={"layout": {"generator": generator, **asked.options}})
-    return name, check_layout(functools.partial(place.layout, **place.layout_options), name, place, asked.cases)
+    layout = functools.partial(place.layout, **place.layout_options)
+    again = None
+    if isinstance(place.layout, LayoutWithAgain):
+        again = functools.partial(place.layout.again, **place.layout_options)
+    return name, check_layout(layout, name, place, asked.cases, again)
 
 
 _CHECKS: Mapping[str, Callable[[_Asked], tuple[str, list[Point]]]] = {

@@ -99,16 +99,16 @@ def _on_scenario(scenario: str, cases: str, overrides: list[str], ahead: int) ->
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
     from crowdbench.cli.console import progress
     from crowdbench.evaluate.prediction_errors import on_tracks
-    from crowdbench.predict import tracks
+    from crowdbench.tracks import eth_ucy
 
-    recordings = tracks.read_folder(data)
+    recordings = eth_ucy.read_folder(data)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
-        scenes = len(tracks.scenes(recordings))
+        scenes = len(eth_ucy.scenes(recordings))
         with progress(scenes, f"of {scenes} scenes") as tell:
             return on_tracks(name, predictor, recordings, ahead, tell)
 
-    return {"data": str(data), "dt": tracks.DT, "ahead": ahead}, measure
+    return {"data": str(data), "dt": eth_ucy.DT, "ahead": ahead}, measure
 
 
 def _plain(

@@ -124,9 +124,11 @@ def _weights(name: str) -> Page:
 
 
 def _scenario(name: str) -> Page:
-    from crowdbench.catalog import SCENARIOS, load_scenario
+    from crowdbench.catalog import SCENARIOS, load_scenario, scenarios, simulated_scenarios
 
-    load_scenario(name)
+    recorded = {each for each, _ in scenarios()} - set(simulated_scenarios())
+    if name not in recorded:  # which could be loaded only with their data
+        load_scenario(name)
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
     return Page(files.read_text(path))
 

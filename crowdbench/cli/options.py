@@ -7,6 +7,7 @@ import os
 import sys
 import tomllib
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -39,6 +40,9 @@ SetOption = Annotated[
 PedestriansOption = Annotated[
     str | None,
     typer.Option(help="Move all pedestrians by one policy: a name or ./mine.py.", show_default="as the scenario says"),
+]
+DataOption = Annotated[
+    Path | None, typer.Option(help="Folder with recorded tracks, which scenarios with a table [tracks] need.")
 ]
 MetricOption = Annotated[
     list[str] | None, typer.Option("--metric", help="A file with a metric of your own: ./mine.py. Repeatable.")

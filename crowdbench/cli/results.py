@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.options import JsonOption, MetricOption, print_table
+from crowdbench.cli.options import DataOption, JsonOption, MetricOption, print_table
 from crowdbench.errors import InputError
 
 
@@ -65,14 +65,17 @@ def score(
     layout: Annotated[
         str | None, typer.Option(help="With --replay: the file of a layout of your own that the run had, ./mine.py.")
     ] = None,
+    data: DataOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compute the metrics of a run again: from its recording, or by a replay of its commands."""
     if replay:
-        _replay(recording, metric or [], pedestrians or [], layout, as_json)
+        _replay(recording, metric or [], pedestrians or [], layout, data, as_json)
         return
     if layout:
         raise InputError("--layout is for --replay: a recording says where everybody started")
+    if data:
+        raise InputError("--data is for --replay: a recording says where everybody walked")
     if pedestrians:
         raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
     from crowdbench import catalog
@@ -96,7 +99,9 @@ def score(
         print_table(episodes_table(scored.cases, scored.episodes))
 
 
-def _replay(directory: Path, metrics: list[str], pedestrians: list[str], layout: str | None, as_json: bool) -> None:
+def _replay(
+    directory: Path, metrics: list[str], pedestrians: list[str], layout: str | None, data: Path | None, as_json: bool
+) -> None:
     """Print what a replay finds, and exit with 1 if anything differs."""
     from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation, progress
@@ -106,7 +111,8 @@ def _replay(directory: Path, metrics: list[str], pedestrians: list[str], layout:
     announce_compilation()
     measured = catalog.load_metrics(metrics)
     files = RunFiles.read(directory)
-    scenario = catalog.load_recorded_scenario(files.result["scenario"], str(directory / RESULT), pedestrians, layout)
+    source = str(directory / RESULT)
+    scenario = catalog.load_recorded_scenario(files.result["scenario"], source, pedestrians, layout, data)
     cases = len(files.commands.case)
     with progress(cases, f"of {cases} cases") as tell:
         found = replay(files, scenario, measured, tell)

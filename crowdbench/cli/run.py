@@ -14,6 +14,7 @@ import typer
 from crowdbench.cli.options import (
     INTERRUPTED,
     CasesOption,
+    DataOption,
     JsonOption,
     LimitOption,
     MetricOption,
@@ -40,9 +41,17 @@ if TYPE_CHECKING:
     from crowdbench.spec import RunSpec
 
 RECORD_HELP = (
-    f"What to record: episodes for the viewer (failures: {MOST_FAILURES} at most, and the first {FIRST_RECORDED} "
-    "cases; or all), only the commands, with which `crowdbench score --replay` simulates the cases again, or none."
+    f"What to record: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and the first "
+    f"{FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score --replay` simulates the cases "
+    "again, or none."
 )
+
+
+UNHEEDED = (
+    "Recorded people do not react: they walk into a vehicle that they would have gone around, and never wait for one. "
+    "Collisions are too many for it, and a vehicle that pushes its way is not found out."
+)
+"""What a score means where people do not react."""
 
 
 def run(
@@ -52,6 +61,7 @@ def run(
     option: OptionOption = None,
     overrides: SetOption = None,
     pedestrians: PedestriansOption = None,
+    data: DataOption = None,
     replan_every: Annotated[
         int, typer.Option(min=1, help="Commands per observation; above 1 the planner drives open loop.")
     ] = 1,
@@ -109,6 +119,7 @@ def run(
         batch,
         isolated,
         decision_limit,
+        data.absolute() if data else None,  # workers of a cluster have other working directories
     )
     own = Shard.parse(shard) if shard else WHOLE
     with _interrupts_told(), spec.loaded() as wanted, progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell:
@@ -212,7 +223,13 @@ def print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Met
         directory: Where its files are.
     """
     from crowdbench.cli.tables import result_table
+    from crowdbench.scenario.tracked import RECORDED
 
     print_table(result_table(f"{what}, cases {result['cases']}", result, metrics))
+    if "tracks" in result["scenario"]:
+        policy = result["scenario"]["pedestrians"]["policy"]
+        print(f"\nIntervals are over the {result['blocks']} blocks of recorded time that the cases are from.")
+        if RECORDED in (policy if isinstance(policy, dict) else [policy]):
+            print(UNHEEDED)
     shown = f"{result['recorded']} episodes are recorded (crowdbench view shows them)"
     print(f"\nKept in {directory}; {shown if result['recorded'] else 'no episode is recorded'}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.options import INTERRUPTED, JsonOption, OnOption, ThreadsOption, is_on_ray, use_threads
+from crowdbench.cli.options import INTERRUPTED, DataOption, JsonOption, OnOption, ThreadsOption, is_on_ray, use_threads
 
 if TYPE_CHECKING:
     from crowdbench.study.planned import PlannedRun
@@ -26,6 +26,7 @@ def study(
     out: Annotated[
         Path | None, typer.Option(help="Folder that keeps its runs.", show_default="runs/study-<name>")
     ] = None,
+    data: DataOption = None,
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
@@ -36,7 +37,7 @@ def study(
     from crowdbench.study.file import read_study
     from crowdbench.study.tables import page, plain
 
-    asked = read_study(file)
+    asked = read_study(file, data.absolute() if data else None)
     directory = out or Path("runs") / f"study-{asked.name}"
     _make(asked.runs, directory, shard, on, threads)
     tables = [table.fill(directory) for table in asked.tables]

@@ -32,25 +32,23 @@ def outcomes_of_agents(
     Returns:
         The `Outcome` of the step for each agent, and the smallest distance in metres between its rim and another's.
     """
-    agents = before.radius.shape[1]
-    outcomes = np.full(agents, check.outcome[0])
-    gaps = np.full(agents, check.gap[0])
-    seen = before.present[0].copy()
-    seen[0] &= before.rules.visible
-    _check_pedestrians(
-        before.rules.dynamics.code,
-        np.array(before.rules.body),
-        before.rules.dt,
-        before.heading[0],
-        math.hypot(*after.velocity[0, 0]),
-        after.angular_speed[0],
-        before.position[0],
-        after.position[0] - before.position[0],
-        after.position[0],
-        before.goal[0],
-        before.radius[0],
-        before.obstacles[0, :0],
-        seen,
+    agents, rules = before.radius.shape[1], before.rules
+    outcomes, gaps = np.empty(agents, np.int64), np.empty(agents)
+    _check_agents(
+        rules.dynamics.code,
+        rules.discs,
+        rules.dt,
+        rules.visible,
+        before.heading,
+        0.0 if rules.dynamics.code == HOLONOMIC else math.hypot(*after.velocity[0, 0]),
+        after.angular_speed,
+        before.position,
+        after.position,
+        before.goal,
+        before.radius,
+        before.obstacles,
+        before.present,
+        *check[:2],
         outcomes,
         gaps,
     )
@@ -59,38 +57,63 @@ def outcomes_of_agents(
 
 @no_type_check
 @njit
-def _check_pedestrians(
-    code, body, dt, heading, speed, turn_rate, position, motion, end, goal, radius, no_walls, seen, outcomes, gaps
+def _check_agents(
+    code,
+    body,
+    dt,
+    visible,
+    heading,
+    speed,
+    turn_rate,
+    position,
+    end,
+    goal,
+    radius,
+    obstacles,
+    present,
+    outcome,
+    gap,
+    outcomes,
+    gaps,
 ):
-    """Check a step for the pedestrians of one world.
+    """Check a step for the agents of one world. The axis `world` has length 1.
 
     Args:
         code: The code of the vehicle's dynamics.
         body: `[disc]`, where the centres of its discs are, in metres ahead of its position.
         dt: Duration of the step in seconds.
-        heading: The vehicle's heading before the step, in radians.
-        speed: Its speed in the step, in m/s.
-        turn_rate: Its turn rate in the step, in rad/s.
-        position: `[agent, 2]`, before the step, in metres.
-        motion: `[agent, 2]`, displacement in the step in metres.
-        end: `[agent, 2]`, positions after the step in metres.
-        goal: `[agent, 2]`, in metres.
-        radius: `[agent]`, in metres.
-        no_walls: `[0, corner, 2]`.
-        seen: `[agent]`, whether pedestrians see the agent.
-        outcomes: `[agent]`, the vehicle's outcome in every element, filled from index 1.
-        gaps: `[agent]`, filled from index 1, in metres.
+        visible: Whether pedestrians see the vehicle.
+        heading: `[world]`, the vehicle's heading before the step, in radians.
+        speed: The vehicle's in the step, in m/s; not used where it is holonomic.
+        turn_rate: `[world]`, the vehicle's in the step, in rad/s.
+        position: `[world, agent, 2]`, before the step, in metres.
+        end: `[world, agent, 2]`, positions after the step in metres.
+        goal: `[world, agent, 2]`, in metres.
+        radius: `[world, agent]`, in metres.
+        obstacles: `[world, polygon, corner, 2]`, in metres.
+        present: `[world, agent]`.
+        outcome: `[world]`, the vehicle's `Outcome`.
+        gap: `[world]`, the vehicle's, in metres.
+        outcomes: `[agent]`, filled: an `Outcome`.
+        gaps: `[agent]`, filled, in metres.
     """
-    others = seen.copy()
-    others[0] = seen[0] and code == HOLONOMIC
-    only = np.zeros(len(radius), np.bool_)
-    for i in range(1, len(radius)):
-        gaps[i], _ = nearest_in_step(i, position, motion, radius, others)
-        if seen[0] and not others[0]:
+    motion = np.empty(position.shape[1:])
+    for i in range(len(motion)):
+        for axis in range(2):
+            motion[i, axis] = end[0, i, axis] - position[0, i, axis]
+    outcomes[0], gaps[0] = outcome[0], gap[0]
+    is_seen = present[0, 0] and visible
+    others = present[0].copy()
+    others[0] = is_seen and code == HOLONOMIC
+    only = np.zeros(len(motion), np.bool_)
+    for i in range(1, len(motion)):
+        gaps[i], _ = nearest_in_step(i, position[0], motion, radius[0], others)
+        if is_seen and code != HOLONOMIC:
             only[i] = True
-            gap, _ = gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, only, no_walls)
-            gaps[i] = min(gaps[i], gap)
+            drive = heading[0], speed, turn_rate[0], dt
+            near, _ = gaps_on_arc(body, *drive, position[0], motion, radius[0], only, obstacles[0, :0])
+            gaps[i] = min(gaps[i], near)
             only[i] = False
         is_last = outcomes[0] == Outcome.TIMEOUT.value
-        dx, dy = goal[i, 0] - end[i, 0], goal[i, 1] - end[i, 1]
-        outcomes[i] = step_outcome(gaps[i], np.inf, dx, dy, radius[i], is_last)
+        dx, dy = goal[0, i, 0] - end[0, i, 0], goal[0, i, 1] - end[0, i, 1]
+        outcomes[i] = step_outcome(gaps[i], np.inf, dx, dy, radius[0, i], is_last)

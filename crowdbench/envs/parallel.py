@@ -21,9 +21,10 @@ from crowdbench.envs.seats import seats
 from crowdbench.envs.views import NEAREST, View
 from crowdbench.errors import InputError
 from crowdbench.reward import reward
+from crowdbench.scenario.renewal import GOES_ON
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
-from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.sim.simulator import crowd_decisions, move, settled
 from crowdbench.types import Outcome, World
 
 VEHICLE = "vehicle"
@@ -65,8 +66,9 @@ def parallel_env(
 class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
     """One world of a scenario as a PettingZoo `ParallelEnv`. Make it with `parallel_env`.
 
-    - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case.
-    - Observations: see `crowdbench.envs.views`.
+    - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
+      recorded people, the vehicle alone.
+    - Observations: see `crowdbench.envs.views`. The vehicle sees by the scenario's sensor, pedestrians see everybody.
     - Actions: velocities `(vx, vy)` in m/s, along the axes of the world or in the frame of the agent's goal. An action
       faster than the agent's preferred speed is slowed down to it. A pedestrian without an action, or with None,
       follows the scenario's policy. The vehicle must have an action.
@@ -74,7 +76,9 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
       own world (`crowdbench.envs.seats`).
     - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
     - Terminations: a pedestrian terminates when it reaches its goal; it is no agent any more, but stays in the world
-      and follows the scenario's policy. All agents terminate when the vehicle reaches its goal or collides.
+      and follows the scenario's policy, unless the scenario's `arrival` lets it leave. Where pedestrians get new goals
+      or are replaced on arrival, the agent goes on with the new goal or as the new person. All agents terminate when
+      the vehicle reaches its goal or collides.
     - Truncations: all agents, at the scenario's time limit.
     - Infos: `case`, its name such as `test:37`; after a step also `outcome`, the name of the agent's `Outcome`, and
       `gap`, the smallest distance in metres between the rims of the agent and another one during the step.
@@ -86,7 +90,8 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         view: What agents see, and what their actions mean.
 
     Raises:
-        InputError: There is no such reward, or the view is `dict`: worlds keep no history of the vehicle.
+        InputError: There is no such reward; the view is `dict`: worlds keep no history of the vehicle; or agents see
+            the nearest others only (`Sensor.nearest`), and the view is not `flat` or the reward not `crowdnav`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -102,10 +107,13 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self.scenario = scenario
         self.view = view
         self.reward_name, self.reward = load_reward(reward)
+        self._refuse_thousands()
         self.render_mode = render_mode
         fps = round(1 / self.scenario.rules.dt)
         self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
-        self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(scenario.max_agents - 1))]
+        # Recorded people come and go at their own times, and are no agents.
+        pedestrians = 0 if scenario.tracks else scenario.max_agents - 1
+        self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
         self.agents: list[str] = []
         self.observation_spaces = {agent: view.observation_space for agent in self.possible_agents}
         self.action_spaces = {agent: spaces.pedestrian_action_space(scenario) for agent in self.possible_agents}
@@ -117,6 +125,15 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self._case = ""
         self._world: World
         self._seated: tuple[World, World] | None = None
+
+    def _refuse_thousands(self) -> None:
+        """Raises InputError where every agent would need a world of its own, and these would not fit the memory."""
+        most, nearest = self.scenario.max_agents - 1, self.scenario.rules.sensor.nearest
+        if nearest is not None and nearest < most and not (self.view.observation == "flat" and self.reward is crowdnav):
+            raise InputError(
+                f"observation is {self.view.observation!r} and reward {self.reward_name!r}, but in a scenario with up "
+                f"to {most} pedestrians, of which {nearest} are shown, they must be 'flat' and 'crowdnav'"
+            )
 
     def observation_space(self, agent: str) -> Space[Any]:
         """The observation space of an agent, the same object at each call."""
@@ -146,8 +163,8 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             self._generator, _ = seeding.np_random(seed)
         self._case = stepping.chosen_case(case, self._generator)
         self._world = stepping.start(self.scenario, [self._case])
-        self.agents = [agent for agent, here in zip(self.possible_agents, self._world.present[0], strict=True) if here]
-        self._bodies = len(self.agents)
+        self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
+        self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
         self._renderer.show(self._world, self._case)
         return self._observe(), {agent: {"case": self._case} for agent in self.agents}
 
@@ -168,15 +185,18 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         if not self.agents and not actions:
             return {}, {}, {}, {}, {}
         before, agents = self._world, self.agents
-        self._world, check = step(before, *self._velocities(actions))
-        outcomes, gaps = outcomes_of_agents(before, self._world, check)
-        rewards = self._rewards(before, outcomes, gaps)
+        moved, check = move(*self._decided(actions))
+        outcomes, gaps = outcomes_of_agents(before, moved, check)
+        rewards = self._rewards(before, moved, outcomes, gaps)
+        self._world = settled(moved, check, self.scenario.renewal)
         observations = self._observe()
         outcome, gap_of, case = outcomes.tolist(), gaps.tolist(), self._case
         columns = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        terminations = {agent: over or outcome[c] == _SUCCESS for agent, c in columns}
+        here = self._world.present[0].tolist()
+        goes_on = self.scenario.arrival in GOES_ON
+        terminations = {agent: over or not here[c] or (outcome[c] == _SUCCESS and not goes_on) for agent, c in columns}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
         self._renderer.show(self._world, case)
         return (
@@ -197,11 +217,11 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self._renderer.close()
 
     def _rewards(
-        self, before: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]
+        self, before: World, after: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]
     ) -> list[float]:
         if self.reward is crowdnav:  # which needs no worlds of the agents' own
             return list(reward(outcomes, gaps, before.rules.dt).tolist())
-        step = Step(self._seats(before), self._seats(self._world), outcomes, gaps)
+        step = Step(self._seats(before), self._seats(after), outcomes, gaps)
         return list(paid(self.reward_name, self.reward, step).tolist())
 
     def _seats(self, world: World) -> World:
@@ -212,19 +232,27 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
 
     def _observe(self) -> Observations:
         is_flat = self.view.observation == "flat"
-        views = flatten_everybody(self._world)[0] if is_flat else self.view.observe(self._seats(self._world))
+        views = flatten_everybody(self._world)[0] if is_flat else self._in_frames()
         return {agent: views[self._column[agent]] for agent in self.agents}
 
-    def _velocities(
+    def _in_frames(self) -> Float[np.ndarray, "agent features"]:
+        """What each agent sees in the frame of its goal; only the vehicle's sight can be limited."""
+        views: Float[np.ndarray, "agent features"] = self.view.observe(self._seats(self._world))
+        if not self._world.rules.sensor.sees_all:
+            views[0] = self.view.observe(self._world)[0]
+        return views
+
+    def _decided(
         self, actions: Mapping[str, np.ndarray | None]
-    ) -> tuple[Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
-        """All velocities of a step.
+    ) -> tuple[World, Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
+        """What is done in a step.
 
         Args:
             actions: The actions by agent.
 
         Returns:
-            The vehicle's command and the pedestrians' velocities in m/s: their actions, or else their policies'.
+            The world with the policies' memories after their decision, the vehicle's command, and the pedestrians'
+            velocities in m/s: their actions, or else their policies'.
         """
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
@@ -235,10 +263,12 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
             )
         asked = stepping.velocities(list(given.values()), (len(given), 2))
-        columns = [self._column[agent] for agent in given]
-        asked = self.view.commands(self._world.position[0, columns], goals_on_way(self._world)[0, columns], asked)
-        velocity = np.zeros(self._world.velocity.shape)
-        if len(given) < self._bodies:
-            velocity[:, 1:] = crowd_velocities(self._world, self.scenario.policies)
+        columns, world = [self._column[agent] for agent in given], self._world
+        if self.view.action == "goal_frame":
+            asked = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], asked)
+        velocity = np.zeros(world.velocity.shape)
+        # A policy with a memory sees every step, also those in which nobody follows it.
+        if len(given) < self._bodies or any(world.memory.values()):
+            velocity[:, 1:], world = crowd_decisions(world, self.scenario.policies)
         velocity[0, columns] = asked
-        return self.view.followed(self._world, velocity[:, 0]), velocity[:, 1:]
+        return world, self.view.followed(world, velocity[:, 0]), velocity[:, 1:]

@@ -31,6 +31,7 @@ TEXT = (70, 70, 70)
 WALL = (196, 196, 190)
 VEHICLE = (222, 122, 0)
 PEDESTRIAN = (38, 104, 178)
+HIDDEN = (160, 188, 218)
 
 
 class Renderer:
@@ -107,7 +108,8 @@ class Renderer:
         for corners in polygons(world.obstacles[0]):
             canvas.obstacle(corners)
         agents = np.flatnonzero(world.present[0]).tolist()
-        colors = [VEHICLE] + [PEDESTRIAN] * (len(agents) - 1)
+        seen = world.sight["unseen"][0] == 0 if world.sight else world.present[0, 1:]
+        colors = [VEHICLE, *(PEDESTRIAN if seen[agent - 1] else HIDDEN for agent in agents[1:])]
         for agent, color in zip(agents, colors, strict=True):
             near = world.rules.goal_tolerance if agent == 0 else None
             canvas.goal(world.goal[0, agent], near or float(world.radius[0, agent]), color)

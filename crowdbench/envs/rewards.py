@@ -6,6 +6,7 @@ A reward is a function of a step that gives one number per world. To add one of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -127,7 +128,8 @@ def paid(name: str, reward: Reward, step: Step) -> Float[np.ndarray, "world"]:
             f"reward {name} gave shape {list(values.shape)} of {values.dtype}, but must give one number per world, "
             f"[{len(step.gap)}]"
         )
-    if not np.isfinite(values).all():
+    # A sum is finite only if all its terms are, and takes half the time of a test of each.
+    if not math.isfinite(values.sum()) and not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values))[0])
         raise InputError(f"reward {name} is {values[row]} in world {row}, but must be finite")
-    return values.astype(np.float64)
+    return values.astype(np.float64, copy=False)

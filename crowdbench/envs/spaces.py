@@ -8,9 +8,11 @@ from gymnasium.spaces import Box
 from crowdbench.dynamics import SPEED_TOLERANCE
 from crowdbench.envs.observations import AGENT_FEATURES
 from crowdbench.numbers import is_number
+from crowdbench.rng import MOST_NORMAL
 from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.people import Quantity
 from crowdbench.scenario.placing import EXTENT
-from crowdbench.scenario.scenario import Quantity, Scenario
+from crowdbench.scenario.scenario import Scenario
 
 
 def vehicle_action_space(scenario: Scenario, native: bool = False) -> Box:
@@ -38,12 +40,18 @@ def observation_space(scenario: Scenario) -> Box:
     speed = _max_speed(scenario)
     body = scenario.rules.body
     radius = max(scenario.vehicle_radius + (body[-1] - body[0]) / 2, _largest(scenario.radius))
+    if scenario.tracks:
+        radius = max(radius, scenario.tracks.largest_radius)
     # The difference of two coordinates is at most twice the largest coordinate.
     offset = 2 * position_bound(scenario)
     viewer = np.array([offset, offset, speed, speed, radius, speed])
-    other = np.array([offset, offset, speed, speed, radius, 1.0])
+    sensor = scenario.rules.sensor
+    measured = speed + MOST_NORMAL * sensor.noise.velocity
+    away = offset + MOST_NORMAL * sensor.noise.position + measured * sensor.remember
+    other = np.array([away, away, measured, measured, radius, 1.0])
     signed = np.array([True, True, True, True, False, False])
-    high = np.concatenate([viewer, *[other] * (scenario.max_agents - 1)])
+    others = scenario.max_agents - 1
+    high = np.concatenate([viewer, *[other] * min(scenario.rules.sensor.nearest or others, others)])
     low = np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0)
     return Box(low, high, dtype=np.float64)
 
@@ -52,8 +60,11 @@ def layout_bound(scenario: Scenario) -> float:
     """A bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
 
     Of a built-in layout it is twice the sum of the numbers in its options, plus the way of one second at the highest
-    speed, because layouts shift starts by up to half of it. Of another layout it is what any layout must keep.
+    speed, because layouts shift starts by up to half of it. Of another layout it is what any layout must keep, and of
+    recorded people the largest coordinate of anybody.
     """
+    if scenario.tracks:
+        return scenario.tracks.extent
     if scenario.layout not in LAYOUTS.values():
         return EXTENT
     lengths = [value for value in scenario.layout_options.values() if is_number(value)]
@@ -74,4 +85,4 @@ def _max_speed(scenario: Scenario) -> float:
 
 
 def _largest(quantity: Quantity) -> float:
-    return quantity.high if quantity.std > 0.0 else quantity.mean
+    return quantity.mean if quantity.std == 0.0 else quantity.high

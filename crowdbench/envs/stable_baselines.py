@@ -16,7 +16,7 @@ from crowdbench.envs.rewards import Reward, Step, load_reward, paid
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.types import Outcome, World
 
 CASES = 2048
@@ -102,7 +102,8 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
             raise error.ResetNeeded("call reset() first")
         before = self._worlds
         command = self.view.vehicle_commands(before, self._action)
-        worlds, (outcome, gap, _) = step(before, command, crowd_velocities(before, self.scenario.policies))
+        crowd, before = crowd_decisions(before, self.scenario.policies)
+        worlds, (outcome, gap, _) = step(before, command, crowd, self.scenario.renewal)
         rewards = paid(self.reward_name, self.reward, Step(before, worlds, outcome, gap))
         self._return += rewards
         self._length += 1

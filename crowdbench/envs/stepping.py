@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,8 @@ def velocities(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*s
         InputError: They are not finite numbers in that shape.
     """
     asked = np.asarray(actions, np.float64)
-    if asked.shape != shape or not np.isfinite(asked).all():
+    # A sum is finite only if all its terms are, and takes half the time of a test of each.
+    if asked.shape != shape or not (math.isfinite(asked.sum()) or np.isfinite(asked).all()):
         raise InputError(
             "an action is a finite velocity (vx, vy) in m/s, or a finite command where actions are native, "
             f"but these are {actions!r}"

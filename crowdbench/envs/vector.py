@@ -19,7 +19,7 @@ from crowdbench.envs.rewards import Reward, Step, load_reward, paid
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.types import Outcome, World
 
 LABELS = np.array(stepping.LABELS, object)
@@ -138,8 +138,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
         before = self._worlds
         command = self.view.vehicle_commands(before, stepping.velocities(actions, (self.num_envs, 2)))
-        crowd = crowd_velocities(before, self.scenario.policies)
-        worlds, (outcome, gap, _) = step(before, command, crowd)
+        crowd, before = crowd_decisions(before, self.scenario.policies)
+        worlds, (outcome, gap, _) = step(before, command, crowd, self.scenario.renewal)
         anew = self._over
         rewards = self._rewards(before, worlds, outcome, gap)
         if anew.any():

@@ -13,7 +13,7 @@ from crowdbench.envs.render import RENDER_MODES, Renderer
 from crowdbench.envs.rewards import Reward, Step, load_reward, paid
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.types import Outcome, World
 
 
@@ -101,8 +101,8 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         stepping.require_reset(self._case)
         before = self._world
         command = self.view.vehicle_commands(before, stepping.velocities(action, (2,))[None])
-        crowd = crowd_velocities(before, self.scenario.policies)
-        self._world, (outcomes, gaps, _) = step(before, command, crowd)
+        crowd, before = crowd_decisions(before, self.scenario.policies)
+        self._world, (outcomes, gaps, _) = step(before, command, crowd, self.scenario.renewal)
         self._renderer.show(self._world, self._case)
         outcome, gap = int(outcomes[0]), float(gaps[0])
         return (

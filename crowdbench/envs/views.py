@@ -6,7 +6,9 @@ Observations, of the vehicle:
 - `goal_frame`: a vector in the frame of the goal, see `crowdbench.planners.policy.features`: the vehicle's numbers,
   then those of each pedestrian and 1 where there is one.
 - `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 where there is a pedestrian), and `history`,
-  the last 8 positions of each pedestrian.
+  the last 8 positions of each pedestrian; and `lidar` where the vehicle has one, as `Observation.lidar`.
+
+The vehicle sees by the scenario's sensor.
 
 Actions are velocities in m/s, along the axes of the world (`world`) or in the frame of the goal (`goal_frame`), which a
 vehicle on wheels follows as far as it can; or commands of the vehicle's dynamics (`native`), see `crowdbench.dynamics`.
@@ -89,6 +91,8 @@ class View:
             "mask": gym_spaces.Box(0.0, 1.0, (k,), np.float64),
         }
         if self.observation == "dict":
+            if lidar := self.scenario.rules.sensor.lidar:
+                parts["lidar"] = gym_spaces.Box(0.0, lidar.range, (lidar.beams,), np.float64)
             return gym_spaces.Dict({**parts, "history": _box(HISTORY, k, 2)})
         return _box(VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1))
 
@@ -111,6 +115,8 @@ class View:
             each = np.concatenate([found.pedestrians, mask[..., None]], axis=2)
             return np.concatenate([found.vehicle, each.reshape(len(obs), -1)], axis=1)
         parts = {"vehicle": found.vehicle, "pedestrians": found.pedestrians, "mask": mask}
+        if obs.lidar is not None:
+            parts["lidar"] = obs.lidar
         return {**parts, "history": histories(obs, found)}
 
     def commands(

@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
 from crowdbench.evaluate.kept import read_run
 from crowdbench.evaluate.metrics import OVER_ALL, POOLED
 from crowdbench.evaluate.results import EPISODES, Episodes, planner_label, replanning_of
 from crowdbench.evaluate.seal import Manifest, uncheckable
-from crowdbench.evaluate.summary import NOTHING, Estimate, around, bootstrap_distribution, interval, weighted_mean
+from crowdbench.evaluate.summary import (
+    NOTHING,
+    RESAMPLES,
+    Estimate,
+    around,
+    bootstrap_distribution,
+    by_block,
+    interval,
+    weighted_mean,
+)
 from crowdbench.scenario.digest import digest_of
+
+EXACT = 12
+"""Blocks of cases for which the test of two rates tries all ways to exchange the runs."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +40,7 @@ class MetricDifference:
         a: Its mean in run A.
         b: Its mean in run B.
         difference: B - A, paired by case.
-        p: McNemar's p-value of rates, None for other metrics.
+        p: McNemar's p-value of rates, or that of `sign_test` where cases come in blocks; None for other metrics.
     """
 
     a: float
@@ -106,19 +119,29 @@ def _difference(name: str, one: Episodes, two: Episodes, solved: Bool[np.ndarray
     x, y = one.columns[name], two.columns[name]
     if x.dtype == bool and y.dtype == bool:
         ones = np.ones(len(x))
-        return MetricDifference(*_paired(x.astype(float), ones, y.astype(float), ones), mcnemar(x, y))
+        p = mcnemar(x, y) if one.block is None else sign_test(x, y, one.block)
+        return MetricDifference(*_paired(one.block, x.astype(float), ones, y.astype(float), ones), p)
     both = ~np.isnan(x.astype(float) + y) & (solved | (name in OVER_ALL))
     x_weights, y_weights = (table.steps[both] * 1.0 if name in POOLED else np.ones(both.sum()) for table in (one, two))
-    return MetricDifference(*_paired(x[both].astype(float), x_weights, y[both].astype(float), y_weights), None)
+    block = None if one.block is None else one.block[both]
+    return MetricDifference(*_paired(block, x[both].astype(float), x_weights, y[both].astype(float), y_weights), None)
 
 
-def _paired(*columns: Float[np.ndarray, "case"]) -> tuple[float, float, Estimate]:
-    """Both weighted means and their difference, from values and weights of A, then of B."""
+def _paired(
+    block: Int[np.ndarray, "case"] | None, *columns: Float[np.ndarray, "case"]
+) -> tuple[float, float, Estimate]:
+    """Both weighted means and their difference.
+
+    Args:
+        block: The block of each case, where those of the same block are not independent.
+        columns: Values and weights of A, then of B.
+    """
     x, x_weights, y, y_weights = columns
     if len(x) == 0:
         return math.nan, math.nan, NOTHING
     a, b = float(weighted_mean(x, x_weights)), float(weighted_mean(y, y_weights))
-    low, high = around(b - a, *interval(bootstrap_distribution(_mean_difference, *columns)))
+    drawn = *by_block(x, x_weights, block), *by_block(y, y_weights, block)
+    low, high = around(b - a, *interval(bootstrap_distribution(_mean_difference, *drawn)))
     return a, b, Estimate(b - a, low, high, len(x), float((y - x).max()))
 
 
@@ -129,7 +152,7 @@ def _mean_difference(
     y_weights: Float[np.ndarray, "*resample case"],
     axis: int = -1,
 ) -> Float[np.ndarray, "*resample"]:
-    return weighted_mean(y, y_weights, axis) - weighted_mean(x, x_weights, axis)
+    return np.asarray(weighted_mean(y, y_weights, axis) - weighted_mean(x, x_weights, axis))
 
 
 def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
@@ -143,6 +166,26 @@ def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
 
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     return float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0
+
+
+def sign_test(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"], block: Int[np.ndarray, "case"]) -> float:
+    """The two-sided p-value of a permutation test (Fisher 1935) that exchanges the runs block by block.
+
+    It is exact for up to `EXACT` blocks, and from `RESAMPLES` random exchanges for more.
+
+    Args:
+        a: Whether each case was solved in run A.
+        b: The same in run B.
+        block: The block of each case; those of the same block are not independent.
+    """
+    _, number = np.unique(block, return_inverse=True)
+    sums = np.bincount(number, b.astype(float) - a)
+    sums = sums[sums != 0.0]
+    if len(sums) <= EXACT:
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(sums))))
+    else:
+        signs = np.random.default_rng(0).choice((-1.0, 1.0), (RESAMPLES, len(sums)))
+    return float((np.abs(signs @ sums) >= abs(sums.sum()) - 1e-9).mean())
 
 
 def _same(results: tuple[dict[str, Any], dict[str, Any]], a: Path, b: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
-from crowdbench.evaluate.results import Episodes
+from crowdbench.evaluate.results import BLOCK, Episodes
 from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome, Trace
 
@@ -22,7 +22,7 @@ TOLERANCE = 1e-9
 _NOT_COMPARED = ("split", "case", "rules", "logs")
 """Parts of a trace that are no states, or that a replay does not have."""
 
-_WITHOUT_TIME = ("outcome", "steps", "preferred_speed")
+_WITHOUT_TIME = ("outcome", "steps", "preferred_speed", "block")
 """Parts of a trace that have no axis for the time."""
 
 _SHOWN = 3
@@ -137,6 +137,9 @@ def episodes(split: str, recorded: Episodes, replayed: Episodes, exact: bool) ->
         for name, one, two in zip(names, _ends(recorded), _ends(replayed), strict=True)
         if one != two
     ]
+    moved = [
+        f"{name} ({BLOCK})" for name, same in zip(names, _same_blocks(recorded, replayed), strict=True) if not same
+    ]
     figures: dict[int, str] = {}
     for metric in (name for name in replayed.columns if name in recorded.columns):
         one, two = recorded.columns[metric], replayed.columns[metric]
@@ -144,6 +147,7 @@ def episodes(split: str, recorded: Episodes, replayed: Episodes, exact: bool) ->
             figures.setdefault(row, f"{names[row]} ({metric} {one[row]}, replayed: {two[row]})")
     return [
         *listed("cases end otherwise than episodes.csv says", ends, len(recorded)),
+        *listed("cases are of another block of time in episodes.csv", moved, len(recorded)),
         *listed("cases have other figures in episodes.csv", (figures[row] for row in sorted(figures)), len(recorded)),
     ]
 
@@ -177,6 +181,13 @@ def states(
             when = "" if name in _WITHOUT_TIME else f" at step {np.argwhere(differs[row])[0, 0]}"
             found.setdefault(row, f"{recorded.split}:{recorded.case[rows[0][row]]} ({name}{when})")
     return [found[row] for row in sorted(found)]
+
+
+def _same_blocks(recorded: Episodes, replayed: Episodes) -> list[bool]:
+    """Whether each case is of the same block of recorded time, if of any."""
+    if recorded.block is None or replayed.block is None:
+        return [recorded.block is replayed.block] * len(recorded)
+    return (recorded.block == replayed.block).tolist()
 
 
 def _ends(table: Episodes) -> list[str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import signal
 import threading
 import time
@@ -20,6 +21,7 @@ from jaxtyping import Float, Int
 from crowdbench.dynamics import DYNAMICS, FREE
 from crowdbench.errors import InputError, described, is_interrupt, one_process, plugin_errors
 from crowdbench.evaluate.contract import Asked, Fault, examine
+from crowdbench.fair_limit import FairLimit
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.settings import DECISION_LIMIT
 from crowdbench.types import Observation
@@ -51,7 +53,8 @@ class Driver:
     Attributes:
         planner: The planner.
         name: What it is called in errors.
-        decision_limit: Seconds that it may take for a decision, for all worlds of a batch together.
+        decision_limit: Seconds that it may take for a decision, for all worlds of a batch together. Time in which it
+            waits for a processor does not count: see `FairLimit`.
         privileged: Whether it is shown the pedestrians' next velocities. Read once, so that it cannot change.
         native: Whether it gives commands of the vehicle's dynamics; velocities are turned into such. Read once, too.
         facts: What results say of it beyond its name and options. Read once, too.
@@ -120,12 +123,12 @@ class Driver:
                 f"planner {self.name} has native = {self.native!r}, but the vehicle of the scenario is "
                 f"{asked.dynamics.name}: set vehicle.dynamics={self.native}"
             )
+        limit = FairLimit(self.decision_limit, lambda: (os.getpid(),))
         start = time.perf_counter()
-        answer = self._answer(asked, lambda: plan(obs, *steps))
-        seconds = time.perf_counter() - start
-        self.seconds += seconds
+        answer = self._answer(asked, lambda: plan(obs, *steps), limit)
+        self.seconds += time.perf_counter() - start
         # Nobody interrupts a planner in another thread, or one that catches the interrupt.
-        if seconds > self.decision_limit:
+        if limit.over():
             raise self._too_slow(asked, None)
         examined = examine(answer, asked.max_speed, *steps, dynamics=asked.dynamics if self.native else FREE)
         if examined.fault is not None:
@@ -133,10 +136,10 @@ class Driver:
         assert examined.commands is not None  # or else there is a fault
         return examined.commands if self.native else asked.followed(examined.commands)
 
-    def _answer(self, asked: Asked, plan: Callable[[], object]) -> object:
+    def _answer(self, asked: Asked, plan: Callable[[], object], limit: FairLimit) -> object:
         """What the planner returns. Whatever it raises becomes an InputError."""
         try:
-            with one_process(f"planner {self.name}"), _interrupted_after(self.decision_limit):
+            with one_process(f"planner {self.name}"), _interrupted_after(limit):
                 return plan()
         except InputError:
             raise
@@ -187,18 +190,19 @@ def _facts(planner: Planner, name: str) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _interrupted_after(seconds: float) -> Iterator[None]:
+def _interrupted_after(limit: FairLimit) -> Iterator[None]:
     # Signals reach the main thread only; in a user's own threads nothing can interrupt a planner.
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
         yield
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise TimeLimit
+        if limit.over():
+            raise TimeLimit
 
     handler = signal.signal(signal.SIGALRM, interrupt)
-    # Repeated, for planners that catch everything and go on.
-    timer = signal.setitimer(signal.ITIMER_REAL, seconds, 0.5)
+    # Repeated, until the limit is over, and for planners that catch everything and go on.
+    timer = signal.setitimer(signal.ITIMER_REAL, limit.head, min(0.5, limit.head))
     try:
         yield
     finally:

@@ -14,13 +14,14 @@ from crowdbench.evaluate import commands
 from crowdbench.evaluate.commands import COMMANDS
 from crowdbench.evaluate.directory import new_directory
 from crowdbench.evaluate.kept import KeptRun, read_run
+from crowdbench.evaluate.recording import fewer_of_many
 from crowdbench.evaluate.results import EPISODES, RECORDING, RESULT, Episodes, planner_label, replanning_of, to_json
 from crowdbench.evaluate.seal import MANIFEST, code, seal
 from crowdbench.files import read_json
 from crowdbench.scenario.cases import Cases
 from crowdbench.settings import MOST_FAILURES
 
-OWN = ("cases", "recorded", "outcomes", "metrics", "timing", "isolation", "versions")
+OWN = ("cases", "recorded", "outcomes", "metrics", "blocks", "timing", "isolation", "versions")
 """What the results of two parts may differ in."""
 
 
@@ -82,6 +83,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
             "recorded": _join_recordings(parts, cases, directory / RECORDING),
             "outcomes": episodes.counts(),
             "metrics": to_json(episodes.summary()),
+            **episodes.blocks,
             "timing": _timing(parts),
             "versions": _versions(parts),
         }
@@ -115,7 +117,7 @@ def _check_fitting(parts: Sequence[Part]) -> None:
 
 
 def _join_recordings(parts: Sequence[Part], cases: Cases, path: Path) -> int:
-    """Join what is recorded, up to `MOST_FAILURES` and the part in which they are reached; returns how many it is.
+    """Join what is recorded, up to the most failures and the part in which they are reached; returns how many it is.
 
     Args:
         parts: The parts.
@@ -130,11 +132,13 @@ def _join_recordings(parts: Sequence[Part], cases: Cases, path: Path) -> int:
     result = parts[0].kept.result
     label = planner_label(result["planner"], result["options"], replanning_of(result))
     scenario, number = result["scenario"], 0
+    # Recorded crowds have no number, and are not that many.
+    most = fewer_of_many(MOST_FAILURES, scenario["pedestrians"].get("number", [0, 0])[1])
     with Recorder(
         path, planner=label, scenario=scenario["name"], scenario_digest=scenario["digest"], cases=len(cases)
     ) as recorder:
         for part in recorded:
-            if number < MOST_FAILURES or part.manifest["asked"].get("record") == "all":
+            if number < most or part.manifest["asked"].get("record") == "all":
                 number += recorder.copy(part.directory / RECORDING)
     return number
 

@@ -26,6 +26,13 @@ HALL_ZONES = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
 """Outer bounds in metres of the zones of Hall (1966)."""
 
 
+INTRUSION_STEPS = 5
+"""So many steps ahead a pedestrian's own way is looked at, of CrowdNav++ (Liu et al. 2023)."""
+
+INTRUSION_DISTANCE = 0.6
+"""Distance between centres in metres below which the vehicle is in a pedestrian's way (Liu et al. 2023)."""
+
+
 def success_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes in which the vehicle reached its goal [1]."""
     return trace.outcome == Outcome.SUCCESS
@@ -157,6 +164,26 @@ def social_zone(trace: Trace) -> Float[np.ndarray, "world"]:
     return _in_zone(trace, "social")
 
 
+def intrusion_time_ratio(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of steps in which a pedestrian that is seen will be within 0.6 m of where the vehicle is, in 5 steps [1].
+
+    Liu et al. (2023): the distance is between centres, and the pedestrian's positions are its true ones in the next
+    `INTRUSION_STEPS` steps. Differs from theirs because no position after the end of the episode is known.
+    """
+    return _sum(1.0 * np.isfinite(_intrusions(trace))) / trace.steps
+
+
+def social_distance(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Smallest distance between centres in each step that `intrusion_time_ratio` counts, the mean of these [m].
+
+    Liu et al. (2023). Undefined in an episode without an intrusion.
+    """
+    nearest = _intrusions(trace)
+    intrusions = np.isfinite(nearest)
+    count = intrusions.sum(axis=1)
+    return _sum(np.where(intrusions, nearest, 0.0)) / np.where(count > 0, count, np.nan)
+
+
 def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
     """Smallest time until the vehicle would touch a pedestrian if both kept their velocities of the step [s].
 
@@ -169,7 +196,8 @@ def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
     b = _dot(position, velocity)
     c = _dot(position, position) - reach**2
     root = b**2 - a * c
-    meets = (b < 0) & (root >= 0)
+    same = trace.person[:, :-1] == trace.person[:, 1:]
+    meets = (b < 0) & (root >= 0) & same
     with np.errstate(divide="ignore", invalid="ignore"):
         time = np.where(meets, c / (np.sqrt(np.where(meets, root, 0.0)) - b), np.inf)
     least = np.min(np.maximum(time, 0.0), axis=(1, 2), initial=np.inf)
@@ -190,13 +218,14 @@ def discounted_return(trace: Trace) -> Float[np.ndarray, "world"]:
 def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
     """Mean distance of pedestrians from where they would be in the same case without the vehicle [m].
 
-    Over pedestrians and steps. Undefined where pedestrians do not see the vehicle, or there are none.
+    Over pedestrians and steps, as long as the same people are there. Undefined where pedestrians do not see the
+    vehicle, or there are none.
     """
     if trace.undisturbed is None:
         return np.full(len(trace), np.nan)
     moved = norm(trace.position[:, 1:, 1:] - trace.undisturbed[:, 1:])
-    pedestrians = trace.present[:, 0, 1:].sum(axis=1)
-    return _sum(_sum(moved.swapaxes(1, 2))) / np.where(pedestrians > 0, pedestrians * trace.steps, np.nan)
+    compared = np.isfinite(moved).sum(axis=(1, 2))
+    return _sum(_sum(moved.swapaxes(1, 2))) / np.where(compared > 0, compared, np.nan)
 
 
 METRICS: dict[str, Metric] = {
@@ -217,6 +246,8 @@ METRICS: dict[str, Metric] = {
         intimate_zone,
         personal_zone,
         social_zone,
+        intrusion_time_ratio,
+        social_distance,
         time_to_collision,
         max_velocity_change,
         max_acceleration,
@@ -251,6 +282,21 @@ def _velocity_changes(trace: Trace) -> Float[np.ndarray, "world step"]:
 
 def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
     return _sum(1.0 * (trace.gap < HALL_ZONES[zone])) / trace.steps
+
+
+def _intrusions(trace: Trace) -> Float[np.ndarray, "world step"]:
+    """The smallest distance in metres from the vehicle to where those whom it sees will be, infinite beyond 0.6 m."""
+    steps = trace.gap.shape[1]
+    nearest = np.full((len(trace), steps), np.inf)
+    vehicle, seen = trace.position[:, :steps, :1], trace.seen[:, :steps]
+    for ahead in range(1, min(INTRUSION_STEPS, steps) + 1):
+        known = slice(0, steps + 1 - ahead)
+        same = trace.person[:, ahead:][:, : steps + 1 - ahead] == trace.person[:, known]
+        there = trace.present[:, ahead:, 1:] & same & seen[:, known]
+        distance = norm(trace.position[:, ahead:, 1:] - vehicle[:, known])
+        least = np.fmin.reduce(np.where(there, distance, np.inf), axis=2, initial=np.inf)
+        nearest[:, known] = np.fmin(nearest[:, known], least)
+    return np.where(nearest < INTRUSION_DISTANCE, nearest, np.inf)
 
 
 def _sum(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch"]:

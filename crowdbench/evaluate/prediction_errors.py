@@ -23,13 +23,15 @@ from crowdbench.geometry import norm
 from crowdbench.numbers import is_integer
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.checked import checked
-from crowdbench.predict.tracks import Tracks, scenes, windows
+from crowdbench.predict.windows import windows
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.renewal import GOES_ON
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.settings import BATCH, HORIZON, MOST_AHEAD
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities, taken_velocities
-from crowdbench.types import HISTORY, Observation
+from crowdbench.sim.simulator import crowd_decisions, taken_velocities, walk
+from crowdbench.tracks.eth_ucy import Tracks, scenes
+from crowdbench.types import HISTORY, PERFECT, Observation
 
 MEAN = "mean over scenes"
 """The name under which `on_tracks` has the means over all scenes."""
@@ -83,7 +85,7 @@ def on_scenario(
     ahead: int = HORIZON,
     progress: Callable[[int], None] | None = None,
 ) -> Errors:
-    """Measure a predictor on the crowds of a scenario, without a vehicle.
+    """Measure a predictor on the crowds of a scenario, without a vehicle, and so with perfect sight.
 
     It predicts at every step that `ahead` more steps follow before the time limit. A pedestrian counts until it is
     nearer to its goal than its radius, because pedestrians that have arrived are easy to predict. Intervals come from
@@ -196,22 +198,26 @@ def _walks(
 ) -> Iterator[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Float[np.ndarray, "world time pedestrian 2"]]]:
     """What is predicted at each step, which pedestrians have not arrived then, and their true positions."""
     world = scenario.worlds(cases)
-    world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
+    world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT), sight={})
     walking = world.present[:, 1:]
-    predicted: deque[tuple[Prediction, Bool[np.ndarray, "world pedestrian"]]] = deque()
+    predicted: deque[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Int[np.ndarray, "world pedestrian"]]] = (
+        deque()
+    )
     positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
     for _ in range(scenario.rules.max_steps):
+        # Who has arrived is on its way again where people then walk on to another goal.
+        walking = (walking | (scenario.arrival in GOES_ON)) & world.present[:, 1:]
         walking = walking & (norm(world.position - world.goal) >= world.radius)[:, 1:]
-        crowd = crowd_velocities(world, scenario.policies)
+        crowd, world = crowd_decisions(world, scenario.policies)
         obs = observe(world, future=taken_velocities(world, crowd) if predictor.privileged else None)
-        predicted.append((_predict(name, predictor, obs, ahead), walking))
-        world = advance(world, np.pad(crowd, ((0, 0), (1, 0), (0, 0))))
+        predicted.append((_predict(name, predictor, obs, ahead), walking, world.person))
+        world = walk(world, crowd, scenario.renewal)
         positions.append(world.position[:, 1:])
         if len(positions) == ahead:
-            prediction, counted = predicted.popleft()
-            if not counted.any():
+            prediction, counted, persons = predicted.popleft()
+            if not counted.any() and scenario.arrival not in GOES_ON:
                 return
-            yield prediction, counted, np.stack(positions, axis=1)
+            yield prediction, counted & (persons == world.person), np.stack(positions, axis=1)
 
 
 def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:

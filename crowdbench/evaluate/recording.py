@@ -11,7 +11,7 @@ import numpy as np
 from crowdbench.evaluate.results import Episodes
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.settings import FIRST_RECORDED, MOST_FAILURES, WITH_EPISODES
+from crowdbench.settings import FIRST_RECORDED, MOST_FAILURES, RECORDED_CROWD, WITH_EPISODES
 from crowdbench.types import Outcome, Trace
 
 Keep = Callable[[Trace, Episodes], int]
@@ -36,18 +36,28 @@ def recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: C
     with Recorder(
         path, planner=planner, scenario=scenario.name, scenario_digest=scenario.digest, cases=len(cases)
     ) as writer:
-        failures = 0
+        failures, most = 0, fewer_of_many(MOST_FAILURES, scenario.number[1])
 
         def keep(trace: Trace, episodes: Episodes) -> int:
             nonlocal failures
             failed = trace.outcome != Outcome.SUCCESS
-            wanted = failed & (failures + np.cumsum(failed) <= MOST_FAILURES) | (record == "all")
+            wanted = failed & (failures + np.cumsum(failed) <= most) | (record == "all")
             wanted |= trace.case < cases.start + FIRST_RECORDED
             failures += int(failed.sum())
             writer.add(trace, np.flatnonzero(wanted), episodes.columns)
             return int(wanted.sum())
 
         yield keep
+
+
+def fewer_of_many(failures: int, pedestrians: int) -> int:
+    """How many failures are recorded.
+
+    Args:
+        failures: How many it is where pedestrians are not many.
+        pedestrians: The largest number of pedestrians in the scenario.
+    """
+    return max(1, failures * RECORDED_CROWD // max(pedestrians, RECORDED_CROWD))
 
 
 @contextlib.contextmanager

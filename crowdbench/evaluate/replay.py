@@ -325,6 +325,7 @@ def _kind(trace: Trace) -> dict[str, Any]:
         "split": trace.split,
         "agents": trace.position.shape[2],
         "undisturbed": trace.undisturbed is not None,
+        "perceived": trace.perceived is not None,
         "rules": trace.rules.to_table(),
     }
 

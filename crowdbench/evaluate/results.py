@@ -26,6 +26,8 @@ from crowdbench.types import Outcome, Trace
 RESULT = "result.json"
 EPISODES = "episodes.csv"
 RECORDING = "run.rrd"
+BLOCK = "block"
+"""The column of `episodes.csv` with the block of recorded time of each case, where people are recorded."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +39,14 @@ class Episodes:
         outcome: How the episode ended, an `Outcome`.
         steps: Steps until it ended.
         columns: The values of each metric by its name; booleans are rates, NaN is undefined.
+        block: The block of recorded time that each case is from, as in `Trace`.
     """
 
     case: Int[np.ndarray, "case"]
     outcome: Int[np.ndarray, "case"]
     steps: Int[np.ndarray, "case"]
     columns: Mapping[str, Shaped[np.ndarray, "case"]]
+    block: Int[np.ndarray, "case"] | None = None
 
     def __len__(self) -> int:
         return len(self.case)
@@ -63,16 +67,19 @@ class Episodes:
             trace.outcome,
             trace.steps,
             {name: measure(name, metric, trace) for name, metric in metrics.items()},
+            trace.block,
         )
 
     @classmethod
     def joined(cls, parts: list[Episodes]) -> Episodes:
         """The rows of all parts, in order."""
+        blocks = [part.block for part in parts if part.block is not None]
         return cls(
             np.concatenate([part.case for part in parts]),
             np.concatenate([part.outcome for part in parts]),
             np.concatenate([part.steps for part in parts]),
             {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
+            np.concatenate(blocks) if blocks else None,
         )
 
     @property
@@ -80,14 +87,20 @@ class Episodes:
         """The names of the metrics that are rates: those whose values are booleans."""
         return [name for name, values in self.columns.items() if values.dtype == bool]
 
+    @property
+    def blocks(self) -> dict[str, int]:
+        """The number of blocks of recorded time, as results say it; nothing where nobody is recorded."""
+        return {} if self.block is None else {"blocks": len(np.unique(self.block))}
+
     def take(self, rows: Shaped[np.ndarray, "row"]) -> Episodes:
         """The given rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
-        return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns)
+        block = None if self.block is None else self.block[rows]
+        return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
 
     def summary(self) -> dict[str, Estimate]:
         """Each metric's mean and interval."""
-        return summarize(self.columns, self.steps)
+        return summarize(self.columns, self.steps, self.block)
 
     def counts(self) -> dict[str, int]:
         """How many episodes ended in each outcome, by its label."""
@@ -97,10 +110,12 @@ class Episodes:
         """Write as CSV. Numbers read back to the last bit."""
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["case", "outcome", "steps", *self.columns])
+            blocks = {} if self.block is None else {BLOCK: self.block.tolist()}
+            writer.writerow(["case", "outcome", "steps", *blocks, *self.columns])
             labels = [Outcome(outcome).label for outcome in self.outcome]
             columns = [_texts(values) for values in self.columns.values()]
-            writer.writerows(zip(self.case.tolist(), labels, self.steps.tolist(), *columns, strict=True))
+            each = self.case.tolist(), labels, self.steps.tolist(), *blocks.values(), *columns
+            writer.writerows(zip(*each, strict=True))
 
     @classmethod
     def read(cls, path: Path) -> Episodes:
@@ -112,7 +127,8 @@ class Episodes:
                 raise ValueError("two columns have the same name")
             case, steps = (np.array([int(text) for text in by_name.pop(name)], np.int64) for name in ("case", "steps"))
             outcome = np.array([Outcome[text.upper()] for text in by_name.pop("outcome")], np.int64)
-            return cls(case, outcome, steps, {name: _values(texts) for name, texts in by_name.items()})
+            block = np.array([int(text) for text in by_name.pop(BLOCK)], np.int64) if BLOCK in by_name else None
+            return cls(case, outcome, steps, {name: _values(texts) for name, texts in by_name.items()}, block)
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror}") from None
         except (ValueError, KeyError, OverflowError, csv.Error) as error:

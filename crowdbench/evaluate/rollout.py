@@ -17,8 +17,8 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.episode import StepCheck
 from crowdbench.sim.routes import goals_on_way
-from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities, step, taken_velocities
+from crowdbench.sim.sensor import ages, observe
+from crowdbench.sim.simulator import crowd_decisions, step, taken_velocities, walk
 from crowdbench.types import Outcome, Trace, World
 
 LOG_MEMORY = 256e6
@@ -66,12 +66,12 @@ def rollout(
     """
     world = scenario.worlds(cases)
     driver.reset(world.case)
-    states = _States(world)
+    states = _States(world, scenario.renewal is not None)
     shares = None if progress is None else _Shares(len(world), progress)
     undisturbed = _without_vehicle(scenario, world) if scenario.rules.visible else None
     rows = np.arange(len(world))
     for t in range(scenario.rules.max_steps):
-        crowd = crowd_velocities(world, scenario.policies)
+        crowd, world = crowd_decisions(world, scenario.policies)
         ahead = replanning.executed(t)
         if ahead == 0:
             future = taken_velocities(world, crowd) if driver.privileged else None
@@ -79,7 +79,7 @@ def rollout(
             steps = replanning.asked(t)
             commands = driver.decide(obs)[:, None] if steps == 1 else driver.decide_ahead(obs, steps)
             states.log(rows, t, obs.logs or {})
-        after, check = step(world, commands[:, ahead], crowd)
+        after, check = step(world, commands[:, ahead], crowd, scenario.renewal)
         states.add(rows, t, commands[:, ahead], after, check)
         running = check.outcome == Outcome.RUNNING
         if shares is not None:
@@ -89,18 +89,21 @@ def rollout(
         if not len(rows):
             break
         world = after
-    return states.trace(cases.split, undisturbed)
+    return states.trace(cases.split, undisturbed, scenario.blocks(cases))
 
 
-def _without_vehicle(scenario: Scenario, world: World) -> Float[np.ndarray, "world time pedestrian 2"]:
-    """Where the pedestrians would walk if the vehicle were not there, in metres."""
+def _without_vehicle(
+    scenario: Scenario, world: World
+) -> tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]]:
+    """Where the pedestrians would walk if the vehicle were not there, in metres, and their numbers as persons."""
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
-    positions = [world.position[:, 1:]]
+    positions, persons = [world.position[:, 1:]], [world.person]
     for _ in range(scenario.rules.max_steps):
-        crowd = crowd_velocities(world, scenario.policies)
-        world = advance(world, np.pad(crowd, ((0, 0), (1, 0), (0, 0))))
+        crowd, world = crowd_decisions(world, scenario.policies)
+        world = walk(world, crowd, scenario.renewal)
         positions.append(world.position[:, 1:])
-    return np.stack(positions, axis=1)
+        persons.append(world.person)
+    return np.stack(positions, axis=1), np.stack(persons, axis=1)
 
 
 class _Shares:
@@ -128,10 +131,19 @@ class _Shares:
         self.share[rows] = share
 
 
-class _States:
-    """Collects the arrays of a trace while worlds leave the batch."""
+_OF_PEOPLE = ("goal", "radius", "present", "person")
+"""What changes in an episode only where people come, leave, or change their goals."""
 
-    def __init__(self, start: World) -> None:
+
+class _States:
+    """Collects the arrays of a trace while worlds leave the batch.
+
+    Args:
+        start: The worlds at their start.
+        changing: Whether people may come, leave, or change their goals.
+    """
+
+    def __init__(self, start: World, changing: bool) -> None:
         worlds, agents = start.radius.shape
         steps = start.rules.max_steps
         self.start = start
@@ -144,9 +156,25 @@ class _States:
         self.gap = np.full((worlds, steps), np.nan)
         self.wall_gap = np.full((worlds, steps), np.nan)
         self.logs: dict[str, np.ndarray] = {}
+        self.changing = changing
+        self.people = {name: self._always(getattr(start, name)) for name in _OF_PEOPLE}
+        if changing:
+            self.people = {name: array.copy() for name, array in self.people.items()}
         self.position[:, 0] = start.position
         self.velocity[:, 0] = start.velocity
         self.heading[:, 0] = start.heading
+        self.perceived: Float[np.ndarray, "world time pedestrian 2"] | None = None
+        self.age: Float[np.ndarray, "world time pedestrian"] | None = None
+        if not start.rules.sensor.sees_all:
+            self.perceived = np.full((worlds, steps + 1, agents - 1, 2), np.nan)
+            self.age = np.full((worlds, steps + 1, agents - 1), np.inf)
+            self._perceive(np.arange(worlds), 0, start)
+
+    def _perceive(self, rows: Int[np.ndarray, "running"], t: int, world: World) -> None:
+        """Keep what the vehicles see in state `t` of the worlds in these rows."""
+        if self.perceived is not None and self.age is not None:
+            self.age[rows, t] = age = ages(world)
+            self.perceived[rows, t] = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
 
     def add(
         self,
@@ -165,6 +193,9 @@ class _States:
             after: The worlds after it.
             check: What its check found.
         """
+        if self.changing:
+            for name, array in self.people.items():
+                array[rows, t + 1] = getattr(after, name)
         self.position[rows, t + 1] = after.position
         self.velocity[rows, t + 1] = after.velocity
         self.heading[rows, t + 1] = after.heading
@@ -173,6 +204,7 @@ class _States:
         self.wall_gap[rows, t] = check.wall_gap
         self.outcome[rows] = check.outcome
         self.steps[rows] = t + 1
+        self._perceive(rows, t + 1, after)
 
     def log(self, rows: Int[np.ndarray, "running"], t: int, logs: Mapping[str, np.ndarray]) -> None:
         """Keep what the planner logs.
@@ -207,13 +239,30 @@ class _States:
             raise LogsTooLarge(max(1, int(worlds * LOG_MEMORY / size)))
         return np.full(shape, np.nan, dtype)
 
-    def trace(self, split: str, undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None) -> Trace:
-        """The trace of all episodes."""
-        absent = ~self.start.present
+    def trace(
+        self,
+        split: str,
+        alone: tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]] | None,
+        block: Int[np.ndarray, "world"] | None,
+    ) -> Trace:
+        """The trace of all episodes.
+
+        Args:
+            split: The split of the cases.
+            alone: Where the pedestrians would walk without the vehicle, in metres, and their numbers as persons.
+            block: See `Trace`.
+        """
+        if self.changing:  # the last state is repeated beyond an episode's end
+            row, time = np.arange(len(self.steps))[:, None], np.arange(self.position.shape[1])
+            last = np.minimum(time, self.steps[:, None])
+            self.people = {name: array[row, last] for name, array in self.people.items()}
         for states in (self.position, self.velocity):
-            states.swapaxes(1, 2)[absent] = np.nan
-        if undisturbed is not None:
-            undisturbed[np.isnan(self.position[:, :, 1:])] = np.nan
+            states[~self.people["present"]] = np.nan
+        undisturbed = None
+        if alone is not None:
+            undisturbed, persons = alone
+            # Somebody else there cannot be compared.
+            undisturbed[np.isnan(self.position[:, :, 1:]).any(axis=3) | (persons != self.people["person"])] = np.nan
         return Trace(
             split=split,
             case=self.start.case,
@@ -225,18 +274,26 @@ class _States:
             command=self.command,
             gap=self.gap,
             wall_gap=self.wall_gap,
-            goal=self._always(self.start.goal),
-            radius=self._always(self.start.radius),
             preferred_speed=self.start.preferred_speed,
-            present=self._always(self.start.present),
-            person=self._always(self.start.person),
-            seen=self._always(self.start.present[:, 1:]),
+            seen=self._seen(),
+            **self.people,
             route=self.start.route[:, 0],
             obstacles=self.start.obstacles,
             rules=self.start.rules,
             undisturbed=undisturbed,
+            perceived=self.perceived,
+            age=self.age,
+            block=block,
             logs=self.logs,
         )
+
+    def _seen(self) -> Bool[np.ndarray, "world time pedestrian"]:
+        """Whom the vehicles saw; in the last state, also after it."""
+        if self.age is None:
+            return self.people["present"][:, :, 1:]
+        last = np.minimum(np.arange(self.age.shape[1]), self.steps[:, None])
+        late = (self.start.rules.sensor.delay + 0.5) * self.start.rules.dt
+        return np.asarray(np.take_along_axis(self.age, last[..., None], axis=1) < late)
 
     def _always(self, array: np.ndarray) -> np.ndarray:
         """An array `[world, ...]` that does not change in an episode, as `[world, time, ...]`; it takes no memory."""

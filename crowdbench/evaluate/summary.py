@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -39,21 +40,46 @@ NOTHING = Estimate(np.nan, np.nan, np.nan, 0, np.nan)
 
 
 def summarize(
-    columns: Mapping[str, Shaped[np.ndarray, "case"]], steps: Shaped[np.ndarray, "case"]
+    columns: Mapping[str, Shaped[np.ndarray, "case"]],
+    steps: Shaped[np.ndarray, "case"],
+    block: Shaped[np.ndarray, "case"] | None = None,
 ) -> dict[str, Estimate]:
     """An estimate for each metric: Wilson's interval for rates, a bootstrap's for means.
 
     Args:
         columns: The values of each metric, by its name; booleans are rates.
         steps: The number of steps of each episode, the weight of metrics in `POOLED`.
+        block: The block of each episode, where those of the same block are not independent.
     """
-    return {name: _estimate(name, values, steps) for name, values in columns.items()}
+    return {name: _estimate(name, values, steps, block) for name, values in columns.items()}
 
 
-def _estimate(name: str, values: Shaped[np.ndarray, "case"], steps: Shaped[np.ndarray, "case"]) -> Estimate:
+def _estimate(
+    name: str,
+    values: Shaped[np.ndarray, "case"],
+    steps: Shaped[np.ndarray, "case"],
+    block: Shaped[np.ndarray, "case"] | None,
+) -> Estimate:
     if values.dtype == bool:
+        return rate(values, block)
+    return bootstrap(values.astype(float), steps.astype(float) if name in POOLED else np.ones(len(steps)), block)
+
+
+def rate(values: Bool[np.ndarray, "case"], block: Shaped[np.ndarray, "case"] | None) -> Estimate:
+    """A rate with its interval.
+
+    Args:
+        values: One per episode.
+        block: The block of each episode, where those of the same block are not independent: then the interval is that
+            of a bootstrap over blocks, or Wilson's for as many episodes as blocks where all values are the same, and
+            the bootstrap would have no width.
+    """
+    if block is None:
         return wilson(values)
-    return bootstrap(values.astype(float), steps.astype(float) if name in POOLED else np.ones(len(steps)))
+    if values.any() and not values.all():
+        return bootstrap(values.astype(float), np.ones(len(values)), block)
+    found = wilson(values[: len(np.unique(block))])
+    return dataclasses.replace(found, n=len(values))
 
 
 def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
@@ -66,20 +92,46 @@ def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
     return Estimate(mean, *around(mean, float(found.low), float(found.high)), n, float(values.max()))
 
 
-def bootstrap(values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"]) -> Estimate:
-    """A weighted mean with its percentile interval over resampled episodes (Efron 1979).
+def bootstrap(
+    values: Float[np.ndarray, "case"],
+    weights: Float[np.ndarray, "case"],
+    block: Shaped[np.ndarray, "case"] | None = None,
+) -> Estimate:
+    """A weighted mean with its percentile interval over resampled episodes (Efron 1979), or resampled blocks of them.
 
     Args:
         values: One per episode; those that are NaN are left out.
         weights: How much each episode counts.
+        block: The block of each episode, where those of the same block are not independent.
     """
     defined = ~np.isnan(values)
     values, weights = values[defined], weights[defined]
     if len(values) == 0:
         return NOTHING
     mean = float(weighted_mean(values, weights))
-    low, high = around(mean, *interval(bootstrap_distribution(weighted_mean, values, weights)))
+    drawn = by_block(values, weights, None if block is None else block[defined])
+    low, high = around(mean, *interval(bootstrap_distribution(weighted_mean, *drawn)))
     return Estimate(mean, low, high, len(values), float(values.max()))
+
+
+def by_block(
+    values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"], block: Shaped[np.ndarray, "case"] | None
+) -> tuple[Float[np.ndarray, "block"], Float[np.ndarray, "block"]]:
+    """The weighted mean of each block, and its weight: their weighted mean is that of the cases.
+
+    Args:
+        values: One per case.
+        weights: How much each case counts.
+        block: The block of each case; None where each is one of its own.
+
+    Returns:
+        Means and weights.
+    """
+    if block is None:
+        return values, weights
+    _, number = np.unique(block, return_inverse=True)
+    weight = np.bincount(number, weights)
+    return np.bincount(number, values * weights) / weight, weight
 
 
 def weighted_mean(

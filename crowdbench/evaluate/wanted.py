@@ -197,6 +197,7 @@ def _result(
         "recorded": recorded,
         "outcomes": episodes.counts(),
         "metrics": to_json(episodes.summary()),
+        **episodes.blocks,
         "rates": episodes.rates,
         "timing": {
             "decision_ms_per_step": 1e3 * driver.seconds / int(episodes.steps.sum()),

@@ -91,9 +91,11 @@ class Served:
 
     def _start(self, content: bytearray) -> tuple[Kind, bytes]:
         asked = from_json(content)
-        if asked["version"] != VERSION:
-            raise InputError(f"the format {asked['version']} of messages is asked for, but this is format {VERSION}")
+        if asked["version"] != VERSION:  # for the parent to say
+            return Kind.READY, to_json({"version": VERSION})
         self.name, self.planner = load_planner(asked["planner"], asked["options"])
+        if asked.get("scene"):
+            self.planner = self.planner.unseen(asked["scene"])
         says: dict[str, Any] = {
             "version": VERSION,
             "privileged": self.planner.privileged,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench import plugins
-from crowdbench.errors import LONGEST, InputError
+from crowdbench.errors import LONGEST, InputError, MachineFault
 from crowdbench.evaluate.contract import Fault
 from crowdbench.evaluate.driver import FaultyAnswer, TimeLimit
 from crowdbench.isolation import sandbox
@@ -69,9 +69,11 @@ class IsolatedPlanner(Planner):
         hidden: Folders that it must not read: see `crowdbench.isolation.sandbox`.
         shown: Folders inside those that it may read all the same.
         folder: Its working directory; the present one if None.
+        scene: The recorded scene that it must not have been trained on, if any: see `Planner.unseen`.
 
     Raises:
         InputError: The planner cannot be made, or takes longer or more memory than it may.
+        MachineFault: Its process runs another version of crowdbench.
     """
 
     def __init__(
@@ -83,13 +85,14 @@ class IsolatedPlanner(Planner):
         hidden: Iterable[Path] = (),
         shown: Iterable[Path] = (),
         folder: Path | None = None,
+        scene: str | None = None,
     ) -> None:
         self.name = called(spec)
         self.limits = limits
         self.usage: dict[str, Any] = {"level": sandbox.level()}
         self.process = Process(sandbox.command(plugins.program(spec), hidden, shown, folder), limits.memory, folder)
         try:
-            says = self._start(spec, options)
+            says = self._start(spec, options, scene)
         except BaseException:
             self.close()
             raise
@@ -97,11 +100,16 @@ class IsolatedPlanner(Planner):
         self.native = says.get("native", False)
         self.usage["construction_seconds"] = self.process.seconds
 
-    def _start(self, spec: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    def _start(self, spec: str, options: Mapping[str, Any], scene: str | None) -> dict[str, Any]:
         """Have the planner made. What it says of itself, but for the version, is for the driver to check."""
-        asked = {"version": VERSION, "planner": spec, "options": dict(options)}
+        asked = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
         says = from_json(self._ask("in its construction", self.limits.construction, Kind.START, to_json(asked)))
         version = says.get("version", 1)  # version 1 did not name itself
+        if version != VERSION and plugins.program(spec) is None:
+            raise MachineFault(
+                f"crowdbench has changed since this command started, so that planner {self.name} cannot be asked: "
+                f"its messages are of version {VERSION} here and of version {version!r} there; start the command again"
+            )
         if version != VERSION:
             raise InputError(
                 f"planner {self.name} speaks version {version!r} of the messages, but must speak version {VERSION}, "

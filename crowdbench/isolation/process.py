@@ -16,6 +16,7 @@ from pathlib import Path
 import psutil
 
 from crowdbench.errors import InputError
+from crowdbench.fair_limit import FairLimit
 from crowdbench.isolation.protocol import Broken, Kind, receive, send
 
 TICK = 0.1
@@ -69,7 +70,7 @@ class Process:
         Whatever is raised, the process is ended first, and everything that it has started as far as it can be found.
 
         Args:
-            limit: Seconds that it may take.
+            limit: Seconds that it may take; time in which it waits for a processor does not count.
             kind: What the message says.
             parts: Its content.
 
@@ -82,7 +83,8 @@ class Process:
             Broken: It has ended, or answered in another format.
         """
         start = time.monotonic()
-        pipes = _Pipes(*self._pipes, lambda: self._watch(start + limit))
+        left = FairLimit(limit, lambda: (process.pid for process in self._everybody()))
+        pipes = _Pipes(*self._pipes, lambda: self._watch(left))
         try:
             send(pipes.write, kind, *parts)
             return receive(pipes.readinto)
@@ -94,10 +96,10 @@ class Process:
         finally:
             self.seconds += time.monotonic() - start
 
-    def _watch(self, deadline: float) -> None:
-        now = time.monotonic()
-        if now > deadline:
+    def _watch(self, limit: FairLimit) -> None:
+        if limit.over():
             raise TooSlow
+        now = time.monotonic()
         if now - self._looked >= TICK:
             self._looked = now
             memory = sum(map(_memory, self._everybody()))

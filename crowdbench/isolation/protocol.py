@@ -21,7 +21,7 @@ from jaxtyping import Float
 from crowdbench.dynamics import DISC, DYNAMICS, FREE
 from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle
 
-VERSION = 2
+VERSION = 3
 """Version of the format, which `START` and its answer name."""
 
 LARGEST = 2**31
@@ -70,11 +70,14 @@ DIMENSIONS = (
     "limit",
     "tolerance",
     "disc",
+    "filled",
+    "beam",
 )
 """An observation begins with these int64 numbers.
 
 `steps` is for how many steps to decide. `future` is 1 where that array follows, which it does for privileged planners
-only. `dynamics` is the index of the vehicle's dynamics in `DYNAMICS`.
+only. `dynamics` is the index of the vehicle's dynamics in `DYNAMICS`. `filled` is the length of the history, or 0 where
+none of it is ever filled in.
 """
 
 _SIZES = struct.Struct(f"<{len(DIMENSIONS)}q")
@@ -104,12 +107,15 @@ ARRAYS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
     "vehicle.dynamics": ("<f8", ("limit",)),
     "vehicle.goal_tolerance": ("<f8", ("tolerance",)),
     "vehicle.body": ("<f8", ("disc",)),
+    "lidar": ("<f8", ("world", "beam")),
     "pedestrians.seen": ("|u1", ("world", "pedestrian")),
+    "pedestrians.filled": ("|u1", ("world", "filled", "pedestrian")),
 }
 """Then follow these arrays, by their names in `Observation`, with their type and their shape.
 
 `vehicle.dynamics` has the limits in the order of the fields of the class. It, `vehicle.goal_tolerance` and
-`vehicle.body` are empty where they are those of a holonomic disc.
+`vehicle.body` are empty where they are those of a holonomic disc. `lidar` and `pedestrians.filled` are empty where an
+observation has none.
 """
 
 
@@ -212,6 +218,8 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         "limit": len(vehicle["vehicle.dynamics"]),
         "tolerance": len(vehicle["vehicle.goal_tolerance"]),
         "disc": len(vehicle["vehicle.body"]),
+        "filled": 0 if obs.pedestrians.filled is None else HISTORY,
+        "beam": 0 if obs.lidar is None else obs.lidar.shape[1],
     }
     yield _SIZES.pack(*(sizes[name] for name in DIMENSIONS))
     for name, (dtype, _) in ARRAYS.items():
@@ -258,18 +266,21 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
         return {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
 
     crowd, own = part("pedestrians."), part("vehicle.")
+    crowd["seen"] = crowd["seen"].view(bool)
+    crowd["filled"] = crowd["filled"].view(bool) if sizes["filled"] else None
     own["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*own["dynamics"].tolist())
     own["goal_tolerance"] = next(iter(own["goal_tolerance"].tolist()), None)
     own["body"] = tuple(own["body"].tolist()) or DISC
     obs = Observation(
         vehicle=Vehicle(**own),
-        pedestrians=Pedestrians(**{**crowd, "seen": crowd["seen"].view(bool)}),
+        pedestrians=Pedestrians(**crowd),
         obstacles=found["obstacles"],
         row=found["row"],
         noise_key=found["noise_key"],
         step=found["step"],
         dt=float(found["dt"]),
         future=found.get("future"),
+        lidar=found["lidar"] if sizes["beam"] else None,
     )
     return obs, sizes["steps"]
 

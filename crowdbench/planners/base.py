@@ -58,6 +58,22 @@ class Planner(abc.ABC):
         """
         raise OneStepOnly
 
+    def unseen(self, scene: str) -> Planner:
+        """The planner for a recorded scene: one without a part that was trained on it.
+
+        Called once, before anything else, where people are recorded.
+
+        Args:
+            scene: The name of the scene.
+
+        Returns:
+            Another planner, or this one where nothing in it was trained on the scene.
+
+        Raises:
+            InputError: A part of it was trained on the scene, and there is no other.
+        """
+        return self
+
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:  # noqa: B027 (a hook, empty unless wanted)
         """Called once before a batch of episodes starts, for planners with a memory of each episode.
 

@@ -23,6 +23,9 @@ from crowdbench.types import Observation
 STATES = "crowd_sim.envs.utils.state"
 """The module in which CrowdNav and CrowdNav++ define their states."""
 
+FAR = 20.0
+"""How far away somebody stands, in metres, where a policy is shown a pedestrian and the vehicle sees none."""
+
 
 class FullState(NamedTuple):
     """What the vehicle knows of itself: positions in metres, velocities in m/s, heading `theta` in [0, 2 pi)."""
@@ -111,8 +114,9 @@ class CrowdNavPlanner(OneWorldPlanner):
     episode, so that radii of an earlier episode do not remain in it. States are of the classes that the policy's own
     code uses, because CrowdNav's policies test for them.
 
-    A policy is shown the pedestrians that the vehicle sees. CrowdNav's networks fail where it sees none. `ActionRot` is
-    a turn in radians on the spot, then a speed in m/s along the new heading.
+    A policy is shown the pedestrians that the vehicle sees. CrowdNav's networks fail where they are shown none: while
+    the vehicle sees none of those that there are, they are shown one who stands `FAR` behind it. `ActionRot` is a turn
+    in radians on the spot, then a speed in m/s along the new heading.
 
     CrowdNav's CADRL, and all its value networks with `query_env`, need the true next step of the pedestrians, and so
     they are refused. The networks of CrowdNav++ have no `predict`: of its policies, ORCA and social force can drive.
@@ -175,6 +179,10 @@ class CrowdNavPlanner(OneWorldPlanner):
             vehicle.preferred_speed[None],
         )
         humans = np.concatenate([crowd.position, crowd.velocity, crowd.radius[:, None]], axis=1)[crowd.seen]
+        if len(crowd.seen) and not len(humans):
+            away = vehicle.position - vehicle.local_goal
+            behind = vehicle.position + FAR * away / max(math.hypot(*away.tolist()), 1e-9)
+            humans = np.array([[*behind, 0.0, 0.0, float(vehicle.radius)]])
         return joint(full(*np.concatenate(own).tolist(), heading), [observable(*human) for human in humans.tolist()])
 
 

@@ -14,7 +14,8 @@ class Linear(Predictor):
     """The least-squares line through the last 8 observed positions: Lin (Li et al. 2020).
 
     Predicted positions lie on the line, which the last observed position need not. The velocity is the slope of the
-    line. A pedestrian that was observed once stands still.
+    line. A pedestrian that was observed once stands still. Positions that were filled in count only where fewer than
+    two of the last 8 were observed.
     """
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
@@ -24,6 +25,9 @@ class Linear(Predictor):
         time = obs.dt * np.arange(1 - points, 1)
         # 0 before the first observation, because the positions there only repeat it and would lower the speed.
         weight = (np.arange(points) >= points - crowd.observed[:, :, None]).astype(float)
+        if crowd.filled is not None:
+            measured = weight * ~crowd.filled.swapaxes(1, 2)
+            weight = np.where(measured.sum(axis=2, keepdims=True) > 1.0, measured, weight)
         mean_weight = weight / np.maximum(weight.sum(axis=2, keepdims=True), 1.0)
         mean_time = (mean_weight * time).sum(axis=2, keepdims=True)
         deviation = weight * (time - mean_time)

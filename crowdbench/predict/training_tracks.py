@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from crowdbench.errors import InputError
-from crowdbench.predict.tracks import FRAME_STEP, Tracks, scenes
+from crowdbench.tracks.eth_ucy import FRAME_STEP, Tracks, scenes
 
 TRAINING_SHARE = 0.8
 """The part of a file's annotated frames that is for training, as in the data of Social GAN (Gupta et al. 2018)."""

@@ -7,14 +7,16 @@ hovers over are the simulator's. The vehicle is yellow, pedestrians are blue, a 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from rerun.chunk import Chunk
 
 from crowdbench.dynamics import Holonomic, nose, outline, reach
 from crowdbench.geometry import nearest_in_step, polygons, turn
+from crowdbench.record import sight
 from crowdbench.record.chunks import still, times
 from crowdbench.record.plots import logs, plots
 from crowdbench.record.style import ARROW, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
@@ -41,23 +43,29 @@ def episode(trace: Trace, row: int, title: str, values: Mapping[str, float]) -> 
         values: Its metrics by name.
     """
     states, dt = int(trace.steps[row]) + 1, trace.rules.dt
-    present = trace.present[row, 0]
+    present = np.asarray(trace.present[row, :states].any(axis=0))
     position, velocity = trace.position[row, :states, present], trace.velocity[row, :states, present]
-    goal, radius = trace.goal[row, 0, present], trace.radius[row, 0, present]
+    goal, radius = trace.goal[row, :states, present], trace.radius[row, :states, present]
+    same = np.ones((len(position), states - 1), bool)
+    same[1:] = np.diff(trace.person[row, :states], axis=0).T[present[1:]] == 0
     low, high = extent(trace, row)
     label = 0.035 * float((high - low).max())  # height of a line of text in the viewer, in metres
     yield still("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]))
-    way = np.concatenate([position[0, :1], trace.route[row][~np.isnan(trace.route[row][:, 0])], goal[:1]])
-    near = radius[0] if trace.rules.goal_tolerance is None else trace.rules.goal_tolerance
-    yield _ground(low, high, position, goal, way, float(near))
+    way = np.concatenate([position[0, :1], trace.route[row][~np.isnan(trace.route[row][:, 0])], goal[0, :1]])
+    near = radius[0, 0] if trace.rules.goal_tolerance is None else trace.rules.goal_tolerance
+    paths = [way, *(path for each, kept in zip(position, same, strict=True) for path in _paths(each, kept))]
+    yield _ground(low, high, paths, goal[0, 0], float(near))
     if len(walls := polygons(trace.obstacles[row])):
         yield drawn(walls)
-    yield from _trails(position, times(1, states, dt))
+    yield from _trails(position, same, times(1, states, dt))
     timelines = times(0, states, dt)
-    yield from _discs(timelines, position, velocity, radius)
+    yield from _goals(timelines, np.where(np.isnan(position), np.nan, goal))
+    seen = None if trace.perceived is None else trace.seen[row, :states, present[1:]]
+    yield from _discs(timelines, position, velocity, radius, seen)
+    yield from sight.drawn(trace, row, timelines)
     if not isinstance(trace.rules.dynamics, Holonomic):
         yield from _body(trace, row, timelines)
-    yield from _names(timelines, position, goal[0], radius, np.flatnonzero(present), label)
+    yield from _names(timelines, position, goal[0, 0], radius, np.flatnonzero(present), label)
     sentence, mark = _ending(trace, row, label)
     yield mark
     yield from plots(trace, row)
@@ -75,9 +83,10 @@ def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
     Returns:
         The smallest and the largest x and y, in whole metres.
     """
-    present = trace.present[row, 0]
-    path = trace.position[row, : trace.steps[row] + 1, present].reshape(-1, 2)
-    points = np.concatenate([path, trace.goal[row, 0, present], *polygons(trace.obstacles[row])])
+    states = slice(trace.steps[row] + 1)
+    present = trace.present[row, states]
+    path, goals = trace.position[row, states][present], trace.goal[row, states][present]
+    points = np.concatenate([path, goals, *polygons(trace.obstacles[row])])
     margin = 0.5 + reach(trace.rules.body)
     return np.stack([np.floor(points.min(0) - margin), np.ceil(points.max(0) + margin)])
 
@@ -85,29 +94,48 @@ def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
 def _ground(
     low: Float[np.ndarray, "2"],
     high: Float[np.ndarray, "2"],
-    position: Float[np.ndarray, "agent time 2"],
-    goal: Float[np.ndarray, "agent 2"],
-    way: Float[np.ndarray, "point 2"],
+    paths: Sequence[Float[np.ndarray, "_ 2"]],
+    goal: Float[np.ndarray, "2"],
     near: float,
 ) -> Chunk:
-    """What does not move: a grid of 1 m, the goals, the vehicle's shortest way, and the path of each agent.
+    """What does not move: a grid of 1 m, the vehicle's goal and shortest way, and the paths of all agents.
 
     Args:
         low: Smallest x and y of the grid in metres.
         high: Largest x and y of the grid in metres.
-        position: In metres.
-        goal: In metres.
-        way: The vehicle's start, its waypoints and its goal, in metres.
+        paths: The vehicle's start, its waypoints and its goal, and the paths, in metres.
+        goal: The vehicle's, in metres.
         near: Distance in metres to its goal below which the vehicle has arrived: the ring around the goal.
     """
     grid = [np.array([(x, low[1]), (x, high[1])]) for x in np.arange(low[0], high[0] + 1)]
     grid += [np.array([(low[0], y), (high[0], y)]) for y in np.arange(low[1], high[1] + 1)]
-    paths = [way, *position]
-    lines = [*grid, *paths, goal[0] + near * CIRCLE]
+    lines = [*grid, *paths, goal + near * CIRCLE]
     colors = [GRID] * len(grid) + [FAINT] * len(paths) + [VEHICLE]
     widths = rr.Radius.ui_points([0.5] * (len(lines) - 1) + [1.5])
-    dots = rr.Points2D(goal, radii=rr.Radius.ui_points(3), colors=_each(VEHICLE, PEDESTRIAN, len(goal)))
-    return still("world/ground", rr.LineStrips2D(lines, colors=colors, radii=widths, draw_order=1), dots)
+    return still("world/ground", rr.LineStrips2D(lines, colors=colors, radii=widths, draw_order=1))
+
+
+def _paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
+    """The paths in metres of all who had the place of one agent, each in a line; `same` tells who stayed in a step."""
+    parts = np.split(position, np.flatnonzero(~same) + 1)
+    return [part[np.isfinite(part[:, 0])] for part in parts if np.isfinite(part[:, 0]).sum() > 1]
+
+
+def _goals(timelines: Sequence[rr.TimeColumn], goal: Float[np.ndarray, "agent time 2"]) -> Iterator[Chunk]:
+    """The goals as dots, once where they do not change.
+
+    Args:
+        timelines: Times of the states.
+        goal: In metres, NaN while the agent is not there.
+    """
+    agents, states = goal.shape[:2]
+    colors = _each(VEHICLE, PEDESTRIAN, agents)
+    if (goal == goal[:, :1]).all():
+        yield still("world/goals", rr.Points2D(goal[:, 0], radii=rr.Radius.ui_points(3), colors=colors))
+        return
+    yield still("world/goals", rr.Points2D.from_fields(radii=rr.Radius.ui_points(3), colors=colors))
+    columns = rr.Points2D.columns(positions=goal.swapaxes(0, 1).reshape(-1, 2))
+    yield Chunk.from_columns("world/goals", timelines, columns.partition([agents] * states))
 
 
 def _each(vehicle: Color, pedestrian: Color, agents: int) -> list[Color]:
@@ -115,17 +143,23 @@ def _each(vehicle: Color, pedestrian: Color, agents: int) -> list[Color]:
     return [vehicle] + [pedestrian] * (agents - 1)
 
 
-def _trails(position: Float[np.ndarray, "agent time 2"], timelines: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
+def _trails(
+    position: Float[np.ndarray, "agent time 2"],
+    same: Bool[np.ndarray, "agent step"],
+    timelines: Sequence[rr.TimeColumn],
+) -> Iterator[Chunk]:
     """One stroke per agent and step. The blueprint shows all strokes up to the current time, which makes a trail.
 
     Args:
         position: In metres.
+        same: Whether the agent is still the same one after each step; else the stroke is a dot.
         timelines: Times of all states but the first.
     """
     agents, states = position.shape[:2]
     colors = _each(VEHICLE, WALKED, agents)
     yield still("world/trails", rr.LineStrips2D.from_fields(colors=colors, radii=rr.Radius.ui_points(2)))
-    strokes = np.stack([position[:, :-1], position[:, 1:]], axis=2).swapaxes(0, 1).reshape(-1, 2, 2)
+    before = np.where(same[..., None], position[:, :-1], position[:, 1:])
+    strokes = np.stack([before, position[:, 1:]], axis=2).swapaxes(0, 1).reshape(-1, 2, 2)
     columns = rr.LineStrips2D.columns(strips=strokes)
     yield Chunk.from_columns("world/trails", timelines, columns.partition([agents] * (states - 1)))
 
@@ -134,7 +168,8 @@ def _discs(
     timelines: Sequence[rr.TimeColumn],
     position: Float[np.ndarray, "agent time 2"],
     velocity: Float[np.ndarray, "agent time 2"],
-    radius: Float[np.ndarray, "agent"],
+    radius: Float[np.ndarray, "agent time"],
+    seen: Bool[np.ndarray, "pedestrian time"] | None,
 ) -> Iterator[Chunk]:
     """Agents as discs of their true size, with an arrow as long as the way of one second.
 
@@ -143,15 +178,22 @@ def _discs(
         position: In metres.
         velocity: In m/s.
         radius: In metres.
+        seen: Whether the vehicle sees each pedestrian; None where it sees everybody.
     """
     agents, states = position.shape[:2]
+    always: dict[str, Any] = {"colors": _each(VEHICLE, PEDESTRIAN, agents)} if seen is None else {}
+    changing: dict[str, Any] = {} if seen is None else {"colors": sight.colors(seen.T)}
+    if (radius == radius[:, :1]).all():
+        always["radii"] = radius[:, 0]
+    else:
+        changing["radii"] = radius.T.ravel()
     yield still(
         "world/agents",
-        rr.Points2D.from_fields(radii=radius, colors=_each(VEHICLE, PEDESTRIAN, agents)),
+        rr.Points2D.from_fields(**always),
         rr.Arrows2D.from_fields(colors=[ARROW], radii=rr.Radius.ui_points(1.5), draw_order=40),
     )
     flat, arrow = position.swapaxes(0, 1).reshape(-1, 2), velocity.swapaxes(0, 1).reshape(-1, 2)
-    columns = [*rr.Points2D.columns(positions=flat), *rr.Arrows2D.columns(origins=flat, vectors=arrow)]
+    columns = [*rr.Points2D.columns(positions=flat, **changing), *rr.Arrows2D.columns(origins=flat, vectors=arrow)]
     yield Chunk.from_columns("world/agents", timelines, [column.partition([agents] * states) for column in columns])
 
 
@@ -175,7 +217,7 @@ def _names(
     timelines: Sequence[rr.TimeColumn],
     position: Float[np.ndarray, "agent time 2"],
     goal: Float[np.ndarray, "2"],
-    radius: Float[np.ndarray, "agent"],
+    radius: Float[np.ndarray, "agent time"],
     number: Int[np.ndarray, "agent"],
     label: float,
 ) -> Iterator[Chunk]:
@@ -192,8 +234,8 @@ def _names(
     agents, states = position.shape[:2]
     anchors = np.empty((states, agents + 1, 2))
     anchors[:, :-1] = position.swapaxes(0, 1)
-    anchors[:, :-1, 1] -= radius
-    anchors[:, -1] = goal + np.array([0.0, radius[0] + label])
+    anchors[:, :-1, 1] -= radius.T
+    anchors[:, -1] = goal + np.array([0.0, radius[0, 0] + label])
     names = ["vehicle", *(str(agent - 1) for agent in number[1:]), "goal"]
     colors = [*_each(VEHICLE, PEDESTRIAN, agents), VEHICLE]
     style = rr.Points2D.from_fields(labels=names, colors=colors, radii=rr.Radius.ui_points(0))
@@ -242,10 +284,9 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
 
 def _hit(trace: Trace, row: int) -> int:
     """Number of the pedestrian nearest to the vehicle in the last step, by the rule of the collision check."""
-    last = slice(row, row + 1), trace.steps[row] - 1
-    end = trace.position[row : row + 1, trace.steps[row]]
-    motion = swept_motion(trace.position[last], end, trace.velocity[last], trace.rules)[0]
-    position, radius, present = trace.position[last][0], trace.radius[last][0], trace.present[last][0]
+    last = row, trace.steps[row] - 1
+    position, radius, present = trace.position[last], trace.radius[last], trace.present[last]
+    motion = swept_motion(position, trace.position[row, trace.steps[row]], trace.velocity[last], trace.rules)
     if isinstance(trace.rules.dynamics, Holonomic):
         return int(nearest_in_step(0, position, motion, radius, present)[1]) - 1
     heading = trace.heading[row, trace.steps[row] - 1 : trace.steps[row] + 1]
@@ -271,6 +312,7 @@ def _summary(trace: Trace, row: int, title: str, sentence: str, values: Mapping[
     """
     lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize().replace('_', ' ')}: {sentence}"]
     lines += [f"{trace.split} case {trace.case[row]} · {title}", "", KEY, ""]
+    lines += [] if trace.perceived is None else [sight.KEY, ""]
     cells = [f"{name.replace('_', ' ')} | {value:.4g}" for name, value in values.items() if np.isfinite(value)]
     cells += [" | "] * (len(cells) % 2)
     if cells:

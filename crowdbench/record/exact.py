@@ -5,7 +5,7 @@ that the step leads to. `/exact/episode` has one row with the rest.
 
 Format 1 had no heading, command, gap to obstacles, person and sight. When it is read, the heading is computed from the
 velocities, the command is the vehicle's velocity, and the rest has the only value that was possible then. Format 2 had
-no route and obstacles, because there were none.
+no route and obstacles, because there were none. What the vehicle perceived is there where its sight was limited.
 
 `write` and `read` use this module; `drawing` makes what the viewer shows.
 """
@@ -33,6 +33,7 @@ READABLE = (1, 2, 3)
 
 OF_STATES = ("position", "velocity", "heading", "goal", "radius", "present", "person", "seen")
 OF_STEPS = ("command", "gap", "wall_gap")
+OPTIONAL = ("undisturbed", "perceived", "age")
 
 Episode = dict[str, np.ndarray]
 """Arrays of one episode by name, each with one axis."""
@@ -52,8 +53,9 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     steps, dt = int(trace.steps[row]), trace.rules.dt
     arrays = {name: getattr(trace, name)[row, : steps + 1] for name in OF_STATES}
     arrays |= {name: getattr(trace, name)[row, :steps] for name in OF_STEPS}
-    if trace.undisturbed is not None:
-        arrays["undisturbed"] = trace.undisturbed[row, : steps + 1]
+    for name in OPTIONAL:
+        if getattr(trace, name) is not None:
+            arrays[name] = getattr(trace, name)[row, : steps + 1]
     # The position always changes, or else `/exact/states` could have no columns.
     still = {name: array[:1] for name, array in arrays.items() if name != "position" and (array == array[:1]).all()}
     moving = {name: _of_states(array, steps + 1) for name, array in arrays.items() if name not in still}
@@ -63,6 +65,8 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     still["preferred_speed"] = trace.preferred_speed[row : row + 1]
     # In one column, because each column needs one or two kilobytes in the file's index.
     still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
+    if trace.block is not None:
+        still["block"] = trace.block[row : row + 1]
     if trace.route.shape[1]:
         still["route"] = trace.route[row : row + 1]
     if trace.obstacles.shape[1]:
@@ -143,8 +147,9 @@ def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
     }
     for name in ("route", "obstacles"):
         empty[name] = np.full((len(each), *np.max([one[name].shape for one in each], axis=0)), np.nan)
-    if "undisturbed" in each[0]:
-        empty["undisturbed"] = np.full((len(each), times, agents - 1, 2), np.nan)
+    for name, *shape in (("undisturbed", 2), ("perceived", 2), ("age",)):
+        if name in each[0]:
+            empty[name] = np.full((len(each), times, agents - 1, *shape), np.inf if name == "age" else np.nan)
     for name, filled in empty.items():
         for w, one in enumerate(each):
             values = one[name]
@@ -153,6 +158,8 @@ def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
             # As in a rollout, goals, radii, ... of the last state are repeated beyond the end.
             if name in ("goal", "radius", "present", "person", "seen"):
                 filled[w, len(values) :] = filled[w, len(values) - 1]
+    if "block" in episodes[0]:
+        empty["block"] = np.array([int(episode["block"][0]) for episode in episodes])
     return Trace(split=facts["split"], case=case, outcome=outcome, steps=steps, rules=rules, **empty)
 
 
@@ -180,6 +187,8 @@ def _restored(episode: Episode, version: int) -> Episode:
         "person": (agents - 1,),
         "seen": (agents - 1,),
         "undisturbed": (agents - 1, 2),
+        "perceived": (agents - 1, 2),
+        "age": (agents - 1,),
     }
     found = {name: _in_time(episode[name], shape, name, steps) for name, shape in shapes.items() if name in episode}
     found["preferred_speed"] = episode["preferred_speed"]

@@ -28,9 +28,10 @@ def plots(trace: Trace, row: int) -> Iterator[Chunk]:
     """
     steps, dt = int(trace.steps[row]), trace.rules.dt
     gap = trace.gap[row, :steps]
-    if np.isfinite(gap).all():
+    somebody = np.isfinite(gap)
+    if somebody.any():
         curves = np.stack([gap, np.full(steps, DISCOMFORT_GAP), np.zeros(steps)], axis=1)
-        yield _curves("plots/gap", times(1, steps + 1, dt), curves)
+        yield _curves("plots/gap", moments(np.flatnonzero(somebody) + 1, dt), curves[somebody])
     speed = norm(trace.velocity[row, : steps + 1, 0])
     preferred = np.full(steps + 1, trace.preferred_speed[row, 0])
     yield _curves("plots/speed", times(0, steps + 1, dt), np.stack([speed, preferred], axis=1))

@@ -16,7 +16,7 @@ HATCHING = 0.25
 """Distance in metres between the lines that fill an obstacle."""
 
 
-def drawn(walls: Sequence[Float[np.ndarray, "corner 2"]]) -> Chunk:
+def drawn(walls: Sequence[Float[np.ndarray, "_ 2"]]) -> Chunk:
     """The obstacles: their outlines, those of solid ones closed and hatched.
 
     Args:

@@ -10,7 +10,8 @@ from typing import Any
 from crowdbench.dynamics import DYNAMICS
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.schema import ScenarioSpec, layout_spec, parameters_spec, vehicle_spec
-from crowdbench.sim.pedestrians import ORCA, SocialForce
+from crowdbench.sim.habits import Standing, StopAndGo, Straight
+from crowdbench.sim.pedestrians import ORCA, ORCAPlus, Recorded, SocialForce
 
 VERSION = 2
 """To be raised when a default changes, or what a key means: then no digest of before is the digest of a scenario now.
@@ -18,7 +19,15 @@ VERSION = 2
 Version 1 was over all keys, so that every new key changed every digest.
 """
 
-BUILT_IN = {"orca": ORCA, "social_force": SocialForce}
+BUILT_IN = {
+    "distracted": StopAndGo(ORCA()),
+    "orca": ORCA(),
+    "orca_plus": ORCAPlus(),
+    "recorded": Recorded(),
+    "social_force": SocialForce(),
+    "standing": Standing(),
+    "straight": Straight(),
+}
 """The pedestrian policies whose parameters' defaults are known here, by their names."""
 
 _NAMES = ("name", "digest", "description")

@@ -11,9 +11,14 @@ from typing import Any
 
 from crowdbench.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.errors import InputError
+from crowdbench.scenario.people import Quantity
 from crowdbench.scenario.placement import Layout
-from crowdbench.scenario.scenario import Quantity, Scenario
+from crowdbench.scenario.renewal import GoalChange
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import (
+    SHOWN,
+    SHOWN_IN,
+    GoalChangeSpec,
     PedestriansSpec,
     ScenarioSpec,
     VehicleSpec,
@@ -21,16 +26,24 @@ from crowdbench.scenario.schema import (
     pedestrians_spec,
     vehicle_spec,
 )
-from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.scenario.tracked import RECORDED, TrackedCrowd
+from crowdbench.sim.pedestrians import PedestrianPolicy, Recorded
 from crowdbench.toml_file import Location, parsed, read_toml
-from crowdbench.types import Rules
+from crowdbench.tracks.scenes import Scene
+from crowdbench.types import Rules, Sensor
 
 MAX_STEPS = 100_000
+OF_TRACKS = ("number", "preferred_speed", "arrival", "goal_change", "groups")
+"""Keys of `[pedestrians]` that recorded tracks stand for."""
+
 PolicyLoader = Callable[[str], tuple[str, PedestrianPolicy, str | None]]
 """Turns what a table says of a pedestrian policy into its name, the policy, and the digest of its file, if any."""
 
 LayoutLoader = Callable[[str], tuple[str, Layout, str | None]]
 """The same for a layout."""
+
+SceneLoader = Callable[[str, Mapping[str, str]], Scene]
+"""Reads a scene by its name, whose files must have the given sha256."""
 
 
 def read_table(path: Path) -> dict[str, Any]:
@@ -39,7 +52,12 @@ def read_table(path: Path) -> dict[str, Any]:
 
 
 def parse(
-    table: Mapping[str, Any], name: str, source: str, load_layout: LayoutLoader, load_policy: PolicyLoader
+    table: Mapping[str, Any],
+    name: str,
+    source: str,
+    load_layout: LayoutLoader,
+    load_policy: PolicyLoader,
+    load_scene: SceneLoader,
 ) -> Scenario:
     """Make a scenario from a table.
 
@@ -49,6 +67,7 @@ def parse(
         source: What its file is called, for errors.
         load_layout: Loads the layout.
         load_policy: Loads a pedestrian policy.
+        load_scene: Reads a scene of recorded tracks.
 
     Returns:
         The scenario.
@@ -76,6 +95,9 @@ def parse(
     asked = {**table.get("layout", {}), "generator": generator}
     options = parsed(options_of_layout, asked, file.at("layout")).complete()
     policies = _policies(top.pedestrians.policy, load_policy, file.at("pedestrians", "policy"))
+    tracks, found = _tracks(top, table, rules, load_scene, file)
+    if tracks and tracks.has_cars and RECORDED not in policies:
+        policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # which moves the other cars
     kind = pedestrians_spec({policy: each.made.parameters for policy, each in policies.items()})
     pedestrians = parsed(kind, table.get("pedestrians", {}), file.at("pedestrians")).complete()
     return Scenario(
@@ -88,10 +110,10 @@ def parse(
         layout_options={option: value for option, value in options.items() if option != "generator"},
         vehicle_radius=vehicle.radius,
         vehicle_speed=vehicle.preferred_speed,
-        number=top.pedestrians.number,
+        number=tracks.number if tracks else top.pedestrians.number,
         radius=Quantity(**pedestrians["radius"]),
-        preferred_speed=Quantity(**pedestrians["preferred_speed"]),
-        shares={policy: each.share for policy, each in policies.items()},
+        preferred_speed=Quantity(tracks.top_speed) if tracks else Quantity(**pedestrians["preferred_speed"]),
+        shares={policy: each.share for policy, each in policies.items() if each.share},
         policies={policy: each.made for policy, each in policies.items()},
         parameters={
             policy: {
@@ -100,13 +122,66 @@ def parse(
             }
             for policy, each in policies.items()
         },
-        table=top.complete()
+        table={key: value for key, value in top.complete().items() if key != "tracks"}
         | {
-            "layout": options | ({"generator_file": layout_file} if layout_file else {}),
+            "layout": {} if tracks else options | ({"generator_file": layout_file} if layout_file else {}),
             "vehicle": vehicle.complete(),
-            "pedestrians": pedestrians | _written(policies),
-        },
+            "pedestrians": {key: value for key, value in pedestrians.items() if not (tracks and key in OF_TRACKS)}
+            | _written(policies),
+        }
+        | ({"tracks": found} if tracks else {}),
+        arrival=top.pedestrians.arrival,
+        groups={int(size): share for size, share in (top.pedestrians.groups or {}).items()},
+        goal_change=_goal_change(top.pedestrians.goal_change, top.dt, file.at("pedestrians", "goal_change")),
+        tracks=tracks,
     )
+
+
+def _goal_change(spec: GoalChangeSpec | None, dt: float, location: Location) -> GoalChange | None:
+    """How goals change on the way. Raises InputError where the period is no multiple of `dt`."""
+    if spec is None:
+        return None
+    every = round(spec.period / dt)
+    if every < 1 or not math.isclose(every * dt, spec.period):
+        raise location.at("period").wrong(f"{spec.period:g}", f"a multiple of dt, {dt:g} s")
+    return GoalChange(every, spec.chance)
+
+
+def _tracks(
+    top: ScenarioSpec, table: Mapping[str, Any], rules: Rules, load_scene: SceneLoader, file: Location
+) -> tuple[TrackedCrowd | None, dict[str, Any]]:
+    """The recorded people of a scenario, and what a result says of them.
+
+    Args:
+        top: The scenario's file.
+        table: The same as it was read.
+        rules: The rules of the scenario.
+        load_scene: Reads a scene.
+        file: What the file is called, for errors.
+
+    Returns:
+        None and nothing for a scenario without them.
+
+    Raises:
+        InputError: A key says what the tracks say too, the policy of recorded people has none, or the scene cannot be
+            read.
+    """
+    if top.tracks is None:
+        if RECORDED in top.pedestrians.policy:
+            raise file.at("pedestrians", "policy").wrong(RECORDED, "another policy, or there must be a table [tracks]")
+        return None, {}
+    own: list[tuple[str, ...]] = [(key,) for key in ("layout", "crowdnav_cases") if table.get(key)]
+    own += [("pedestrians", key) for key in OF_TRACKS if key in table.get("pedestrians", {})]
+    if own:
+        right = "left out where there is a table [tracks], which says who starts where, how fast, and to where"
+        raise file.at(*own[0]).wrong("given", right)
+    with file.at("tracks").named():
+        scene = load_scene(top.tracks.scene, top.tracks.files)
+        crowd = TrackedCrowd.of(scene, top.tracks.distance, rules)
+    if crowd.has_cars and "distance" in table["tracks"]:
+        raise file.at("tracks", "distance").wrong("given", "left out where cars say where the vehicle starts and goes")
+    found = {"scene": scene.name, "files": dict(scene.files)}
+    return crowd, found if crowd.has_cars else found | {"distance": crowd.distance}
 
 
 def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: Location) -> None:
@@ -135,7 +210,16 @@ def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules
         dynamics=dynamics,
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),
+        sensor=_sensor(top),
     )
+
+
+def _sensor(top: ScenarioSpec) -> Sensor:
+    """The sensor of a scenario; without `nearest` it shows the nearest `SHOWN` of more than `SHOWN_IN` pedestrians."""
+    sensor = Sensor.of_table(top.sensor.complete())
+    if sensor.nearest is None and top.pedestrians.number[1] > SHOWN_IN:
+        return dataclasses.replace(sensor, nearest=SHOWN)
+    return sensor
 
 
 def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
@@ -152,7 +236,13 @@ def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
     return chain(vehicle.length, vehicle.radius, wheelbase / 2.0)
 
 
-def restored(table: Mapping[str, Any], source: str, load_layout: LayoutLoader, load_policy: PolicyLoader) -> Scenario:
+def restored(
+    table: Mapping[str, Any],
+    source: str,
+    load_layout: LayoutLoader,
+    load_policy: PolicyLoader,
+    load_scene: SceneLoader,
+) -> Scenario:
     """Make the scenario of a run again.
 
     Args:
@@ -160,6 +250,7 @@ def restored(table: Mapping[str, Any], source: str, load_layout: LayoutLoader, l
         source: What that file is called, for errors.
         load_layout: Loads the layout.
         load_policy: Loads a pedestrian policy.
+        load_scene: Reads a scene of recorded tracks.
 
     Returns:
         The scenario, which draws the same cases to the last bit.
@@ -171,7 +262,7 @@ def restored(table: Mapping[str, Any], source: str, load_layout: LayoutLoader, l
     keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
     layout = {key: value for key, value in table.get("layout", {}).items() if key != "generator_file"}
     keys |= {"layout": layout, "pedestrians": crowd}
-    made = parse(keys, str(table.get("name", "")), source, load_layout, load_policy)
+    made = parse(keys, str(table.get("name", "")), source, load_layout, load_policy, load_scene)
     shares = crowd.get("policy")
     if isinstance(shares, Mapping) and len(shares) > 1 and math.isclose(sum(shares.values()), 1.0, abs_tol=1e-12):
         # They have been divided by their sum: once more could change their last bits.
@@ -205,6 +296,6 @@ def _policies(shares: Mapping[str, float], load_policy: PolicyLoader, location: 
 
 def _written(policies: Mapping[str, _Policy]) -> dict[str, Any]:
     """What a result says of the policies: names, whatever the file calls them, and the digests of their files."""
-    shares = {name: policy.share for name, policy in policies.items()}
+    shares = {name: policy.share for name, policy in policies.items() if policy.share}
     files = {name: policy.digest for name, policy in policies.items() if policy.digest is not None}
     return {"policy": shares if len(shares) > 1 else next(iter(shares))} | ({"policy_files": files} if files else {})

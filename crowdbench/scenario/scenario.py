@@ -2,62 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from crowdbench import rng
 from crowdbench.dynamics import Holonomic, reach
 from crowdbench.errors import InputError, plugin_errors
+from crowdbench.scenario.again import again_of
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.crowdnav_plus import MEMORY, CrowdNavPlus, PlusRenewal
 from crowdbench.scenario.digest import digest_of
+from crowdbench.scenario.groups import Members, alone, drawn_groups, first_of_group, number_of_group, placed_together
+from crowdbench.scenario.layouts.crowdnav_plus import crowdnav_plus
+from crowdbench.scenario.people import Kinds, Quantity, Traits
 from crowdbench.scenario.placement import Layout, Placement
 from crowdbench.scenario.placing import place
+from crowdbench.scenario.renewal import GoalChange, Renewal
+from crowdbench.scenario.tracked import TrackedCrowd, as_recorded
 from crowdbench.sim.pedestrians import PedestrianPolicy
+from crowdbench.sim.presence import come_and_go
+from crowdbench.sim.sight import look
+from crowdbench.sim.simulator import with_memories
+from crowdbench.tracks.excerpts import Excerpt
 from crowdbench.types import HISTORY, Rules, World
 
 CROWDNAV_TEST_SEED = 1000
 """CrowdNav draws test case c with NumPy's legacy generator, seeded with this number plus c."""
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A parameter of pedestrians: one value for all, or a value per pedestrian from a truncated Gaussian distribution.
-
-    Attributes:
-        mean: The value, or the mean of the Gaussian before it is truncated, in the unit of the parameter.
-        std: Standard deviation of the Gaussian; 0 for one value.
-        low: Smallest value: what is drawn below it is drawn again.
-        high: Largest value.
-        whole: Whether values are rounded to whole numbers.
-    """
-
-    mean: float
-    std: float = 0.0
-    low: float = -np.inf
-    high: float = np.inf
-    whole: bool = False
-
-    def draw(self, generator: np.random.Generator, n: int) -> Float[np.ndarray, "{n}"]:
-        """Draw values.
-
-        Args:
-            generator: The random stream to draw from.
-            n: Number of pedestrians.
-
-        Returns:
-            A value per pedestrian.
-        """
-        values = np.full(n, self.mean)
-        if self.std > 0.0:
-            outside = np.ones(n, bool)
-            while outside.any():
-                values[outside] = generator.normal(self.mean, self.std, outside.sum())
-                outside = (values < self.low) | (values > self.high)
-        return np.rint(values) if self.whole else values
 
 
 @dataclass(frozen=True)
@@ -76,11 +52,15 @@ class Scenario:
         vehicle_speed: Preferred and largest speed of the vehicle in m/s.
         number: Smallest and largest number of pedestrians.
         radius: Radii of pedestrians in metres.
-        preferred_speed: Preferred and largest speeds of pedestrians in m/s.
+        preferred_speed: Preferred and largest speeds of pedestrians in m/s; of recorded people the largest of all.
         shares: By policy, the share of the pedestrians that follow it.
         policies: The pedestrian policies by name.
         parameters: By policy and name, the parameters of the policies.
         table: The scenario in full, as it is written into results.
+        arrival: What becomes of pedestrians who arrive, see `crowdbench.scenario.renewal.ARRIVALS`.
+        goal_change: How pedestrians change their goals on the way, if they do.
+        tracks: The recorded people who are its crowd, instead of a layout; None for a simulated crowd.
+        groups: By size, the share of the groups of pedestrians that are so large; empty where all walk alone.
     """
 
     name: str
@@ -99,6 +79,43 @@ class Scenario:
     policies: Mapping[str, PedestrianPolicy]
     parameters: Mapping[str, Mapping[str, Quantity]]
     table: Mapping[str, Any]
+    arrival: str = "walk_on"
+    goal_change: GoalChange | None = None
+    tracks: TrackedCrowd | None = None
+    groups: Mapping[int, float] = dataclasses.field(default_factory=dict)
+
+    @functools.cached_property
+    def renewal(self) -> Callable[[World, Bool[np.ndarray, "world"]], World] | None:
+        """What becomes of people after a step; None where they only walk."""
+        if self.tracks:
+            return come_and_go
+        if self.arrival == "walk_on" and self.goal_change is None:
+            return None
+        again = functools.partial(again_of(self.layout), **self.layout_options)
+        renewal = Renewal(self.arrival, self.goal_change, again, self.kinds, self.number[1])
+        theirs = self.crowdnav_plus
+        return PlusRenewal(theirs, renewal) if theirs is not None and self.arrival == "respawn" else renewal
+
+    @functools.cached_property
+    def crowdnav_plus(self) -> CrowdNavPlus | None:
+        """How the test cases below `crowdnav_cases` go where they are those of CrowdNav++."""
+        if not self.crowdnav_cases or self.layout is not crowdnav_plus:
+            return None
+        (policy,) = self.shares
+        return CrowdNavPlus(
+            self.number[1],
+            self.kinds,
+            policy,
+            vehicle_radius=self.vehicle_radius,
+            goal_change=self.goal_change,
+            **self.layout_options,
+        )
+
+    @property
+    def kinds(self) -> Kinds:
+        """What pedestrians there may be."""
+        standing = [name for name, policy in self.policies.items() if policy.stands]
+        return Kinds(self.radius, self.preferred_speed, self.shares, standing, self.parameters)
 
     @property
     def digest(self) -> str:
@@ -125,32 +142,31 @@ class Scenario:
             A world per case, in the given order.
 
         Raises:
-            InputError: A layout has no room for a crowd, fails, or places what cannot be.
+            InputError: A layout has no room for a crowd, fails, or places what cannot be, or a policy makes no memory.
         """
         keys = rng.case_keys(self.seed, split, cases)
         worlds, agents = len(cases), self.max_agents
         position, goal = np.zeros((2, worlds, agents, 2))
         radius, speed = np.ones((2, worlds, agents))
         present = np.zeros((worlds, agents), bool)
-        policy = np.zeros((worlds, agents - 1), np.int64)
+        policy, group = np.zeros((worlds, agents - 1), np.int64), np.full((worlds, agents - 1), -1)
         parameters = {
             name: {parameter: np.zeros((worlds, agents)) for parameter in table}
             for name, table in self.parameters.items()
         }
+        drawn = np.full(worlds, -1)
         routes, obstacles = [], []
         for w, (case, key) in enumerate(zip(cases.tolist(), keys, strict=True)):
-            crowd = rng.generator(key, "crowd")
-            radii, speeds = self.people(crowd)
-            n = len(radii) - 1
+            traits, placement, groups, drawn[w] = self._start(split, case, key)
+            n = len(traits.radius)
+            group[w, :n] = number_of_group(groups, n)
             present[w, : n + 1] = True
-            radius[w, : n + 1], speed[w, : n + 1] = radii, speeds
-            policy[w, :n] = crowd.choice(len(self.shares), n, p=list(self.shares.values()))
-            for name, table in self.parameters.items():
-                for parameter, quantity in table.items():
-                    parameters[name][parameter][w, 1 : n + 1] = quantity.draw(crowd, n)
-            room = radius[w, : n + 1].copy()
-            room[0] += reach(self.rules.body)
-            placement = self._place(split, case, key, room, speed[w, : n + 1])
+            radius[w, 0], speed[w, 0] = self.vehicle_radius, self.vehicle_speed
+            radius[w, 1 : n + 1], speed[w, 1 : n + 1] = traits.radius, traits.preferred_speed
+            policy[w, :n] = traits.policy
+            for name, table in traits.parameters.items():
+                for parameter, values in table.items():
+                    parameters[name][parameter][w, 1 : n + 1] = values
             position[w, : n + 1], goal[w, : n + 1] = placement.start, placement.goal
             routes.append(placement.route)
             obstacles.append(placement.obstacles)
@@ -159,7 +175,7 @@ class Scenario:
         if not isinstance(self.rules.dynamics, Holonomic) and route.shape[2]:
             # What turns slowly faces its first waypoint.
             ahead = np.where(np.isnan(route[:, 0, 0]), ahead, route[:, 0, 0] - position[:, 0])
-        return World(
+        start = World(
             case=cases,
             key=keys,
             noise_key=rng.noise_keys(keys),
@@ -168,6 +184,7 @@ class Scenario:
             velocity=np.zeros_like(position),
             heading=np.arctan2(ahead[:, 1], ahead[:, 0]),
             angular_speed=np.zeros(worlds),
+            origin=position.copy(),
             goal=goal,
             route=route,
             waypoint=np.zeros((worlds, agents), np.int64),
@@ -175,27 +192,59 @@ class Scenario:
             preferred_speed=speed,
             present=present,
             person=np.where(present[:, 1:], np.arange(agents - 1), -1),
-            group=np.full((worlds, agents - 1), -1),
+            since=np.zeros((worlds, agents - 1), np.int64),
+            track=np.empty((worlds, 0, agents - 1, 2)),
+            group=group,
             history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
             obstacles=_padded(obstacles),
             policy=policy,
             parameters=parameters,
-            memory={name: {} for name in self.parameters},
+            memory={name: {} for name in self.parameters} | ({MEMORY: {"drawn": drawn}} if self.crowdnav_plus else {}),
             rules=self.rules,
         )
+        if self.tracks:
+            start = self.tracks.begun(start, [self.tracks.window(split, case) for case in cases.tolist()])
+        return with_memories(look(start), self.policies)
 
-    def people(self, crowd: np.random.Generator) -> tuple[Float[np.ndarray, "agent"], Float[np.ndarray, "agent"]]:
-        """Draw the agents of a case.
+    def blocks(self, cases: Cases) -> Int[np.ndarray, "world"] | None:
+        """The block of recorded time of each case; None where nobody is recorded, so that cases are independent."""
+        return None if self.tracks is None else self.tracks.blocks(cases.split, cases.indices)
+
+    def _start(self, split: str, case: int, key: np.uint64) -> tuple[Traits, Placement, Sequence[Members], int]:
+        """The start of a case.
+
+        Args:
+            split: Split of the case.
+            case: Number of the case.
+            key: Start of the random streams of the case.
+
+        Returns:
+            The pedestrians, where all start and go, the groups of pedestrians, and what `CrowdNavPlus.start` drew, -1
+            if it was not that.
+        """
+        if split == "test" and case < self.crowdnav_cases and self.crowdnav_plus is not None:
+            traits, placement, drawn = self.crowdnav_plus.start(case)
+            return traits, placement, [], drawn
+        window = self.tracks.window(split, case) if self.tracks else None
+        traits = self.people(rng.generator(key, "crowd"), window)
+        n = len(traits.radius)
+        groups = drawn_groups(rng.generator(key, "groups"), self.groups, n) if self.groups else []
+        if groups:
+            traits = traits.alike(first_of_group(groups, n))
+        room = np.append(self.vehicle_radius + reach(self.rules.body), traits.radius)
+        speed, stands = np.append(self.vehicle_speed, traits.preferred_speed), self.kinds.stands[traits.policy]
+        return traits, self._place(split, case, key, room, speed, groups, stands, window), groups, -1
+
+    def people(self, crowd: np.random.Generator, window: Excerpt | None = None) -> Traits:
+        """Draw the pedestrians of a case.
 
         Args:
             crowd: The random stream of the case's crowd, at its start.
-
-        Returns:
-            Radius in metres and preferred speed in m/s of each agent, the vehicle first.
+            window: The window of the case, where people are recorded.
         """
-        n = int(crowd.integers(self.number[0], self.number[1] + 1))
-        radius = np.append(self.vehicle_radius, self.radius.draw(crowd, n))
-        return radius, np.append(self.vehicle_speed, self.preferred_speed.draw(crowd, n))
+        if window is None:
+            return self.kinds.draw(crowd, int(crowd.integers(self.number[0], self.number[1] + 1)))
+        return as_recorded(window, self.kinds.draw(crowd, len(window.radius)), list(self.parameters))
 
     def _place(
         self,
@@ -204,6 +253,9 @@ class Scenario:
         key: np.uint64,
         radius: Float[np.ndarray, "agent"],
         speed: Float[np.ndarray, "agent"],
+        groups: Sequence[Members],
+        stands: Bool[np.ndarray, "pedestrian"],
+        window: Excerpt | None,
     ) -> Placement:
         """Let the layout place the agents of one case.
 
@@ -213,6 +265,9 @@ class Scenario:
             key: Start of the random streams of the case, which are not used where the case is CrowdNav's.
             radius: Radii in metres, the vehicle's around its whole body.
             speed: Preferred speeds in m/s.
+            groups: The pedestrians of each group; empty where all walk alone.
+            stands: Which pedestrians stand.
+            window: The window of the case, where people are recorded.
 
         Raises:
             InputError: The layout has no room for the crowd, fails, or places what cannot be.
@@ -224,12 +279,20 @@ class Scenario:
         else:
             stream = rng.generator(key, "places")
 
-        def asked() -> object:
+        def asked(radius: Float[np.ndarray, "group"], speed: Float[np.ndarray, "group"]) -> object:
             with plugin_errors("the layout raised"):
                 return self.layout(stream, radius, speed, **self.layout_options)
 
+        def placed() -> object:
+            if not groups and not stands.any():
+                return asked(radius, speed)
+            those = groups or alone(len(stands))
+            return placed_together(asked, those, radius, speed, stands, rng.generator(key, "standing"))
+
         try:
-            return place(asked, radius)
+            if self.tracks and window:
+                return self.tracks.place(window, stream, radius, self.rules)
+            return place(placed, radius)
         except InputError as error:
             raise InputError(f"{self.source}: in case {split}:{case}, {error}") from None
 

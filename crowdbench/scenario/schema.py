@@ -17,14 +17,19 @@ from crowdbench.dynamics import DYNAMICS
 from crowdbench.errors import InputError
 from crowdbench.numbers import is_integer, is_number
 from crowdbench.plugin_options import REQUIRED, Option, read_options
+from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
+from crowdbench.scenario.renewal import ARRIVALS
 from crowdbench.toml_file import Flag, Name, Text, TomlTable, choice, integer, number, table
 from crowdbench.types import COLLISION_RULES
 
 Spec = TypeVar("Spec", bound=TomlTable)
 
-MAX_PEDESTRIANS = 1000
+MAX_PEDESTRIANS = 10_000
+SHOWN, SHOWN_IN = 20, 100
+"""Planners are shown the nearest 20 pedestrians in scenarios with more than 100, and everybody in others."""
+
 LAYOUT_KEYS = ("generator", "generator_file")
 """Keys of `[layout]` beside the layout's options: its name, and in results the digest of its file."""
 
@@ -35,22 +40,28 @@ MIN_SIZE = 1e-3
 class Gaussian(TomlTable):
     """A quantity that differs between pedestrians; a number stands for one that does not.
 
-    Values beyond `low` and `high` are drawn again, so these must not be too close for that.
+    Values beyond `low` and `high` are drawn again, so these must not be too close for that. Without `mean` and `std`
+    the quantity has a uniform distribution from `low` to `high`.
     """
 
     mean: float
-    std: float = Field(ge=0, lt=1e6)
+    std: float | None = Field(ge=0, lt=1e6)
     low: float
     high: float = Field(lt=1e6)
 
     @model_validator(mode="before")
     @classmethod
     def _written_out(cls, value: Any) -> Any:
-        return {"mean": value, "std": 0.0, "low": value, "high": value} if is_number(value) else value
+        if is_number(value):
+            return {"mean": value, "std": 0.0, "low": value, "high": value}
+        if isinstance(value, dict) and value.keys() == {"low", "high"} and all(map(is_number, value.values())):
+            return {"mean": (value["low"] + value["high"]) / 2.0, "std": None, **value}
+        return value
 
     @model_validator(mode="after")
     def _can_be_drawn(self) -> Gaussian:
-        if not self.low <= self.mean <= self.high or (self.std > 0 and self.high - self.low < 0.1 * self.std):
+        std = self.std or 0.0
+        if not self.low <= self.mean <= self.high or (std > 0.0 and self.high - self.low < 0.1 * std):
             raise ValueError
         return self
 
@@ -69,7 +80,8 @@ def quantity(default: float, least: float) -> Any:
         default=default,
         validate_default=True,
         description=f"a number of at least {least:g}, or a Gaussian {{ mean = 1.0, std = 0.2, low = 0.6, high = 1.4 }} "
-        f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std",
+        f"with {least:g} <= low <= mean <= high and bounds that are not narrower than a tenth of std, or a uniform "
+        f"distribution {{ low = 0.6, high = 1.4 }} with {least:g} <= low <= high",
     )
 
 
@@ -90,6 +102,15 @@ def _as_shares(value: Any) -> Any:
 def _of_one(shares: dict[str, float]) -> dict[str, float]:
     total = sum(shares.values())
     return {name: share / total for name, share in shares.items()}
+
+
+def _of_sizes(shares: dict[str, float]) -> dict[str, float]:
+    if not shares or not all(size in _SIZES for size in shares):
+        raise ValueError
+    return dict(sorted(shares.items()))
+
+
+_SIZES = [str(size) for size in range(1, LARGEST + 1)]
 
 
 class LayoutSpec(TomlTable, extra="allow"):
@@ -118,6 +139,45 @@ class VehicleSpec(DynamicsSpec):
     goal_tolerance: float | None = number(None, above=0.0, below=100.0)
 
 
+class NoiseSpec(TomlTable):
+    """`[sensor.noise]`: standard deviations in metres and m/s."""
+
+    position: float = number(0.0, least=0.0, below=1e3)
+    velocity: float = number(0.0, least=0.0, below=1e3)
+
+
+class LidarSpec(TomlTable):
+    """`[sensor.lidar]`: the number of beams, and their length in metres."""
+
+    beams: int = integer(least=1, most=10_000)
+    range: float = number(above=0.0, below=1e6)
+
+
+class SensorSpec(TomlTable):
+    """`[sensor]`: what the vehicle sees of pedestrians, see `crowdbench.types.Sensor`.
+
+    The range is in metres, the field of view in degrees, the delay in steps; people are remembered for seconds.
+    `nearest` is the number of pedestrians that planners are shown at most; without it see `SHOWN`.
+    """
+
+    range: float | None = number(None, least=0.0, below=1e6)
+    field_of_view: float = Field(default=360.0, gt=0, le=360, description="a number of degrees above 0 and up to 360")
+    occlusion: Flag = False
+    noise: NoiseSpec = table("sensor.noise")
+    missed: float = number(0.0, least=0.0, below=1.0)
+    delay: int = integer(0, least=0, most=1000)
+    remember: float = number(0.0, least=0.0, below=1e6)
+    nearest: int | None = integer(None, least=1, most=MAX_PEDESTRIANS)
+    lidar: LidarSpec | None = Field(default=None, description="a table [sensor.lidar] with beams and range")
+
+
+class GoalChangeSpec(TomlTable):
+    """`[pedestrians] goal_change`: at each multiple of `period`, in seconds, everybody does so by this chance."""
+
+    period: float = number(above=0.0, below=1e6)
+    chance: float = Field(ge=0, le=1, description="a probability from 0 to 1")
+
+
 class PedestriansSpec(TomlTable, extra="allow"):
     """`[pedestrians]`, with a table for each policy besides; see `pedestrians_spec`.
 
@@ -143,6 +203,14 @@ class PedestriansSpec(TomlTable, extra="allow"):
         default={"orca": 1.0},
         description="the name of a policy, or shares of several such as { orca = 0.7, social_force = 0.3 }",
     )
+    groups: Annotated[dict[str, Annotated[float, Field(gt=0, lt=1e9)]], AfterValidator(_of_sizes)] | None = Field(
+        default=None,
+        description=f"the shares of groups by their size, from 1 to {LARGEST}, such as {{ 1 = 0.4, 2 = 0.4, 3 = 0.2 }}",
+    )
+    arrival: str = choice(ARRIVALS, default="walk_on")
+    goal_change: GoalChangeSpec | None = Field(
+        default=None, description="a table with the keys of { period = 5.0, chance = 0.5 }"
+    )
 
     @field_validator("radius", "preferred_speed")
     @classmethod
@@ -159,6 +227,17 @@ class ParametersSpec(TomlTable):
         return _at_least(value, 0.0)
 
 
+class TracksSpec(TomlTable):
+    """`[tracks]`: recorded people in a scene, instead of a layout. Lengths are in metres.
+
+    `files` has the sha256 of files of one's own; those of ETH/UCY and DUT are known.
+    """
+
+    scene: Name
+    distance: float = number(8.0, above=0.0, below=1000.0)
+    files: dict[str, str] = Field(default={}, description="a table of file names with the sha256 of each")
+
+
 class ScenarioSpec(TomlTable):
     """The whole file. `dt` and `time_limit` are in seconds."""
 
@@ -170,7 +249,9 @@ class ScenarioSpec(TomlTable):
     crowdnav_cases: int = integer(0, least=0, most=500)
     layout: LayoutSpec = table("layout")
     vehicle: DynamicsSpec = table("vehicle")
+    sensor: SensorSpec = table("sensor")
     pedestrians: PedestriansSpec = table("pedestrians")
+    tracks: TracksSpec | None = Field(default=None, description="a table with the name of a scene")
 
 
 def layout_spec(layout: Layout) -> type[LayoutSpec]:

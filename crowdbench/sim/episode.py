@@ -17,7 +17,9 @@ from crowdbench.dynamics.motion import HOLONOMIC
 from crowdbench.geometry import nearest_in_step
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.swept import gaps_on_arc
-from crowdbench.types import Outcome, Rules, World
+from crowdbench.types import COLLISION_RULES, Outcome, Rules, World
+
+_CROWDNAV, _CROWDNAV_PLUS = COLLISION_RULES.index("crowdnav"), COLLISION_RULES.index("crowdnav_plus")
 
 
 class StepCheck(NamedTuple):
@@ -44,6 +46,9 @@ def check_step(before: World, after: World) -> StepCheck:
     - Collision with a wall: a disc of the vehicle overlaps an obstacle during the step.
     - Success: after the step, the vehicle's position is nearer to its goal than `Rules.goal_tolerance`.
 
+    Under the rule `crowdnav_plus`, that of CrowdNav++ (Liu et al. 2023), nothing moves: collisions and arrival are
+    those at the positions before the step, so that nobody notices what overlaps between two steps.
+
     The first of these that applies is the outcome, in CrowdNav's order.
 
     Args:
@@ -53,19 +58,19 @@ def check_step(before: World, after: World) -> StepCheck:
     Returns:
         The outcome and the gaps of the step.
     """
-    worlds = len(before)
-    check = StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds))
+    check = unchecked(len(before))
     rules = before.rules
-    _check(
+    check_worlds(
         rules.dynamics.code,
-        np.array(rules.body),
+        rules.discs,
         rules.goal_tolerance or 0.0,
+        rules.collision_code,
         rules.dt,
         before.heading,
         after.velocity,
         after.angular_speed,
         before.position,
-        swept_motion(before.position, after.position, before.velocity, rules),
+        before.velocity,
         after.position,
         before.goal,
         before.radius,
@@ -78,13 +83,18 @@ def check_step(before: World, after: World) -> StepCheck:
     return check
 
 
+def unchecked(worlds: int) -> StepCheck:
+    """Arrays for the check of so many worlds, which `check_worlds` fills."""
+    return StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds))
+
+
 def swept_motion(
-    before: Float[np.ndarray, "world agent 2"],
-    after: Float[np.ndarray, "world agent 2"],
-    velocity_before: Float[np.ndarray, "world agent 2"],
+    before: Float[np.ndarray, "agent 2"],
+    after: Float[np.ndarray, "agent 2"],
+    velocity_before: Float[np.ndarray, "agent 2"],
     rules: Rules,
-) -> Float[np.ndarray, "world agent 2"]:
-    """The motion of all agents in a step, as the collision check takes it.
+) -> Float[np.ndarray, "agent 2"]:
+    """The motion of all agents of one world in a step, as the collision check takes it.
 
     Args:
         before: Positions before the step in metres.
@@ -95,10 +105,23 @@ def swept_motion(
     Returns:
         Displacement of each agent in metres, along a straight line at constant speed.
     """
-    motion = after - before
-    if rules.collision == "crowdnav":
-        motion[:, 1:] = velocity_before[:, 1:] * rules.dt
+    motion = np.empty(before.shape)
+    _fill_motion(before, after, velocity_before, rules.collision_code, rules.dt, motion)
     return motion
+
+
+@no_type_check
+@njit
+def _fill_motion(before, after, velocity_before, rule, dt, motion):
+    """Fill `motion [agent, 2]` of one world, see `swept_motion`."""
+    for i in range(len(motion)):
+        for axis in range(2):
+            if rule == _CROWDNAV_PLUS:
+                motion[i, axis] = 0.0
+            elif rule == _CROWDNAV and i > 0:
+                motion[i, axis] = velocity_before[i, axis] * dt
+            else:
+                motion[i, axis] = after[i, axis] - before[i, axis]
 
 
 @no_type_check
@@ -130,16 +153,17 @@ def step_outcome(gap, wall_gap, dx, dy, tolerance, is_last):
 
 @no_type_check
 @njit
-def _check(
+def check_worlds(
     code,
     body,
     tolerance,
+    rule,
     dt,
     heading,
     velocity,
     turn_rate,
     position,
-    motion,
+    velocity_before,
     end,
     goal,
     radius,
@@ -151,38 +175,44 @@ def _check(
     gap,
     wall_gap,
 ):
-    """Check a step of each world's vehicle.
+    """Check a step of each world's vehicle, see `check_step`. Compiled.
 
     Args:
-        code: The code of its dynamics.
-        body: `[disc]`, where the centres of its discs are, in metres ahead of its position.
-        tolerance: Distance in metres to its goal below which it has arrived; 0 stands for its radius.
-        dt: Duration of the step in seconds.
-        heading: `[world]`, the vehicle's heading before the step in radians.
-        velocity: `[world, agent, 2]`, after the step, in m/s.
-        turn_rate: `[world]`, the vehicle's in the step, in rad/s.
-        position: `[world, agent, 2]`, before the step, in metres.
-        motion: `[world, agent, 2]`, displacement in the step in metres.
-        end: `[world, agent, 2]`, positions after the step in metres.
-        goal: `[world, agent, 2]`, in metres.
-        radius: `[world, agent]`, in metres.
-        present: `[world, agent]`.
-        obstacles: `[world, polygon, corner, 2]`, in metres.
-        step: `[world]`, steps done before this one.
-        max_steps: Steps after which an episode times out.
-        outcome: `[world]`, filled: an `Outcome`.
-        gap: `[world]`, filled, in metres.
-        wall_gap: `[world]`, filled, in metres.
+        code (int): The code of its dynamics.
+        body (array): `[disc]`, where the centres of its discs are, in metres ahead of its position.
+        tolerance (float): Distance in metres to its goal below which it has arrived; 0 stands for its radius.
+        rule (int): Index of the collision rule in `COLLISION_RULES`.
+        dt (float): Duration of the step in seconds.
+        heading (array): `[world]`, the vehicle's heading before the step in radians.
+        velocity (array): `[world, agent, 2]`, after the step, in m/s.
+        turn_rate (array): `[world]`, the vehicle's in the step, in rad/s.
+        position (array): `[world, agent, 2]`, before the step, in metres.
+        velocity_before (array): `[world, agent, 2]`, before the step, in m/s.
+        end (array): `[world, agent, 2]`, positions after the step in metres.
+        goal (array): `[world, agent, 2]`, in metres.
+        radius (array): `[world, agent]`, in metres.
+        present (array): `[world, agent]`.
+        obstacles (array): `[world, polygon, corner, 2]`, in metres.
+        step (array): `[world]`, steps done before this one.
+        max_steps (int): Steps after which an episode times out.
+        outcome (array): `[world]`, filled: an `Outcome`.
+        gap (array): `[world]`, filled, in metres.
+        wall_gap (array): `[world]`, filled, in metres.
     """
+    motion = np.empty(position.shape[1:])
     for w in range(len(radius)):
+        _fill_motion(position[w], end[w], velocity_before[w], rule, dt, motion)
         if code == HOLONOMIC:
-            gap[w], _ = nearest_in_step(0, position[w], motion[w], radius[w], present[w])
-            x, y, mx, my = position[w, 0, 0], position[w, 0, 1], motion[w, 0, 0], motion[w, 0, 1]
+            gap[w], _ = nearest_in_step(0, position[w], motion, radius[w], present[w])
+            x, y, mx, my = position[w, 0, 0], position[w, 0, 1], motion[0, 0], motion[0, 1]
             wall_gap[w] = wall_gap_in_step(x, y, mx, my, radius[w, 0], obstacles[w])
         else:
             own = heading[w], math.hypot(velocity[w, 0, 0], velocity[w, 0, 1]), turn_rate[w], dt
-            others = motion[w], radius[w], present[w], obstacles[w]
+            if rule == _CROWDNAV_PLUS:
+                own = heading[w], 0.0, 0.0, dt
+            others = motion, radius[w], present[w], obstacles[w]
             gap[w], wall_gap[w] = gaps_on_arc(body, *own, position[w], *others)
-        dx, dy = goal[w, 0, 0] - end[w, 0, 0], goal[w, 0, 1] - end[w, 0, 1]
+        last = position if rule == _CROWDNAV_PLUS else end
+        dx, dy = goal[w, 0, 0] - last[w, 0, 0], goal[w, 0, 1] - last[w, 0, 1]
         near = tolerance if tolerance > 0.0 else radius[w, 0]
         outcome[w] = step_outcome(gap[w], wall_gap[w], dx, dy, near, step[w] + 1 >= max_steps)

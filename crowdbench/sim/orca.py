@@ -19,16 +19,20 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from crowdbench.compiled import njit, prange
+from crowdbench.sim import neighbors
 from crowdbench.sim.kernels import at, per_agent, serial_and_parallel
 from crowdbench.sim.linear_program import least_violation, nearest_permitted, unit
-from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.neighbors import nearest_in_cells, nearest_of_all
 from crowdbench.sim.orca_obstacles import EDGE, edge_half_planes, fill_edges, nearest_edges
 
 PARALLEL_AGENTS = 400
 """Batches with at least this many agents run on several threads, whose start takes 110 microseconds."""
 
 _BLOCKS = 64
-"""Worlds are divided among threads in this many blocks. Each block allocates its working memory once."""
+"""Agents are divided among threads in at most this many blocks. Each block allocates its working memory once."""
+
+_BLOCK_AGENTS = 32
+"""A world is divided only into blocks of at least this many agents."""
 
 _EVERYBODY = per_agent(True, np.bool_)
 _NO_OBSTACLES = np.empty((1, 0, 0, 2))
@@ -77,22 +81,25 @@ def orca_velocities(
         Velocities in m/s; 0 for agents that do not move.
     """
     out = np.empty((*radius.shape, 2))
-    compute = _orca_parallel if radius.size >= PARALLEL_AGENTS else _orca_serial
+    compute = orca_parallel if radius.size >= PARALLEL_AGENTS else orca_serial
+    place, visible = np.ascontiguousarray(position), _EVERYBODY if seen is None else np.ascontiguousarray(seen)
     compute(
-        np.ascontiguousarray(position),
+        place,
         np.ascontiguousarray(velocity),
         np.ascontiguousarray(preferred_velocity),
         np.ascontiguousarray(radius),
         np.ascontiguousarray(max_speed),
         time_step,
         per_agent(neighbor_distance),
-        per_agent(max_neighbors, np.int64),
+        per_agent(max_neighbors),
         per_agent(time_horizon),
         _NO_OBSTACLES if obstacles is None else np.ascontiguousarray(obstacles),
         per_agent(time_horizon_obst),
-        per_agent(line_of_sight, np.bool_),
-        _EVERYBODY if seen is None else np.ascontiguousarray(seen),
+        per_agent(line_of_sight),
+        visible,
         _EVERYBODY if moves is None else np.ascontiguousarray(moves),
+        # Asked here too, because the call alone takes 4 % of a step of 6 agents.
+        None if place.shape[1] < neighbors.CELLS_FROM else neighbors.cells_of(place, visible),
         out,
     )
     return out
@@ -114,6 +121,7 @@ def _orca(
     line_of_sight,
     seen,
     moves,
+    cells,
     out,
 ):
     """The loop over worlds, compiled twice: for one thread and for all.
@@ -126,28 +134,35 @@ def _orca(
         max_speed: `[world, agent]`, in m/s.
         time_step: Length of a step in seconds.
         neighbor_distance: In metres, read by `at` like all that follow.
-        max_neighbors: Number of agents.
+        max_neighbors: Number of agents, as a float like all that `at` reads.
         time_horizon: In seconds.
         obstacles: `[world, polygon, corner, 2]`, in metres; one world may stand for all.
         time_horizon_obst: In seconds.
         line_of_sight: Whether walls hide others.
         seen: Whether the agent is avoided.
         moves: Whether the agent's velocity is computed.
+        cells: `Cells`, or None: then each agent looks at all others.
         out: `[world, agent, 2]`, filled: velocities in m/s.
     """
     worlds, agents = radius.shape
-    blocks = min(worlds, _BLOCKS)
+    # A world's edges are made once in each block, so that worlds are only divided where a block has many agents.
+    blocks = min(max(worlds, worlds * agents // _BLOCK_AGENTS), _BLOCKS)
+    room = 0
+    for w in range(max_neighbors.shape[0]):
+        for i in range(max_neighbors.shape[1]):
+            room = max(room, min(np.int64(max_neighbors[w, i]), agents))
     for block in prange(blocks):
-        neighbor, distance = np.empty(agents, np.int64), np.empty(agents)
+        neighbor, distance = np.empty(room, np.int64), np.empty(room)
         most = obstacles.shape[1] * obstacles.shape[2]
-        lines, scratch = np.empty((agents + most, 4)), np.empty((agents + most, 4))
+        lines, scratch = np.empty((room + most, 4)), np.empty((room + most, 4))
         edges, order, apart = np.empty((most, EDGE)), np.empty(most, np.int64), np.empty(most)
         # The index of a prange is unsigned, which would turn the bounds into floats.
-        first = np.int64(block) * worlds // blocks
-        for w in range(first, (np.int64(block) + 1) * worlds // blocks):
+        begin = np.int64(block) * (worlds * agents) // blocks
+        end = (np.int64(block) + 1) * (worlds * agents) // blocks
+        for w in range(begin // agents, (end + agents - 1) // agents):
             polygons = obstacles[min(w, len(obstacles) - 1)]
             number = fill_edges(polygons, edges) if most > 0 else 0
-            for i in range(agents):
+            for i in range(max(begin - w * agents, 0), min(end - w * agents, agents)):
                 x, y = 0.0, 0.0
                 if at(moves, w, i):
                     hard = 0
@@ -157,10 +172,16 @@ def _orca(
                         near = nearest_edges(edges, number, px, py, own * speed + size, order, apart)
                         vx, vy, rate = velocity[w, i, 0], velocity[w, i, 1], 1.0 / max(own, _TINY)
                         hard = edge_half_planes(edges, order, near, px, py, vx, vy, size, rate, lines)
-                    reach, limit = at(neighbor_distance, w, i), at(max_neighbors, w, i)
+                    reach, limit = at(neighbor_distance, w, i), np.int64(at(max_neighbors, w, i))
                     horizon = at(time_horizon, w, i)
-                    hides = number > 0 and at(line_of_sight, w, i)
-                    n = _nearest(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance)
+                    hides = number > 0 and at(line_of_sight, w, i) != 0.0
+                    # Not one condition: numba only leaves out a branch whose condition is None alone.
+                    if cells is None:  # noqa: SIM114
+                        n = nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance)
+                    elif cells.size[w, 0] < 0:
+                        n = nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance)
+                    else:
+                        n = nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neighbor, distance)
                     for k in range(n):
                         _half_plane(position, velocity, radius, w, i, neighbor[k], horizon, time_step, lines, hard + k)
                     n += hard
@@ -171,49 +192,7 @@ def _orca(
                 out[w, i, 0], out[w, i, 1] = x, y
 
 
-_orca_serial, _orca_parallel = serial_and_parallel(_orca)
-
-
-@no_type_check
-@njit(error_model="numpy", inline="always")
-def _nearest(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance):
-    """Find the neighbours of agent i of world w.
-
-    Args:
-        w, i: Indices of the world and of the agent.
-        position: `[world, agent, 2]`, in metres.
-        seen: Whether each agent is avoided, read by `at`.
-        reach: Neighbours are nearer than this, in metres.
-        limit: Largest number of neighbours.
-        hides: Whether obstacles hide others.
-        polygons: `[polygon, corner, 2]`, the obstacles in metres.
-        neighbor: `[agent]`, filled: indices of the neighbours, nearest first.
-        distance: `[agent]`, filled: squared distances in square metres.
-
-    Returns:
-        The number of neighbours.
-    """
-    n = 0
-    reach_squared = reach * reach
-    for j in range(position.shape[1]):
-        if j == i or not at(seen, w, j):
-            continue
-        dx, dy = position[w, j, 0] - position[w, i, 0], position[w, j, 1] - position[w, i, 1]
-        squared = dx * dx + dy * dy
-        if squared >= reach_squared or limit == 0:
-            continue
-        if hides and wall_gap_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons) <= 0.0:
-            continue
-        slot = n if n < limit else n - 1
-        while slot > 0 and squared < distance[slot - 1]:
-            neighbor[slot], distance[slot] = neighbor[slot - 1], distance[slot - 1]
-            slot -= 1
-        neighbor[slot], distance[slot] = j, squared
-        if n < limit:
-            n += 1
-        if n == limit:
-            reach_squared = distance[n - 1]
-    return n
+orca_serial, orca_parallel = serial_and_parallel(_orca)
 
 
 @no_type_check

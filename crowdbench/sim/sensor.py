@@ -1,4 +1,4 @@
-"""The vehicle's sensor: makes observations of worlds."""
+"""The vehicle's sensor: makes observations of worlds. What limited sight has seen of them is kept by `sight`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.compiled import njit
-from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle, World
+from crowdbench.sim.lines_of_sight import measure_all_beams
+from crowdbench.sim.nearest import with_nearest
+from crowdbench.types import HISTORY, Lidar, Observation, Pedestrians, Vehicle, World
 
 
 def observe(
@@ -18,7 +20,7 @@ def observe(
     future: Float[np.ndarray, "world pedestrian 2"] | None = None,
     logs: dict[str, np.ndarray] | None = None,
 ) -> Observation:
-    """Observe with a perfect sensor: every pedestrian that is present, without error or delay.
+    """Observe worlds by the sensor of their scenario.
 
     Args:
         world: The worlds as they are now.
@@ -29,10 +31,8 @@ def observe(
     Returns:
         The observation. Its arrays are copies, so that a planner cannot change the world.
     """
-    seen = world.present[:, 1:].copy()
-    observed, age = np.empty(seen.shape, np.int64), np.empty(seen.shape)
-    _see(seen, world.step, observed, age)
-    return Observation(
+    rules, sensor = world.rules, world.rules.sensor
+    everything = Observation(
         vehicle=Vehicle(
             position=world.position[:, 0].copy(),
             velocity=world.velocity[:, 0].copy(),
@@ -43,32 +43,76 @@ def observe(
             waypoint=world.waypoint[:, 0].copy(),
             radius=world.radius[:, 0].copy(),
             preferred_speed=world.preferred_speed[:, 0].copy(),
-            dynamics=world.rules.dynamics,
-            goal_tolerance=world.rules.goal_tolerance,
-            body=world.rules.body,
+            dynamics=rules.dynamics,
+            goal_tolerance=rules.goal_tolerance,
+            body=rules.body,
         ),
-        pedestrians=Pedestrians(
-            position=world.position[:, 1:].copy(),
-            velocity=world.velocity[:, 1:].copy(),
-            radius=world.radius[:, 1:].copy(),
-            seen=seen,
-            history=world.history.copy(),
-            observed=observed,
-            age=age,
-        ),
+        pedestrians=_everybody(world) if sensor.sees_all else _tracked(world),
         obstacles=world.obstacles.copy(),
         row=np.arange(len(world)) if row is None else row.copy(),
         noise_key=world.noise_key.copy(),
         step=world.step.copy(),
-        dt=world.rules.dt,
+        dt=rules.dt,
         future=future,
         logs=logs,
+        lidar=None if sensor.lidar is None else beams(world, sensor.lidar),
     )
+    return with_nearest(everything, sensor.nearest)
+
+
+def _everybody(world: World) -> Pedestrians:
+    """Every pedestrian that is present, without error or delay."""
+    seen = world.present[:, 1:].copy()
+    observed, age = np.empty(seen.shape, np.int64), np.empty(seen.shape)
+    _see(seen, world.step, world.since, observed, age)
+    return Pedestrians(
+        position=world.position[:, 1:].copy(),
+        velocity=world.velocity[:, 1:].copy(),
+        radius=world.radius[:, 1:].copy(),
+        seen=seen,
+        history=world.history.copy(),
+        observed=observed,
+        age=age,
+    )
+
+
+def _tracked(world: World) -> Pedestrians:
+    """The pedestrians that were seen and are not forgotten, as they were measured."""
+    state, unseen = world.sight["state"], world.sight["unseen"]
+    return Pedestrians(
+        position=state[:, :, :2].copy(),
+        velocity=state[:, :, 2:4].copy(),
+        radius=state[:, :, 4].copy(),
+        seen=unseen >= 0,
+        history=world.sight["history"].copy(),
+        observed=world.sight["observed"].copy(),
+        age=ages(world),
+        filled=world.sight["filled"].copy(),
+    )
+
+
+def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
+    """Seconds since each pedestrian was where it was last measured, infinite where it is not seen.
+
+    Args:
+        world: Worlds with limited sight.
+    """
+    unseen = world.sight["unseen"]
+    return np.where(unseen < 0, np.inf, (unseen + world.rules.sensor.delay) * world.rules.dt)
+
+
+def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
+    """What a lidar measures at the vehicle's position, as `crowdbench.types.Observation.lidar`."""
+    distance = np.empty((len(world), lidar.beams))
+    measure_all_beams(
+        world.heading, world.position, world.radius, world.present, world.obstacles, lidar.range, distance
+    )
+    return distance
 
 
 @no_type_check
 @njit
-def _see(seen, step, observed, age):
+def _see(seen, step, since, observed, age):
     """How many positions of each pedestrian were observed, and how long ago it was seen.
 
     Compiled, because in one world NumPy would take half as long for this as for the rest of an observation.
@@ -76,11 +120,11 @@ def _see(seen, step, observed, age):
     Args:
         seen: `[world, pedestrian]`, whether the pedestrian is seen now.
         step: `[world]`, steps done so far.
+        since: `[world, pedestrian]`, the step after which the pedestrian came.
         observed: `[world, pedestrian]`, filled: positions that were really observed, at most `HISTORY`.
         age: `[world, pedestrian]`, filled: 0 s where the pedestrian is seen, infinite where it never was.
     """
     for w in range(len(step)):
-        positions = min(step[w] + 1, HISTORY)
         for p in range(seen.shape[1]):
-            observed[w, p] = positions if seen[w, p] else 0
+            observed[w, p] = min(step[w] - since[w, p] + 1, HISTORY) if seen[w, p] else 0
             age[w, p] = 0.0 if seen[w, p] else math.inf

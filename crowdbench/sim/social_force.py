@@ -26,9 +26,10 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.compiled import njit, prange
+from crowdbench.sim.group_force import ATTRACTION, GAZE, REPULSION, anybody_in, group_force
 from crowdbench.sim.kernels import serial_and_parallel
 from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
 
@@ -75,6 +76,10 @@ def social_force_velocities(
     obstacles: Float[np.ndarray, "world polygon corner 2"] | None = None,
     wall_strength: float | Float[np.ndarray, "world agent"] = 10.0,
     wall_range: float | Float[np.ndarray, "world agent"] = 0.2,
+    group: Int[np.ndarray, "world pedestrian"] | None = None,
+    group_gaze: float | Float[np.ndarray, "world agent"] = GAZE,
+    group_attraction: float | Float[np.ndarray, "world agent"] = ATTRACTION,
+    group_repulsion: float | Float[np.ndarray, "world agent"] = REPULSION,
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
 ) -> Float[np.ndarray, "world agent 2"]:
@@ -106,6 +111,10 @@ def social_force_velocities(
         obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
         wall_strength: U0, in m^2/s^2.
         wall_range: R, in metres.
+        group: The number of each pedestrian's group, negative for those who walk alone, as all do if None.
+        group_gaze: In 1/(rad s); see `crowdbench.sim.group_force` for this and the next two.
+        group_attraction: In m/s^2.
+        group_repulsion: In m/s^2.
         seen: Whether the agent repels others; all do if None.
         moves: Whether the agent's velocity is computed; all are if None. The others keep their velocity in this step.
 
@@ -125,6 +134,11 @@ def social_force_velocities(
     traits[..., 6] = fluctuation * _acceleration(relaxation, time_step)
     traits[..., 7] = wall_strength
     traits[..., 8] = np.maximum(wall_range, _TINY)
+    numbers = bonds = None
+    if group is not None and anybody_in(group):
+        numbers, bonds = np.full(shape, -1), np.empty((*shape, 3))
+        numbers[:, 1:] = group
+        bonds[..., 0], bonds[..., 1], bonds[..., 2] = group_gaze, group_attraction, group_repulsion
     out = np.zeros((*shape, 2))
     compute = _social_force_parallel if radius.size * shape[1] >= PARALLEL_PAIRS else _social_force_serial
     compute(
@@ -136,6 +150,8 @@ def social_force_velocities(
         np.ascontiguousarray(noise),
         traits,
         np.empty((shape[0], 0, 0, 2)) if obstacles is None else np.ascontiguousarray(obstacles),
+        numbers,
+        bonds,
         time_step,
         max(1, math.ceil(time_step / sub_step - 1e-9)),
         everybody if seen is None else np.ascontiguousarray(seen),
@@ -164,7 +180,21 @@ def _acceleration(relaxation: float | np.ndarray, time_step: float) -> float | n
 
 @no_type_check
 def _social_force(
-    position, velocity, goal, radius, preferred_speed, noise, traits, obstacles, time_step, sub_steps, seen, moves, out
+    position,
+    velocity,
+    goal,
+    radius,
+    preferred_speed,
+    noise,
+    traits,
+    obstacles,
+    group,
+    bonds,
+    time_step,
+    sub_steps,
+    seen,
+    moves,
+    out,
 ):
     """The loop over worlds, compiled twice: for one thread and for all.
 
@@ -179,6 +209,8 @@ def _social_force(
             of half the angle of sight, weight behind, standard deviation of the fluctuating acceleration, strength and
             range of borders.
         obstacles: `[world, polygon, corner, 2]`, in metres.
+        group: `[world, agent]`, the number of each agent's group, negative for those who walk alone; None where all do.
+        bonds: `[world, agent, 3]`, gaze, attraction and repulsion within a group; None where all walk alone.
         time_step: Length of the step in seconds.
         sub_steps: Number of sub-steps.
         seen: `[world, agent]`, whether the agent repels others.
@@ -198,6 +230,10 @@ def _social_force(
                 fx, fy = _repulsion(i, x, v, gx, gy, radius[w], seen[w], traits[w, i])
                 if obstacles.shape[1] > 0:
                     bx, by = _border_repulsion(x[i, 0], x[i, 1], obstacles[w], traits[w, i, 7], traits[w, i, 8])
+                    fx, fy = fx + bx, fy + by
+                if group is not None:  # for None, another kernel is compiled
+                    gaze, attraction, repulsion = bonds[w, i]
+                    bx, by = group_force(i, x, v, radius[w], seen[w], group[w], gaze, attraction, repulsion)
                     fx, fy = fx + bx, fy + by
                 fx, fy = fx + eagerness * push * noise[w, i, 0], fy + eagerness * push * noise[w, i, 1]
                 # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a relaxation

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench import catalog
-from crowdbench.evaluate.compare import mcnemar
+from crowdbench.evaluate.compare import mcnemar, sign_test
 from crowdbench.evaluate.results import Episodes
-from crowdbench.evaluate.summary import CONFIDENCE, Estimate, bootstrap, wilson
+from crowdbench.evaluate.summary import CONFIDENCE, Estimate, bootstrap, rate
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.measures import DISCOMFORT, GAP, JERK, LEAST_SHARED, SUCCESS, TIME
 from crowdbench.study.planned import PlannedRun
@@ -26,6 +26,11 @@ NOTES = (
     "Success has Wilson's 95 % interval. Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the "
     "smallest of an episode) are means over the cases that the planner itself solves, with 95 % intervals of a "
     "bootstrap. The means of a planner that fails often are over easier cases."
+)
+RECORDED = (
+    "Cases from the same block of recorded time are not independent. Where people were recorded, also where they "
+    "react, intervals are those of a bootstrap over blocks, also of success, and success is compared by a permutation "
+    "test that exchanges two planners block by block."
 )
 PAIRED = (
     "The second table of a crowd says in which measures the planner of the row is significantly better or worse than "
@@ -73,12 +78,13 @@ class CrowdRow:
         return cls(
             planner=run.planner,
             privileged=run.privileged,
-            success_rate=wilson(success),
+            success_rate=rate(success, episodes.block),
             collision_rate=float(episodes.columns["collision_rate"].mean()),
             wall_collision_rate=float(episodes.columns["wall_collision_rate"].mean()),
             timeout_rate=float(episodes.columns["timeout_rate"].mean()),
             over_solved={
-                each.metric: bootstrap(solved.columns[each.metric], np.ones(len(solved))) for each in OVER_SOLVED
+                each.metric: bootstrap(solved.columns[each.metric], np.ones(len(solved)), solved.block)
+                for each in OVER_SOLVED
             },
         )
 
@@ -129,12 +135,12 @@ class Pair:
         """
         a, b = one.columns[SUCCESS.metric], two.columns[SUCCESS.metric]
         both = a & b
-        ones = np.ones(both.sum())
+        ones, block = np.ones(both.sum()), None if one.block is None else one.block[both]
         differences = {
-            each.metric: bootstrap(two.columns[each.metric][both] - one.columns[each.metric][both], ones)
+            each.metric: bootstrap(two.columns[each.metric][both] - one.columns[each.metric][both], ones, block)
             for each in OVER_SOLVED
         }
-        p = mcnemar(a, b)
+        p = mcnemar(a, b) if one.block is None else sign_test(a, b, one.block)
         better = {SUCCESS.metric: names[int(b.sum() > a.sum())]} if p < 1 - CONFIDENCE else {}
         for each in OVER_SOLVED:
             found = differences[each.metric]
@@ -154,11 +160,12 @@ class Pair:
 
 @dataclass(frozen=True)
 class FilledCrowd:
-    """All planners in one crowd, and all pairs of them."""
+    """All planners in one crowd, and all pairs of them; `blocks` is the number of blocks of time of recorded people."""
 
     scenario: str
     planners: list[CrowdRow]
     pairs: list[Pair]
+    blocks: int | None = None
 
     @classmethod
     def of(cls, runs: list[PlannedRun], out: Path) -> FilledCrowd:
@@ -174,7 +181,8 @@ class FilledCrowd:
         found = [(run.planner, run.episodes(out)) for run in runs]
         planners = [CrowdRow.of(run, episodes) for run, (_, episodes) in zip(runs, found, strict=True)]
         pairs = [Pair.of((a, b), one, two) for (a, one), (b, two) in itertools.combinations(found, 2)]
-        return cls(runs[0].scenario.name, planners, pairs)
+        changes = "".join(f", {key}={value}" for key, value in runs[0].spec.overrides.items())
+        return cls(f"{runs[0].scenario.name}{changes}", planners, pairs, found[0][1].blocks.get("blocks"))
 
     def markdown(self) -> str:
         """Its two tables under its heading: what was measured, and in what each pair differs."""
@@ -184,7 +192,8 @@ class FilledCrowd:
         tables = [grid(header, [row.cells(walls) for row in self.planners])]
         if self.pairs:
             tables.append(self._matrix())
-        return "\n\n".join([f"### {self.scenario}", *tables])
+        of_time = "" if self.blocks is None else f", {self.blocks} blocks of time"
+        return "\n\n".join([f"### {self.scenario}{of_time}", *tables])
 
     def _matrix(self) -> str:
         names = [row.name for row in self.planners]
@@ -216,6 +225,8 @@ class FilledCrowdsTable(FilledTable):
                 f"{PAIRED} The {tests} tests in a crowd are not corrected for their number: between planners that do "
                 "not differ, about one test in twenty finds a difference."
             )
+        if any(crowd.blocks is not None for crowd in self.crowds):
+            notes.append(RECORDED)
         if any(row.privileged for crowd in self.crowds for row in crowd.planners):
             notes.append(PRIVILEGED)
         return notes
@@ -230,20 +241,24 @@ class CrowdsTable(PlannedTable):
     by_scenario: list[list[PlannedRun]]
 
     @classmethod
-    def of(cls, spec: CrowdsSpec, location: Location) -> CrowdsTable:
+    def of(cls, spec: CrowdsSpec, location: Location, data: Path | None = None) -> CrowdsTable:
         """Plan the runs of a table.
 
         Args:
             spec: What the file says of the table.
             location: Where in the file.
+            data: The folder with the recorded tracks that its scenarios need.
 
         Raises:
             InputError: A planner or a scenario does not exist, or two planners have the same name.
         """
-        scenarios = [name for name, _ in catalog.scenarios()] if spec.scenarios == "all" else spec.scenarios
+        scenarios = catalog.simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
         with location.named():
             by_scenario = [
-                [PlannedRun.of(planner, {}, scenario, spec.cases) for planner in spec.planners]
+                [
+                    PlannedRun.of(planner, {}, scenario, spec.cases, overrides=spec.overrides, data=data)
+                    for planner in spec.planners
+                ]
                 for scenario in scenarios
             ]
         if len({run.planner for run in by_scenario[0]}) < len(spec.planners):

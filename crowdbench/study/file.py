@@ -34,17 +34,25 @@ class Study:
         return [run for table in self.tables for run in table.runs]
 
 
-def read_study(path: Path) -> Study:
+def read_study(path: Path, data: Path | None = None) -> Study:
     """Read the study that a file describes.
 
-    Raises InputError, naming the file and the key, where it cannot be read or something in it is wrong. That includes
-    planners, weights and scenarios that do not exist, so that nobody learns of them hours later.
+    Args:
+        path: The file.
+        data: The folder with the recorded tracks that its scenarios need.
+
+    Returns:
+        The study.
+
+    Raises:
+        InputError: It cannot be read, or something in it is wrong; the file and the key are named. That includes
+            planners, weights and scenarios that do not exist, so that nobody learns of them hours later.
     """
     file = Location(path.name)
     spec = parsed(StudySpec, read_toml(path, "study"), file)
     tables: list[PlannedTable] = [
         *(PlannerTable.of(table, file.at("tables", i)) for i, table in enumerate(spec.tables)),
-        *(CrowdsTable.of(table, file.at("crowds", i)) for i, table in enumerate(spec.crowds)),
+        *(CrowdsTable.of(table, file.at("crowds", i), data) for i, table in enumerate(spec.crowds)),
     ]
     if not tables:
         raise InputError(f"{path.name} has no table: a study needs [[tables]] or [[crowds]]")

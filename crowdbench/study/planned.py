@@ -46,6 +46,7 @@ class PlannedRun:
         *,
         overrides: Mapping[str, Any] | None = None,
         replanning: Replanning = EVERY_STEP,
+        data: Path | None = None,
     ) -> PlannedRun:
         """Load the planner and the scenario of a run.
 
@@ -56,11 +57,14 @@ class PlannedRun:
             cases: The cases to run.
             overrides: Other values for keys of the scenario, by dotted key.
             replanning: When the planner observes.
+            data: The folder with the recorded tracks that the scenario needs.
 
         Raises:
             InputError: The planner or the scenario does not exist, or does not take these options or overrides.
         """
-        spec = RunSpec(planner, scenario, cases, options, overrides or {}, replanning=replanning, record="none")
+        spec = RunSpec(
+            planner, scenario, cases, options, overrides or {}, replanning=replanning, record="none", data=data
+        )
         return cls(spec, spec.load())
 
     def on(self, cases: Cases) -> PlannedRun:

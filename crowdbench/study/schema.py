@@ -99,11 +99,12 @@ class PlannersSpec(TomlTable):
 
 
 class CrowdsSpec(TomlTable):
-    """`[[crowds]]`: planners in the crowds of several scenarios; "all" stands for all built-in scenarios."""
+    """`[[crowds]]`: planners in several scenarios; "all" stands for all built-in ones without `[tracks]`."""
 
     title: Name
     planners: Names
     scenarios: Annotated[str, Field(pattern="^all$")] | Names = Field(description='"all" or a list of scenarios')
+    overrides: Values = Field(default={})
     cases: CasesText = Cases.parse("test:500")
 
 

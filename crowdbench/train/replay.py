@@ -23,7 +23,8 @@ class Transitions:
     Attributes:
         joint: The joint states.
         next_joint: The joint states k steps later, where k is n or the number of steps to the end of the episode.
-        present: Which pedestrians are present, in both states.
+        present: Which pedestrians are present.
+        next_present: Which are k steps later.
         reward: The discounted sum of the k rewards in between.
         bootstrap: What the value of the next state is multiplied with in the target: gamma^k, or 0 where the episode
             terminated within the k steps. A time-out only truncates an episode, so that the next state keeps its
@@ -35,6 +36,7 @@ class Transitions:
     joint: Float32[np.ndarray, "step pedestrian 13"]
     next_joint: Float32[np.ndarray, "step pedestrian 13"]
     present: Bool[np.ndarray, "step pedestrian"]
+    next_present: Bool[np.ndarray, "step pedestrian"]
     reward: Float32[np.ndarray, "step"]
     bootstrap: Float32[np.ndarray, "step"]
     episode_return: Float32[np.ndarray, "step"]
@@ -70,7 +72,8 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
     return Transitions(
         joint=joint[world, time],
         next_joint=joint[world, later[world, time]],
-        present=present[world],
+        present=present[world, time],
+        next_present=present[world, later[world, time]],
         reward=_returns(reward, gamma, n)[world, time].astype(np.float32),
         bootstrap=np.where(terminated, 0.0, gamma[:, None] ** (later - np.arange(length)))[world, time].astype(
             np.float32
@@ -81,7 +84,7 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
 
 def _states(
     trace: Trace,
-) -> tuple[Float32[np.ndarray, "world time pedestrian 13"], Bool[np.ndarray, "world pedestrian"]]:
+) -> tuple[Float32[np.ndarray, "world time pedestrian 13"], Bool[np.ndarray, "world time pedestrian"]]:
     """The joint states of a trace, and who is present in them."""
     worlds, times, agents = trace.position.shape[:3]
     joint = joint_states(
@@ -92,8 +95,8 @@ def _states(
         goals_in_trace(trace),
         np.broadcast_to(trace.preferred_speed[:, :1], (worlds, times)),
     )
-    present = np.zeros((worlds, joint.shape[2]), bool)
-    present[:, : agents - 1] = trace.present[:, 0, 1:]
+    present = np.zeros(joint.shape[:3], bool)
+    present[:, :, : agents - 1] = trace.present[:, :, 1:]
     return joint, present
 
 

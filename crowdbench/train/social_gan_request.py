@@ -106,7 +106,7 @@ class SocialGANRequest(Request):
     def _source(self) -> tuple[dict[str, Any], str]:
         """What a card says of the pedestrians that were learned from: as JSON, and in words."""
         from crowdbench.catalog import load_scenario
-        from crowdbench.predict.tracks import DT, read_folder, scenes
+        from crowdbench.tracks.eth_ucy import DT, read_folder, scenes
 
         if self.data is None:
             scenario = load_scenario(self.scenario, self.overrides)

@@ -15,10 +15,11 @@ from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.geometry import norm
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.predict.tracks import Tracks, read_folder, windows
 from crowdbench.predict.training_tracks import resampled, training_split
+from crowdbench.predict.windows import windows
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.tracks.eth_ucy import Tracks, read_folder
 from crowdbench.types import HISTORY
 
 HORIZON = 8
@@ -116,11 +117,15 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
     path = trace.position[:, :, 1:]
     back = np.arange(HISTORY - 2, 0, -1)[:, None, None]
     path = np.concatenate([path[:, :1] - back * (path[:, 1:2] - path[:, :1]), path], axis=1)
+    persons = np.concatenate([trace.person[:, :1].repeat(len(back), axis=1), trace.person], axis=1)
     found = []
     for start in range(0, path.shape[1] - LENGTH + 1, STRIDE):
         position = path[:, start : start + LENGTH]
-        under_way = norm(position[:, HISTORY - 1] - trace.goal[:, 0, 1:]) >= trace.radius[:, 0, 1:]
-        used = trace.present[:, 0, 1:] & under_way & np.isfinite(position).all(axis=(1, 3))
+        now = start + HISTORY - 1 - len(back)
+        under_way = norm(position[:, HISTORY - 1] - trace.goal[:, now, 1:]) >= trace.radius[:, now, 1:]
+        person = persons[:, start : start + LENGTH]
+        same = (person == person[:, :1]).all(axis=1) & (person[:, 0] >= 0)
+        used = same & under_way & np.isfinite(position).all(axis=(1, 3))
         found.append(_ordered(position[used.any(axis=1)], used[used.any(axis=1)]))
     return _joined(found)
 

@@ -232,7 +232,7 @@ class Training:
     @torch.no_grad()
     def _target(self, batch: Transitions) -> Float[Tensor, "step"]:
         """The n-step return: the rewards of n steps and the discounted value after them, by the target network."""
-        value = self.average(self._tensor(batch.next_joint), self._tensor(batch.present))
+        value = self.average(self._tensor(batch.next_joint), self._tensor(batch.next_present))
         return self._tensor(batch.reward) + self._tensor(batch.bootstrap) * value
 
     def _update(self, optimizer: torch.optim.Optimizer, batch: Transitions, target: Float[Tensor, "step"]) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from crowdbench.types.observation import Observation, Pedestrians, Vehicle
 from crowdbench.types.rules import COLLISION_RULES, DISCOMFORT_GAP, HISTORY, Outcome, Rules
+from crowdbench.types.sensor import PERFECT, Lidar, Noise, Sensor
 from crowdbench.types.trace import Trace
 from crowdbench.types.world import World
 
@@ -16,10 +17,14 @@ __all__ = [
     "COLLISION_RULES",
     "DISCOMFORT_GAP",
     "HISTORY",
+    "PERFECT",
+    "Lidar",
+    "Noise",
     "Observation",
     "Outcome",
     "Pedestrians",
     "Rules",
+    "Sensor",
     "Trace",
     "Vehicle",
     "World",

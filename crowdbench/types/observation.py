@@ -70,15 +70,21 @@ class Pedestrians:
 
     Ignore pedestrians that are not `seen`: they are padding, or hidden from the vehicle.
 
+    With limited sight (`crowdbench.types.Sensor`), all of this is as measured, with noise and delay. A pedestrian that
+    is out of sight and still remembered goes on at constant velocity: it counts as `seen`, and its `age` tells.
+
     Attributes:
         position: Centres in metres.
         velocity: Velocities of the last step in m/s.
         radius: Radii in metres.
-        seen: Whether the vehicle sees the pedestrian now.
+        seen: Whether the vehicle sees the pedestrian now, or remembers it.
         history: The last 8 positions in metres, from the oldest to the current one. Before the first observed
             position, that one is repeated.
-        observed: Number of positions in `history` that were really observed.
-        age: Time in seconds since the pedestrian was last seen: 0 if it is seen now, infinite if it was never seen.
+        observed: Number of positions in `history` since the pedestrian was first observed.
+        age: Time in seconds since the pedestrian was where it was last observed: 0 if it is seen now, infinite if it is
+            neither seen nor remembered.
+        filled: Which positions since the pedestrian was first observed were not observed, but filled in: on the line
+            between those before and after, or ahead at constant velocity. None if none ever is.
     """
 
     position: Float[np.ndarray, "*world pedestrian 2"]
@@ -88,6 +94,7 @@ class Pedestrians:
     history: Float[np.ndarray, "*world time pedestrian 2"]
     observed: Int[np.ndarray, "*world pedestrian"]
     age: Float[np.ndarray, "*world pedestrian"]
+    filled: Bool[np.ndarray, "*world time pedestrian"] | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +117,8 @@ class Observation:
         dt: Length of a step in seconds.
         future: The pedestrians' next velocities in m/s; None unless the planner is privileged.
         logs: What the planner has logged in this decision, by name; None where nothing is recorded.
+        lidar: Distance in metres at which each beam meets a person or an obstacle, from the vehicle's position, or the
+            lidar's range where it meets none; see `crowdbench.types.Lidar`. None without a lidar.
     """
 
     vehicle: Vehicle
@@ -121,6 +130,7 @@ class Observation:
     dt: float
     future: Float[np.ndarray, "*world pedestrian 2"] | None = None
     logs: dict[str, np.ndarray] | None = None
+    lidar: Float[np.ndarray, "*world beam"] | None = None
 
     def __len__(self) -> int:
         return len(self.row)

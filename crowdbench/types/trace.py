@@ -35,14 +35,22 @@ class Trace:
         wall_gap: The same between the vehicle's rim and the obstacles; infinite without obstacles.
         goal: Where each agent is going, in metres.
         radius: Radii in metres.
-        preferred_speed: Preferred and largest speed of each agent in m/s.
-        present: Whether the agent exists.
-        person: Number of each pedestrian as a person, unique within the case; -1 in the padding.
-        seen: Whether the vehicle saw the pedestrian.
+        preferred_speed: Preferred and largest speed in m/s of each agent that was there at the start.
+        present: Whether the agent exists then.
+        person: Number of each pedestrian as a person, unique within the case; -1 in the padding. Where it changes,
+            somebody else has taken the place of that pedestrian in the arrays, at another position.
+        seen: Whether the vehicle saw the pedestrian; with a delay, whether it did so then.
         route: The vehicle's waypoints in metres as it started, NaN after the last one.
         obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
         rules: The rules of the scenario.
-        undisturbed: Where the pedestrians would walk without the vehicle, in metres; None where they do not see it.
+        undisturbed: Where the pedestrians would walk without the vehicle, in metres, NaN where it would be somebody
+            else; None where they do not see it.
+        perceived: Where the vehicle saw each pedestrian, or remembered it to be, in metres, as in its observation; NaN
+            of the others. None where it saw everybody exactly and at once.
+        age: Seconds since each pedestrian was where the vehicle last measured it, infinite of those that it neither saw
+            nor remembered; None as above.
+        block: The block of recorded time that each case is from: cases of the same block are not independent. None
+            where nobody is recorded.
         logs: What the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
     """
 
@@ -66,6 +74,9 @@ class Trace:
     obstacles: Float[np.ndarray, "world polygon corner 2"]
     rules: Rules
     undisturbed: Float[np.ndarray, "world time pedestrian 2"] | None = None
+    perceived: Float[np.ndarray, "world time pedestrian 2"] | None = None
+    age: Float[np.ndarray, "world time pedestrian"] | None = None
+    block: Int[np.ndarray, "world"] | None = None
     logs: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:

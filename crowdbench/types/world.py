@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -30,6 +31,7 @@ class World:
         heading: Direction in which the vehicle faces, in radians. A holonomic vehicle faces where it last moved, and
             its goal before it has moved; one on wheels faces its first waypoint then, or its goal.
         angular_speed: Change of the heading in the last step, divided by dt, in rad/s.
+        origin: Where each agent's way to its goal began, in metres.
         goal: Where each agent is going, in metres.
         route: Waypoints on the way to the goal, in metres.
         waypoint: Index in `route` of each agent's next waypoint; the number of its waypoints after it has reached the
@@ -37,7 +39,11 @@ class World:
         radius: Radii in metres.
         preferred_speed: Preferred and largest speed in m/s.
         present: Whether the agent exists in this world now.
-        person: Number of each pedestrian as a person, unique within the case; -1 in the padding.
+        person: Number of each pedestrian as a person, unique within the case; -1 in the padding. Somebody who takes the
+            place of another one in these arrays has another number.
+        since: The step after which each person came; 0 for those who were there from the start.
+        track: Where recorded people were at each step, in metres; NaN who was not there. Its axis of moments is empty
+            where nobody was recorded.
         group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
         history: The pedestrians' last positions in metres, from the oldest to the current one. Until there are enough,
             the first position is repeated before it.
@@ -45,8 +51,10 @@ class World:
         policy: The policy that moves each pedestrian, as an index into `parameters`.
         parameters: By policy and name, the parameters of the policies (column 0, the vehicle's, is not used).
         memory: By policy, arrays `[world, ...]` that a policy with a memory keeps between steps, in mappings that may
-            be nested; empty for other policies.
+            be nested; empty for other policies. See `crowdbench.sim.pedestrians.PolicyWithMemory`.
         rules: The rules of the scenario.
+        sight: What the vehicle has seen of the pedestrians so far, see `crowdbench.sim.sight`; empty where it sees
+            everybody exactly and at once.
     """
 
     case: Int[np.ndarray, "world"]
@@ -57,6 +65,7 @@ class World:
     velocity: Float[np.ndarray, "world agent 2"]
     heading: Float[np.ndarray, "world"]
     angular_speed: Float[np.ndarray, "world"]
+    origin: Float[np.ndarray, "world agent 2"]
     goal: Float[np.ndarray, "world agent 2"]
     route: Float[np.ndarray, "world agent waypoint 2"]
     waypoint: Int[np.ndarray, "world agent"]
@@ -64,6 +73,8 @@ class World:
     preferred_speed: Float[np.ndarray, "world agent"]
     present: Bool[np.ndarray, "world agent"]
     person: Int[np.ndarray, "world pedestrian"]
+    since: Int[np.ndarray, "world pedestrian"]
+    track: Float[np.ndarray, "world moment pedestrian 2"]
     group: Int[np.ndarray, "world pedestrian"]
     history: Float[np.ndarray, "world time pedestrian 2"]
     obstacles: Float[np.ndarray, "world polygon corner 2"]
@@ -71,6 +82,7 @@ class World:
     parameters: Mapping[str, Mapping[str, Float[np.ndarray, "world agent"]]]
     memory: Mapping[str, Any]
     rules: Rules
+    sight: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.case)
@@ -103,8 +115,9 @@ class World:
         """
 
         def replaced(own: np.ndarray, other: np.ndarray) -> np.ndarray:
-            both = own.copy()
-            both[rows] = other
+            # Routes and obstacles are as long as the longest of the batch.
+            both = _wider(own, other.shape).copy()
+            both[rows] = _wider(other, own.shape)
             return both
 
         return self._map(replaced, others)
@@ -114,6 +127,12 @@ class World:
         fields = {name: value for name, value in vars(self).items() if name != "rules"}
         made = {name: _nested(function, value, *(vars(one)[name] for one in others)) for name, value in fields.items()}
         return World(**made, rules=self.rules)
+
+
+def _wider(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """An array with NaN after the end of each axis, but for the first one, along which `shape` is longer."""
+    missing = [(0, max(0, wish - own)) for own, wish in zip(array.shape[1:], shape[1:], strict=True)]
+    return np.pad(array, [(0, 0), *missing], constant_values=np.nan) if any(after for _, after in missing) else array
 
 
 def _nested(function: Callable[..., np.ndarray], first: Any, *others: Any) -> Any:

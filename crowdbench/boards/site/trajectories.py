@@ -31,7 +31,10 @@ def picture(trace: Trace, row: int, label: str) -> Markup:
     with axes(4.4, 4.4) as drawn:
         for agent in sorted(present, key=lambda agent: (agent == 0, agent == hit, agent)):
             every = round(EVERY / trace.rules.dt) if agent in (0, hit) else 0
-            _way(drawn, position[:, agent], radius[agent], every, *_style(agent, hit))
+            way = position[:, agent].copy()
+            if agent > 0:  # no line leads from one person to another who has taken its place
+                way[1:][np.diff(trace.person[row, : last + 1, agent - 1]) != 0] = np.nan
+            _way(drawn, way, radius[agent], every, *_style(agent, hit))
         for corners in polygons(trace.obstacles[row]):
             drawn.add_patch(Polygon(corners, closed=True, facecolor=COLOURS["line"], edgecolor=COLOURS["ink"], lw=1.2))
         goal = trace.goal[row, last, 0]

@@ -15,6 +15,7 @@ from crowdbench.errors import InputError, plugin_errors
 from crowdbench.evaluate.check.again import EXACT, same_point
 from crowdbench.evaluate.check.point import Findings, Point
 from crowdbench.geometry import norm
+from crowdbench.scenario.again import Again, LayoutWithAgain, Room, Way, again_of, drawn
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.placement import Layout, Placement
 from crowdbench.scenario.placing import clear, finite, shaped, sound, with_ways
@@ -40,7 +41,9 @@ class _Crowd:
     before: _GlobalState
 
 
-def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) -> list[Point]:
+def check_layout(
+    layout: Layout, name: str, scenario: Scenario, cases: Cases, again: Again | None = None
+) -> list[Point]:
     """Let a layout place the crowds of some cases and examine each point of its contract by itself.
 
     Args:
@@ -48,12 +51,16 @@ def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) ->
         name: What the layout is called in errors.
         scenario: The scenario whose crowds are placed.
         cases: The cases.
+        again: How it draws people again, with its options if any; as `again_of` says if None.
     """
     findings = Findings("cases", MISSING)
     placed = []
     keys = rng.case_keys(scenario.seed, cases.split, cases.indices)
     for case, key in zip(cases.indices.tolist(), keys, strict=True):
-        crowd = _Crowd(key, *scenario.people(rng.generator(key, "crowd")), _GlobalState.now())
+        traits = scenario.people(rng.generator(key, "crowd"))
+        radius = np.append(scenario.vehicle_radius, traits.radius)
+        speed = np.append(scenario.vehicle_speed, traits.preferred_speed)
+        crowd = _Crowd(key, radius, speed, _GlobalState.now())
         placement = _examined(layout, f"layout {name} in case {case}", crowd, findings)
         if placement is not None:
             placed.append((crowd, placement))
@@ -67,7 +74,48 @@ def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) ->
         findings.point("goal", "no start is its own goal"),
         findings.point("random numbers", "only from its stream"),
         _deterministic(layout, name, placed),
+        _drawn_again(again, layout, f"layout {name}", placed),
     ]
+
+
+def _drawn_again(again: Again | None, layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]) -> Point:
+    """Whether somebody new, and another goal, can be drawn among those who are placed."""
+    # Whether a layout that draws by itself is deterministic is another point.
+    times = 1 if again is None and not isinstance(layout, LayoutWithAgain) else 2
+    draw = again or again_of(layout)
+    crowds = [(crowd, placement) for crowd, placement in placed if len(crowd.radius) > 1]
+    if not crowds:
+        return Point("again", None, "not examined: the layout placed no pedestrian")
+    found = 0
+    for crowd, placement in crowds:
+        for position in (None, placement.start[-1]):
+            try:
+                one, *others = (_one_again(draw, crowd, placement, position) for _ in range(times))
+            except InputError as error:
+                return Point("again", False, f"{name}: {error}")
+            if not all(np.array_equal(np.array(one), np.array(other)) for other in others):
+                return Point("again", False, f"{name} draws {one} from a stream and then {others} from the same one")
+            found += one is not None
+    return Point("again", True, f"room for {found} of {2 * len(crowds)} new people and goals")
+
+
+def _one_again(again: Again, crowd: _Crowd, placement: Placement, position: np.ndarray | None) -> Way | None:
+    """What is drawn for the last pedestrian of a crowd. Raises InputError where that cannot be."""
+    none = np.empty((0, 0, 2))
+    obstacles = none if placement.obstacles is None else placement.obstacles
+    room = Room(placement.start[:-1], placement.goal[:-1], crowd.radius[:-1], crowd.speed[:-1], obstacles)
+    radius, speed = float(crowd.radius[-1]), float(crowd.speed[-1])
+    way = drawn(again, rng.generator(crowd.key, "places again"), room, radius, speed, position)
+    if way is None:
+        return None
+    start, goal = way
+    if position is not None and not np.array_equal(start, position):
+        raise InputError(f"who gets another goal is put at {start.tolist()}, but is at {position.tolist()}")
+    if not room.is_clear(start, radius, clearance=0.0, walls=0.0) and position is None:
+        raise InputError(f"somebody new at {start.tolist()} overlaps with somebody, a goal or a wall")
+    if room.way(start, goal, radius) is None:
+        raise InputError(f"no way leads somebody from {start.tolist()} to its goal at {goal.tolist()}")
+    return way
 
 
 def _examined(layout: Layout, name: str, crowd: _Crowd, findings: Findings) -> Placement | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from crowdbench.sim.sight import PADDING
 from crowdbench.types import Observation, World
 
 MORE = 3
@@ -16,6 +17,7 @@ MORE = 3
 _AGENTS: Mapping[str, tuple[int, Any]] = {
     "position": (1, 0.0),
     "velocity": (1, 0.0),
+    "origin": (1, 0.0),
     "goal": (1, 0.0),
     "route": (1, np.nan),
     "waypoint": (1, 0),
@@ -23,6 +25,8 @@ _AGENTS: Mapping[str, tuple[int, Any]] = {
     "preferred_speed": (1, 1.0),
     "present": (1, False),
     "person": (1, -1),
+    "since": (1, 0),
+    "track": (2, np.nan),
     "group": (1, -1),
     "history": (2, 0.0),
     "policy": (1, 0),
@@ -37,8 +41,21 @@ _PEDESTRIANS: Mapping[str, tuple[int, Any]] = {
     "history": (2, 0.0),
     "observed": (1, 0),
     "age": (1, np.inf),
+    "filled": (2, False),
 }
 """The same for what is observed of pedestrians."""
+
+_SIGHT: Mapping[str, tuple[int, Any]] = {
+    "sent": (2, np.nan),
+    "sender": (2, -1),
+    "person": (1, -1),
+    "state": (1, PADDING),
+    "unseen": (1, -1),
+    "observed": (1, 0),
+    "history": (2, 0.0),
+    "filled": (2, False),
+}
+"""The same for `World.sight`."""
 
 
 def with_more_absent(world: World) -> World:
@@ -48,12 +65,14 @@ def with_more_absent(world: World) -> World:
         for policy, table in world.parameters.items()
     }
     arrays = {name: _longer(getattr(world, name), *entry) for name, entry in _AGENTS.items()}
-    return world.replace(parameters=parameters, **arrays)
+    sight = {name: _longer(array, *_SIGHT[name]) for name, array in world.sight.items()}
+    return world.replace(parameters=parameters, sight=sight, **arrays)
 
 
 def with_more_unseen(obs: Observation) -> Observation:
     """A copy of an observation with more padding."""
-    crowd = {name: _longer(getattr(obs.pedestrians, name), *entry) for name, entry in _PEDESTRIANS.items()}
+    seen = {name: getattr(obs.pedestrians, name) for name in _PEDESTRIANS}
+    crowd = {name: _longer(array, *_PEDESTRIANS[name]) for name, array in seen.items() if array is not None}
     future = None if obs.future is None else _longer(obs.future, 1, 0.0)
     return dataclasses.replace(obs, pedestrians=dataclasses.replace(obs.pedestrians, **crowd), future=future)
 

@@ -29,6 +29,11 @@ from crowdbench.types import Observation
 
 MISSING = "not examined: the planner returned no array of commands"
 
+UNEXAMINED = Point("limited sight", None, "not examined: another point is broken")
+
+LIMITED = 5
+"""The number of cases with limited sight."""
+
 AHEAD = 8
 """Steps that `plan_ahead` is asked for."""
 
@@ -36,7 +41,12 @@ COMMANDS = "commands"
 
 
 def check_planner(
-    make: Callable[[], Planner], name: str, scenario: Scenario, cases: Cases, decision_limit: float
+    make: Callable[[], Planner],
+    name: str,
+    scenario: Scenario,
+    cases: Cases,
+    decision_limit: float,
+    limited: Scenario | None = None,
 ) -> list[Point]:
     """Drive planners through cases and examine each point of the contract by itself.
 
@@ -48,6 +58,8 @@ def check_planner(
         scenario: The scenario of the cases.
         cases: The cases.
         decision_limit: Seconds that the planner may take for a decision, for all worlds together.
+        limited: A scenario in which the vehicle does not see everybody, if planners are to drive through some of its
+            cases too.
 
     Raises:
         InputError: Something other than the planner breaks its contract.
@@ -66,7 +78,7 @@ def check_planner(
     batches = {when: (make, split(len(cases))) for when, split in BATCHES.items()}
     # The same planner, so that what it remembers beyond its `reset` is found too.
     same = {"when it sees the same episodes again": (lambda: witness.planner, [np.arange(len(cases))])}
-    return [
+    points = [
         Point("exceptions", not raised, raised or f"none in {len(witness.calls)} calls"),
         _decision_time(witness, late, decision_limit),
         *_answers(witness),
@@ -74,6 +86,10 @@ def check_planner(
         again.point("batch", batches, NETWORKS),
         *(_plan_ahead(make(), name, scenario, cases, decision_limit) if witness.calls else ()),
     ]
+    if limited is not None:
+        sound = all(point.kept for point in points)
+        points.append(_limited_sight(make(), name, limited, cases, decision_limit) if sound else UNEXAMINED)
+    return points
 
 
 @dataclass(frozen=True)
@@ -175,6 +191,16 @@ def _answers(witness: _Witness) -> Iterator[Point]:
         ("observation", "left unchanged"),
     ):
         yield witness.findings.point(point, kept)
+
+
+def _limited_sight(planner: Planner, name: str, scenario: Scenario, cases: Cases, decision_limit: float) -> Point:
+    """The point of driving without seeing everybody. Arguments as in `check_planner`."""
+    few = Cases(cases.split, cases.start, min(cases.start + LIMITED, cases.stop))
+    try:
+        rollout(Driver(planner, name, decision_limit), scenario, few)
+    except InputError as error:
+        return Point("limited sight", False, str(error))
+    return Point("limited sight", True, f"keeps the contract in {len(few)} cases in which it does not see everybody")
 
 
 def _plan_ahead(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -88,6 +89,13 @@ class ValuePlanner(Planner):
         self.explore = explore
         self.shortlist = shortlist
         self.facts = {"network": value.name, "weights": digest(value), **predictor.facts}
+
+    def unseen(self, scene: str) -> ValuePlanner:
+        """See `Planner`: with the predictor that was not trained on the scene."""
+        made = copy.copy(self)
+        made.predictor = self.predictor.unseen(scene)
+        made.facts = {**self.facts, **made.predictor.facts}
+        return made
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""

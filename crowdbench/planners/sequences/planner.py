@@ -94,6 +94,10 @@ class SequencePlanner(Planner):
         self.horizon = horizon
         self.margin = margin
 
+    def unseen(self, scene: str) -> SequencePlanner:
+        """See `Planner`."""
+        return SequencePlanner(self.lookahead.unseen(scene), self.search, self.horizon, self.margin)
+
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         return self.plan_ahead(obs, 1)[:, 0]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -25,6 +26,9 @@ BEYOND = 4.0
 TRIES = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
 
+_FEW = 16
+"""With fewer points it takes no longer to look at all than into cells."""
+
 Point = tuple[float, float]
 """A point in metres."""
 
@@ -38,6 +42,57 @@ def polygons(*corners: Sequence[Point]) -> Float[np.ndarray, "polygon corner 2"]
     for i, polygon in enumerate(corners):
         array[i, : len(polygon)] = polygon
     return array
+
+
+class Points:
+    """The starts of agents, or their goals, kept in cells, so that looking around one takes no longer among many.
+
+    Args:
+        radius: Radii in metres of all agents.
+    """
+
+    def __init__(self, radius: Sequence[float]) -> None:
+        self.radius = radius
+        self.all: list[Point] = []
+        # Two points that are too close to each other are in the same cell or in two that touch, whatever is rounded.
+        self._side = 1.001 * (2 * max(radius) + CLEARANCE)
+        self._cells: dict[tuple[int, int], list[int]] = {}
+        self._in_cells = 0
+
+    def __len__(self) -> int:
+        return len(self.all)
+
+    def append(self, point: Point) -> None:
+        """Add the point of the next agent, in metres."""
+        self.all.append(point)
+
+    def pop(self) -> None:
+        """Take the last point away."""
+        point = self.all.pop()
+        if self._in_cells > len(self.all):
+            self._in_cells -= 1
+            self._cells[self._cell(*point)].pop()
+
+    def is_clear(self, x: float, y: float, radius: float) -> bool:
+        """Whether a disc of this radius, in metres, keeps `CLEARANCE` from the disc around each of the points."""
+        own = radius + CLEARANCE
+        for i in range(len(self.all)) if len(self.all) < _FEW else self._around(x, y):
+            px, py = self.all[i]
+            if math.hypot(x - px, y - py) < own + self.radius[i]:
+                return False
+        return True
+
+    def _around(self, x: float, y: float) -> Iterator[int]:
+        """Which points are in the cell of a position in metres, and in those that touch it."""
+        for i in range(self._in_cells, len(self.all)):
+            self._cells.setdefault(self._cell(*self.all[i]), []).append(i)
+        self._in_cells = len(self.all)
+        column, row = self._cell(x, y)
+        for near in itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1)):
+            yield from self._cells.get(near, ())
+
+    def _cell(self, x: float, y: float) -> tuple[int, int]:
+        return math.floor(x / self._side), math.floor(y / self._side)
 
 
 class Placed:
@@ -54,8 +109,7 @@ class Placed:
         self.radius: list[float] = radius.tolist()
         self.obstacles = obstacles
         self.walls = None if obstacles is None else shapely.GeometryCollection(list(map(_shape, obstacles)))
-        self.start: list[Point] = []
-        self.goal: list[Point] = []
+        self.start, self.goal = Points(self.radius), Points(self.radius)
 
     def add(self, start: Point, goal: Point) -> None:
         """Place the next agent.
@@ -105,32 +159,26 @@ class Placed:
                     f"pedestrian {len(self.start)} of {len(self.radius) - 1} finds no room on {area} after {TRIES} "
                     f"draws: lower pedestrians.number or raise {key}"
                 )
-        return Placement(start=np.array(self.start), goal=np.array(self.goal), obstacles=self.obstacles)
+        return Placement(start=np.array(self.start.all), goal=np.array(self.goal.all), obstacles=self.obstacles)
 
-    def _drawn(self, rng: np.random.Generator, area: Area, others: list[Point]) -> Point | None:
-        reach = self.radius[len(self.start)] + WALL_CLEARANCE
+    def _drawn(self, rng: np.random.Generator, area: Area, others: Points) -> Point | None:
+        own = self.radius[len(self.start)]
         for _ in range(TRIES):
             x, y = rng.uniform(*area).tolist()
-            is_walled = self.walls is not None and self.walls.dwithin(shapely.Point(x, y), reach)
-            if self._clear(x, y, others) and not is_walled:
+            is_walled = self.walls is not None and self.walls.dwithin(shapely.Point(x, y), own + WALL_CLEARANCE)
+            if others.is_clear(x, y, own) and not is_walled:
                 return x, y
         return None
 
     def start_is_clear(self, x: float, y: float) -> bool:
         """Whether a position in metres is far enough from all starts."""
-        return self._clear(x, y, self.start)
+        return self.start.is_clear(x, y, self.radius[len(self.start)])
 
     def start_is_clear_of_goals(self, x: float, y: float) -> bool:
         """Whether a position in metres is far enough from all goals."""
-        return self._clear(x, y, self.goal)
+        return self.goal.is_clear(x, y, self.radius[len(self.start)])
 
     goal_is_clear = start_is_clear_of_goals
-
-    def _clear(self, x: float, y: float, points: list[Point]) -> bool:
-        own = self.radius[len(self.start)] + CLEARANCE
-        return all(
-            math.hypot(x - px, y - py) >= own + other for (px, py), other in zip(points, self.radius, strict=False)
-        )
 
 
 def _shape(polygon: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:

@@ -60,7 +60,7 @@ def _walk(placed: Placed, rng: np.random.Generator, area: Area, least: float) ->
     for _ in range(100):
         if not placed.draw(rng, area, area):
             return False
-        start, goal = placed.start[-1], placed.goal[-1]
+        start, goal = placed.start.all[-1], placed.goal.all[-1]
         if math.dist(start, goal) >= least:
             return True
         placed.start.pop()

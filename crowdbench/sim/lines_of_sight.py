@@ -1,0 +1,135 @@
+"""Straight lines from the vehicle: whom they show, and where the beams of a lidar end. Compiled.
+
+Obstacles are polygons `[polygon, corner, 2]` in metres, NaN after the last corner, of which only the edges count.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import no_type_check
+
+import numpy as np
+
+from crowdbench.compiled import njit
+from crowdbench.sim.obstacles import number_of_corners
+
+
+@no_type_check
+@njit(error_model="numpy")
+def is_hidden(seen, position, radius, present, obstacles):
+    """Whether walls and other people hide an agent from the vehicle. Compiled.
+
+    It is hidden if none of three points can be seen from the vehicle's position: its centre, and the two ends of its
+    diameter across the line of sight.
+
+    Args:
+        seen (int): Index of the agent.
+        position (array): `[agent, 2]`, the vehicle's first, in metres.
+        radius (array): `[agent]`, in metres.
+        present (array): `[agent]`; agents that are not present hide nobody.
+        obstacles (array): `[polygon, corner, 2]`, in metres.
+
+    Returns:
+        hidden (bool): Whether it is hidden.
+    """
+    x, y = position[0, 0], position[0, 1]
+    dx, dy = position[seen, 0] - x, position[seen, 1] - y
+    distance = math.sqrt(dx * dx + dy * dy)
+    across = radius[seen] / distance if distance > 0.0 else 0.0
+    for side in (0.0, 1.0, -1.0):
+        to_x, to_y = dx - side * across * dy, dy + side * across * dx
+        if not _is_behind_people(to_x, to_y, seen, position, radius, present) and not _is_behind_walls(
+            x, y, to_x, to_y, obstacles
+        ):
+            return False
+    return True
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _is_behind_people(dx, dy, seen, position, radius, present):
+    """Whether a line from the vehicle, which ends at (dx, dy) from it, meets the disc of another agent than `seen`."""
+    squared = dx * dx + dy * dy
+    for a in range(1, len(radius)):
+        if a == seen or not present[a]:
+            continue
+        bx, by = position[a, 0] - position[0, 0], position[a, 1] - position[0, 1]
+        along = bx * dx + by * dy
+        if along <= 0.0:
+            continue
+        share = min(along / squared, 1.0)
+        bx, by = bx - share * dx, by - share * dy
+        if bx * bx + by * by < radius[a] * radius[a]:
+            return True
+    return False
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _is_behind_walls(x, y, dx, dy, obstacles):
+    """Whether a line that starts at (x, y) and ends at (dx, dy) from there crosses an edge."""
+    return obstacles.shape[0] > 0 and _share_to_walls(x, y, dx, dy, obstacles) < 1.0
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _share_to_walls(x, y, dx, dy, obstacles):
+    """The share of a line after which it first meets an edge; 1 if it meets none."""
+    least = 1.0
+    for polygon in obstacles:
+        corners = number_of_corners(polygon)
+        for k in range(corners if corners > 2 else corners - 1):
+            ax, ay = polygon[k, 0] - x, polygon[k, 1] - y
+            ex, ey = polygon[(k + 1) % corners, 0] - x - ax, polygon[(k + 1) % corners, 1] - y - ay
+            turn = dx * ey - dy * ex
+            # An edge along the line would show its end only.
+            if turn == 0.0:
+                continue
+            share, on_edge = (ax * ey - ay * ex) / turn, (ax * dy - ay * dx) / turn
+            if 0.0 <= share < least and 0.0 <= on_edge <= 1.0:
+                least = share
+    return least
+
+
+@no_type_check
+@njit(error_model="numpy")
+def measure_all_beams(heading, position, radius, present, obstacles, reach, distance):
+    """How far the beams of lidars go that stand at the vehicles' positions. Compiled.
+
+    Args:
+        heading (array): `[world]`, direction of the first beam in radians; the others follow counter-clockwise.
+        position (array): `[world, agent, 2]`, in metres.
+        radius (array): `[world, agent]`, in metres.
+        present (array): `[world, agent]`; agents that are not present stop no beam.
+        obstacles (array): `[world, polygon, corner, 2]`, in metres.
+        reach (float): The longest distance in metres.
+        distance (array): `[world, beam]`, filled: to the first person or edge in metres, `reach` without one.
+    """
+    for w in range(len(heading)):
+        _measure_beams(heading[w], position[w], radius[w], present[w], obstacles[w], reach, distance[w])
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _measure_beams(heading, position, radius, present, obstacles, reach, distance):
+    """As `measure_all_beams`, for one world."""
+    x, y = position[0, 0], position[0, 1]
+    near = np.empty(len(radius), np.int64)
+    number = 0
+    for a in range(1, len(radius)):
+        bx, by = position[a, 0] - x, position[a, 1] - y
+        if present[a] and math.sqrt(bx * bx + by * by) - radius[a] < reach:
+            near[number] = a
+            number += 1
+    for k in range(len(distance)):
+        angle = heading + 2.0 * math.pi * k / len(distance)
+        ux, uy = math.cos(angle), math.sin(angle)
+        least = reach * _share_to_walls(x, y, reach * ux, reach * uy, obstacles)
+        for i in range(number):
+            a = near[i]
+            bx, by = position[a, 0] - x, position[a, 1] - y
+            along, aside = bx * ux + by * uy, bx * uy - by * ux
+            root = radius[a] * radius[a] - aside * aside
+            if root > 0.0 and along + math.sqrt(root) > 0.0:  # not behind
+                least = min(least, max(along - math.sqrt(root), 0.0))
+        distance[k] = least

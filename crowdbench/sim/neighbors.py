@@ -1,0 +1,306 @@
+"""The neighbours of an agent: the nearest others within its reach, among all or from cells. Compiled.
+
+Both searches find the same neighbours in the same order: by distance, and where distances are equal by index.
+
+The cells are squares of a grid, as the cell lists of molecular dynamics. An agent looks through the square of cells
+around it, ring by ring, until the others are too far away.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.compiled import njit, prange
+from crowdbench.sim.kernels import at, serial_and_parallel
+from crowdbench.sim.obstacles import wall_gap_in_step
+
+CELLS_FROM = 128
+"""Worlds with at least this many agents get cells. In smaller ones it takes no longer to look at all."""
+
+_PER_CELL = 2.0
+"""Agents of a cell, on average. With 5 the search takes a tenth longer, with 1 as long."""
+
+_SPREAD = 1.8
+"""Half the length of the grid in standard deviations of the positions: a little more than that of agents that are
+evenly spread. Who is farther away is counted to the cell at the border, so that a few cannot make the cells large."""
+
+_SLACK = 1e-6
+"""What a cell may be larger than it is, in its lengths, because of rounding."""
+
+_NONE = -1
+"""Number of columns of a world without cells."""
+
+
+class Cells(NamedTuple):
+    """The cells of worlds, as `nearest_in_cells` takes them.
+
+    Attributes:
+        corner: The lowest corner of the grid in metres.
+        length: Length of a cell's side in metres.
+        size: Columns and rows of the grid; negative where the world has no cells, because nobody is seen or a position
+            is not finite.
+        first: Where each cell begins in `member`; cells are counted by rows.
+        member: Indices of the agents, by cells.
+        place: Positions of these agents in metres.
+    """
+
+    corner: Float[np.ndarray, "world 2"]
+    length: Float[np.ndarray, "world"]
+    size: Int[np.ndarray, "world 2"]
+    first: Int[np.ndarray, "world cell"]
+    member: Int[np.ndarray, "world agent"]
+    place: Float[np.ndarray, "world agent 2"]
+
+
+def _cells(worlds: int, agents: int) -> Cells:
+    """Arrays for the cells of so many worlds."""
+    return Cells(
+        np.empty((worlds, 2)),
+        np.empty(worlds),
+        np.empty((worlds, 2), np.int64),
+        np.empty((worlds, agents + 2 if agents else 0), np.int64),
+        np.empty((worlds, agents), np.int64),
+        np.empty((worlds, agents, 2)),
+    )
+
+
+def cells_of(position: Float[np.ndarray, "world agent 2"], seen: Bool[np.ndarray, "_ _"]) -> Cells | None:
+    """Put the agents of worlds into cells.
+
+    Args:
+        position: In metres.
+        seen: Whether each agent can be a neighbour, read by `at`.
+
+    Returns:
+        The cells; None for worlds with less than `CELLS_FROM` agents.
+    """
+    worlds, agents = position.shape[:2]
+    if agents < CELLS_FROM:
+        return None
+    made = _cells(worlds, agents)
+    fill = _fill_parallel if worlds > 1 else _fill_serial
+    fill(position, seen, *made)
+    return made
+
+
+@no_type_check
+def _fill(position, seen, corner, length, size, first, member, place):
+    """Fill the arrays of `Cells`, see `cells_of`."""
+    worlds, agents = position.shape[:2]
+    for w in prange(worlds):
+        n, columns, rows = _lay(w, position, seen, corner, length)
+        size[w, 0], size[w, 1] = columns, rows
+        if columns == _NONE:
+            continue
+        for cell in range(columns * rows + 1):
+            first[w, cell] = 0
+        own = np.empty(agents, np.int64)
+        for j in range(agents):
+            if at(seen, w, j):
+                column = _index(position[w, j, 0] - corner[w, 0], length[w], columns)
+                row = _index(position[w, j, 1] - corner[w, 1], length[w], rows)
+                own[j] = row * columns + column
+                first[w, own[j] + 1] += 1
+        for cell in range(columns * rows):
+            first[w, cell + 1] += first[w, cell]
+        # Backwards, so that each cell's beginning ends up as its end did before, and its agents are in their order.
+        for k in range(agents):
+            j = agents - 1 - k
+            if at(seen, w, j):
+                first[w, own[j] + 1] -= 1
+                slot = first[w, own[j] + 1]
+                member[w, slot], place[w, slot, 0], place[w, slot, 1] = j, position[w, j, 0], position[w, j, 1]
+        for cell in range(columns * rows):
+            first[w, cell] = first[w, cell + 1]
+        first[w, columns * rows] = n
+
+
+_fill_serial, _fill_parallel = serial_and_parallel(_fill)
+
+
+@no_type_check
+@njit
+def _lay(w, position, seen, corner, length):
+    """Lay the grid of world w over those that are seen.
+
+    Args:
+        w: Index of the world.
+        position: `[world, agent, 2]`, in metres.
+        seen: Whether each agent is seen, read by `at`.
+        corner: `[world, 2]`, of which row w is filled, in metres.
+        length: `[world]`, of which element w is filled, in metres.
+
+    Returns:
+        The number of those who are seen, and of columns and rows; `_NONE` where there is no grid because nobody is
+        seen, or a position is not finite.
+    """
+    n = 0
+    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
+    sum_x, sum_y, square_x, square_y, x0, y0 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(position.shape[1]):
+        if at(seen, w, j):
+            if n == 0:
+                x0, y0 = position[w, j, 0], position[w, j, 1]
+            x, y = position[w, j, 0] - x0, position[w, j, 1] - y0
+            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
+            sum_x, sum_y, square_x, square_y = sum_x + x, sum_y + y, square_x + x * x, square_y + y * y
+            n += 1
+    if n == 0 or not math.isfinite(square_x + square_y):
+        return n, _NONE, _NONE
+    middle_x, middle_y = sum_x / n, sum_y / n
+    half_x = _SPREAD * math.sqrt(max(square_x / n - middle_x * middle_x, 0.0))
+    half_y = _SPREAD * math.sqrt(max(square_y / n - middle_y * middle_y, 0.0))
+    low_x, high_x = max(low_x, middle_x - half_x), min(high_x, middle_x + half_x)
+    low_y, high_y = max(low_y, middle_y - half_y), min(high_y, middle_y + half_y)
+    width, height = max(high_x - low_x, 0.0), max(high_y - low_y, 0.0)
+    side = max(math.sqrt(width * height * _PER_CELL / n), max(width, height) * _PER_CELL / n)
+    if not side > 0.0:
+        side = 1.0
+    columns, rows = int(width / side) + 1, int(height / side) + 1
+    while columns * rows > position.shape[1]:
+        side *= 1.5
+        columns, rows = int(width / side) + 1, int(height / side) + 1
+    corner[w, 0], corner[w, 1], length[w] = x0 + low_x, y0 + low_y, side
+    return n, columns, rows
+
+
+@no_type_check
+@njit(error_model="numpy", inline="always")
+def _index(way, length, number):
+    """Index of the column or the row at a distance from the grid's corner, the nearest one beyond the border.
+
+    Args:
+        way: The distance in metres.
+        length: Length of a cell's side in metres.
+        number: Number of columns or rows.
+    """
+    return np.int64(min(max(way / length, 0.0), number - 1.0))
+
+
+@no_type_check
+@njit(error_model="numpy")
+def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neighbor, distance):
+    """Find the neighbours of an agent from cells.
+
+    Args:
+        w (int): Index of the world.
+        i (int): Index of the agent.
+        position (array): `[world, agent, 2]`, in metres.
+        cells (tuple): The `Cells`.
+        reach (float): Neighbours are nearer than this, in metres.
+        limit (int): Largest number of neighbours.
+        hides (bool): Whether obstacles hide others.
+        polygons (array): `[polygon, corner, 2]`, the obstacles in metres.
+        neighbor (array): `[agent]`, filled: indices of the neighbours, nearest first.
+        distance (array): `[agent]`, filled: squared distances in square metres.
+
+    Returns:
+        n (int): The number of neighbours.
+    """
+    n = 0
+    if limit == 0:
+        return n
+    corner, length, size, first, member, place = cells
+    # The one that is the first too far away to be a neighbour: among those that are equally far, by its index.
+    farthest, last = reach * reach, -1
+    x, y, side, columns, rows = position[w, i, 0], position[w, i, 1], length[w], size[w, 0], size[w, 1]
+    to_x, to_y = x - corner[w, 0], y - corner[w, 1]
+    column, row = _index(to_x, side, columns), _index(to_y, side, rows)
+    ring = 1
+    while True:
+        left, right = max(column - ring, 0), min(column + ring, columns - 1)
+        bottom, top = max(row - ring, 0), min(row + ring, rows - 1)
+        for r in range(bottom, top + 1):
+            # The cells of a row follow each other. Of the inner rows, all but the two outermost cells are done.
+            whole = ring == 1 or r == row - ring or r == row + ring
+            for part in range(1 if whole else 2):
+                begin, end = left, right
+                if not whole:
+                    if part == 0:
+                        begin, end = column - ring, column - ring
+                    else:
+                        begin, end = column + ring, column + ring
+                    if begin < 0 or end >= columns:
+                        continue
+                for s in range(first[w, r * columns + begin], first[w, r * columns + end + 1]):
+                    dx, dy = place[w, s, 0] - x, place[w, s, 1] - y
+                    squared = dx * dx + dy * dy
+                    if squared > farthest:
+                        continue
+                    j = member[w, s]
+                    if j == i or (squared == farthest and j > last):
+                        continue
+                    if hides and wall_gap_in_step(x, y, dx, dy, 0.0, polygons) <= 0.0:
+                        continue
+                    slot = n if n < limit else n - 1
+                    while slot > 0 and (
+                        squared < distance[slot - 1] or (squared == distance[slot - 1] and j < neighbor[slot - 1])
+                    ):
+                        neighbor[slot], distance[slot] = neighbor[slot - 1], distance[slot - 1]
+                        slot -= 1
+                    neighbor[slot], distance[slot] = j, squared
+                    if n < limit:
+                        n += 1
+                    if n == limit:
+                        farthest, last = distance[n - 1], neighbor[n - 1]
+        # How far away the nearest cells are that are left, on each of the four sides where there are some.
+        away = np.inf
+        if left > 0:
+            away = min(away, to_x - left * side)
+        if right < columns - 1:
+            away = min(away, (right + 1) * side - to_x)
+        if bottom > 0:
+            away = min(away, to_y - bottom * side)
+        if top < rows - 1:
+            away = min(away, (top + 1) * side - to_y)
+        away -= _SLACK * side
+        if away == np.inf or (away > 0.0 and away * away > farthest):
+            return n
+        ring += 1
+
+
+@no_type_check
+@njit(error_model="numpy", inline="always")
+def nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance):
+    """Find the neighbours of an agent among all others.
+
+    Args:
+        w (int): Index of the world.
+        i (int): Index of the agent.
+        position (array): `[world, agent, 2]`, in metres.
+        seen (array): Whether each agent can be a neighbour, read by `at`.
+        reach (float): Neighbours are nearer than this, in metres.
+        limit (int): Largest number of neighbours.
+        hides (bool): Whether obstacles hide others.
+        polygons (array): `[polygon, corner, 2]`, the obstacles in metres.
+        neighbor (array): `[agent]`, filled: indices of the neighbours, nearest first.
+        distance (array): `[agent]`, filled: squared distances in square metres.
+
+    Returns:
+        n (int): The number of neighbours.
+    """
+    n = 0
+    reach_squared = reach * reach
+    for j in range(position.shape[1]):
+        if j == i or not at(seen, w, j):
+            continue
+        dx, dy = position[w, j, 0] - position[w, i, 0], position[w, j, 1] - position[w, i, 1]
+        squared = dx * dx + dy * dy
+        if squared >= reach_squared or limit == 0:
+            continue
+        if hides and wall_gap_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons) <= 0.0:
+            continue
+        slot = n if n < limit else n - 1
+        while slot > 0 and squared < distance[slot - 1]:
+            neighbor[slot], distance[slot] = neighbor[slot - 1], distance[slot - 1]
+            slot -= 1
+        neighbor[slot], distance[slot] = j, squared
+        if n < limit:
+            n += 1
+        if n == limit:
+            reach_squared = distance[n - 1]
+    return n

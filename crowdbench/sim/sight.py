@@ -1,0 +1,255 @@
+"""What a vehicle with limited sight has seen of the pedestrians, step by step: measurements, and tracks made of them.
+
+`World.sight` has these arrays; a measurement is x, y, vx, vy and radius of a pedestrian.
+
+- `sent` `[world, delay, pedestrian, 5]`: measurements on their way, the oldest first, NaN where there is none; `sender`
+  `[world, delay, pedestrian]`: the person in each place then, -1 where there was none.
+- `person` `[world, pedestrian]`: the person whose track it is, -1 before the first one.
+- `state` `[world, pedestrian, 5]`: the last measurement, moved on at constant velocity since; padding where the
+  pedestrian is neither seen nor remembered.
+- `unseen` `[world, pedestrian]`: steps since the last measurement; -1 where it is neither seen nor remembered.
+- `observed` `[world, pedestrian]`, `history` `[world, time, pedestrian, 2]` and `filled` `[world, time, pedestrian]` as
+  in `crowdbench.types.Pedestrians`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.compiled import njit
+from crowdbench.rng import four_normal, purpose_bits, uniform
+from crowdbench.sim.lines_of_sight import is_hidden
+from crowdbench.types import HISTORY, World
+
+PADDING = (0.0, 0.0, 0.0, 0.0, 1.0)
+"""The state of a pedestrian that is not seen."""
+
+TRACKS = ("person", "state", "unseen", "observed", "history", "filled")
+"""The arrays of the tracks, in the order in which `_track` takes them."""
+
+_NOISE, _MISSED = purpose_bits("sensor"), purpose_bits("missed detections")
+
+
+def look(world: World) -> World:
+    """Let the vehicles look around, once in each step.
+
+    Noise and missed detections follow from case, step and person. They are drawn from the key of the case, which
+    planners do not see.
+
+    Args:
+        world: The worlds as they are now; with the `sight` of the step before, or empty at the start.
+
+    Returns:
+        The worlds with their new `sight`. Worlds whose vehicles see everybody exactly and at once stay as they are.
+    """
+    if world.rules.sensor.sees_all:
+        return world
+    sensor, before = world.rules.sensor, world.sight or _nothing(world)
+    measured = _measured(world)
+    sender = np.where(world.present[:, 1:], world.person, -1)
+    sent = {}
+    if sensor.delay:
+        sent["sent"] = np.concatenate([before["sent"][:, 1:], measured[:, None]], axis=1)
+        sent["sender"] = np.concatenate([before["sender"][:, 1:], sender[:, None]], axis=1)
+        measured, sender = (np.ascontiguousarray(before[name][:, 0]) for name in ("sent", "sender"))
+    tracks = {name: before[name] for name in TRACKS}
+    after = {name: np.empty_like(track) for name, track in tracks.items()}
+    dt = world.rules.dt
+    _track(measured, sender, dt, sensor.steps_remembered(dt), *tracks.values(), *after.values())
+    return world.replace(sight=sent | after)
+
+
+def _nothing(world: World) -> dict[str, np.ndarray]:
+    """The sight of vehicles that have never looked."""
+    worlds, pedestrians = world.person.shape
+    delay = world.rules.sensor.delay
+    return {
+        "sent": np.full((worlds, delay, pedestrians, 5), np.nan),
+        "sender": np.full((worlds, delay, pedestrians), -1),
+        "person": np.full((worlds, pedestrians), -1),
+        "state": np.tile(PADDING, (worlds, pedestrians, 1)),
+        "unseen": np.full((worlds, pedestrians), -1),
+        "observed": np.zeros((worlds, pedestrians), np.int64),
+        "history": np.zeros((worlds, HISTORY, pedestrians, 2)),
+        "filled": np.zeros((worlds, HISTORY, pedestrians), bool),
+    }
+
+
+def _measured(world: World) -> Float[np.ndarray, "world pedestrian 5"]:
+    """What is measured of each pedestrian now, NaN of those that are not detected."""
+    sensor = world.rules.sensor
+    measured = np.full((*world.person.shape, 5), np.nan)
+    _measure(
+        np.inf if sensor.range is None else sensor.range,
+        -2.0 if sensor.field_of_view >= 360.0 else math.cos(math.radians(sensor.field_of_view / 2.0)),
+        sensor.occlusion,
+        sensor.noise.position,
+        sensor.noise.velocity,
+        sensor.missed,
+        world.key,
+        world.step,
+        world.position,
+        world.velocity,
+        world.heading,
+        world.radius,
+        world.present,
+        world.person,
+        world.obstacles,
+        measured,
+    )
+    return measured
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _measure(
+    reach,
+    least_cosine,
+    occlusion,
+    position_noise,
+    velocity_noise,
+    missed,
+    key,
+    step,
+    position,
+    velocity,
+    heading,
+    radius,
+    present,
+    person,
+    obstacles,
+    measured,
+):
+    """Measure whoever can be seen and is not missed.
+
+    Args:
+        reach: Largest distance in metres between the rims of the vehicle and of a person that is seen.
+        least_cosine: Smallest cosine of the angle between the heading and a person that is seen.
+        occlusion: Whether walls and other people hide persons.
+        position_noise: Standard deviation in metres.
+        velocity_noise: Standard deviation in m/s.
+        missed: Probability that a person is not detected.
+        key: `[world]`, the key of the case.
+        step: `[world]`, steps done so far.
+        position: `[world, agent, 2]`, in metres.
+        velocity: `[world, agent, 2]`, in m/s.
+        heading: `[world]`, in radians.
+        radius: `[world, agent]`, in metres.
+        present: `[world, agent]`.
+        person: `[world, pedestrian]`, the number of each pedestrian as a person.
+        obstacles: `[world, polygon, corner, 2]`, in metres.
+        measured: `[world, pedestrian, 5]`, filled with measurements.
+    """
+    for w in range(len(key)):
+        for p in range(person.shape[1]):
+            a = p + 1
+            if not present[w, a]:
+                continue
+            dx, dy = position[w, a, 0] - position[w, 0, 0], position[w, a, 1] - position[w, 0, 1]
+            distance = math.sqrt(dx * dx + dy * dy)
+            if distance - radius[w, 0] - radius[w, a] > reach:
+                continue
+            if dx * math.cos(heading[w]) + dy * math.sin(heading[w]) < least_cosine * distance:
+                continue
+            if occlusion and is_hidden(a, position[w], radius[w], present[w], obstacles[w]):
+                continue
+            if missed > 0.0 and uniform(person[w, p], step[w], key[w], _MISSED) < missed:
+                continue
+            row = measured[w, p]
+            row[0], row[1] = position[w, a, 0], position[w, a, 1]
+            row[2], row[3], row[4] = velocity[w, a, 0], velocity[w, a, 1], radius[w, a]
+            if position_noise > 0.0 or velocity_noise > 0.0:
+                noise = four_normal(0, person[w, p], step[w], np.uint64(0), key[w], _NOISE)
+                row[0], row[1] = row[0] + position_noise * noise[0], row[1] + position_noise * noise[1]
+                row[2], row[3] = row[2] + velocity_noise * noise[2], row[3] + velocity_noise * noise[3]
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _track(
+    measured,
+    sender,
+    dt,
+    remembered,
+    person,
+    state,
+    unseen,
+    observed,
+    history,
+    filled,
+    new_person,
+    new_state,
+    new_unseen,
+    new_observed,
+    new_history,
+    new_filled,
+):
+    """Continue the tracks by the measurements that arrive in a step.
+
+    A measured person after a gap has the gap in its history filled on the line from its last measured position. Another
+    person in the same place has a track of its own.
+
+    Args:
+        measured: `[world, pedestrian, 5]`, NaN where none arrives.
+        sender: `[world, pedestrian]`, the person in each place when it was measured, -1 where there was none.
+        dt: Length of a step in seconds.
+        remembered: For how many steps a person is remembered.
+        person: `[world, pedestrian]`; this and the following are the arrays of `World.sight` before the step.
+        state: `[world, pedestrian, 5]`.
+        unseen: `[world, pedestrian]`.
+        observed: `[world, pedestrian]`.
+        history: `[world, time, pedestrian, 2]`.
+        filled: `[world, time, pedestrian]`.
+        new_person: Filled, like `person`, and so are the others.
+        new_state: Filled.
+        new_unseen: Filled.
+        new_observed: Filled.
+        new_history: Filled.
+        new_filled: Filled.
+    """
+    worlds, length, pedestrians, _ = history.shape
+    for w in range(worlds):
+        for p in range(pedestrians):
+            new_person[w, p] = person[w, p] if sender[w, p] < 0 else sender[w, p]
+            gap = unseen[w, p] if new_person[w, p] == person[w, p] else -1
+            is_measured = not math.isnan(measured[w, p, 0])
+            if not is_measured and (gap < 0 or gap >= remembered):
+                _forget(w, p, new_state, new_unseen, new_observed, new_history, new_filled)
+                continue
+            for t in range(length - 1):
+                new_history[w, t, p, 0], new_history[w, t, p, 1] = history[w, t + 1, p, 0], history[w, t + 1, p, 1]
+                new_filled[w, t, p] = filled[w, t + 1, p]
+            new_state[w, p] = measured[w, p] if is_measured else state[w, p]
+            if not is_measured:
+                new_state[w, p, 0] += state[w, p, 2] * dt
+                new_state[w, p, 1] += state[w, p, 3] * dt
+            new_unseen[w, p] = 0 if is_measured else gap + 1
+            new_observed[w, p] = 1 if gap < 0 else min(observed[w, p] + 1, length)
+            new_filled[w, length - 1, p] = not is_measured
+            x, y = new_state[w, p, 0], new_state[w, p, 1]
+            new_history[w, length - 1, p, 0], new_history[w, length - 1, p, 1] = x, y
+            if gap < 0:
+                for t in range(length - 1):
+                    new_history[w, t, p, 0], new_history[w, t, p, 1] = x, y
+                    new_filled[w, t, p] = False
+            elif is_measured:
+                last_x, last_y = state[w, p, 0] - gap * state[w, p, 2] * dt, state[w, p, 1] - gap * state[w, p, 3] * dt
+                for back in range(1, min(gap, length - 1) + 1):
+                    share = back / (gap + 1)
+                    new_history[w, length - 1 - back, p, 0] = x + share * (last_x - x)
+                    new_history[w, length - 1 - back, p, 1] = y + share * (last_y - y)
+
+
+@no_type_check
+@njit
+def _forget(w, p, state, unseen, observed, history, filled):
+    """Make a pedestrian one that is not seen, in the arrays of `_track`."""
+    for k in range(5):
+        state[w, p, k] = PADDING[k]
+    unseen[w, p], observed[w, p] = -1, 0
+    for t in range(history.shape[1]):
+        history[w, t, p, 0], history[w, t, p, 1], filled[w, t, p] = 0.0, 0.0, False

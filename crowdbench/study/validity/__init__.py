@@ -1,0 +1,1 @@
+"""Validity of pedestrian policies: what crowds that they move do, beside what is published about pedestrians."""
