@@ -7,8 +7,8 @@ import pytest
 from helpers import world
 from pettingzoo.utils import parallel_to_aec
 
-from crowdbench.catalog import SCENARIOS as FOLDER
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import SCENARIOS as SCENARIOS_FOLDER
+from crowdbench.catalog import load_scenario, simulated_scenarios
 from crowdbench.envs import spaces
 from crowdbench.envs.observations import flatten, flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
@@ -24,7 +24,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test
 
-SCENARIOS = sorted(path.stem for path in FOLDER.glob("*.toml"))
+SCENARIOS = sorted(simulated_scenarios())
 STILL = np.zeros(2)
 
 
@@ -264,7 +264,7 @@ def test_a_vehicle_may_be_alone():
 
 
 def test_a_scenario_may_be_a_path_a_name_or_itself(tmp_path):
-    source = FOLDER / "circle_crossing_5.toml"
+    source = SCENARIOS_FOLDER / "circle_crossing_5.toml"
     path = tmp_path / "mine.toml"
     path.write_text(source.read_text())
     scenario = load_scenario("circle_crossing_5")
