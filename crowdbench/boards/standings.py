@@ -185,10 +185,10 @@ def _standing(board: Board, entry: Entry, season: str) -> Standing:
         for metric in SHOWN
     }
     scenarios = {each.name: _estimates(runs / each.name) if each.name in there else {} for each in board.scenarios}
-    flags = _flags(board, columns)
+    figures = {metric: over_board(board, [each.get(metric) for each in scenarios.values()]) for metric in SHOWN}
+    flags = _flags(board, figures["intimate_zone"].mean, columns["jerk"])
     bad = [] if board.spec.ranks_flagged else flags
     reason = _unranked(entry) or _unverified(entry, board, verified) or ", ".join(bad)
-    figures = {metric: over_board(board, [each.get(metric) for each in scenarios.values()]) for metric in SHOWN}
     return Standing(entry, verified, columns, scenarios, figures, flags, reason)
 
 
@@ -254,12 +254,17 @@ def over_board(board: Board, each: Sequence[Estimate | None]) -> Estimate:
     )
 
 
-def _flags(board: Board, columns: Columns) -> list[str]:
-    """What is beyond the bounds of a board."""
+def _flags(board: Board, intimate_zone: float, jerk: Shaped[np.ndarray, "scenario case"]) -> list[str]:
+    """What is beyond the bounds of a board.
+
+    Args:
+        board: The board.
+        intimate_zone: The share of time within the intimate zone, as the board shows it.
+        jerk: The jerk in every case, in m/s^3.
+    """
     bounds = board.spec.flags
-    near = float(np.nanmean(columns["intimate_zone"])) if not np.isnan(columns["intimate_zone"]).all() else 0.0
-    jerk = float(np.nanpercentile(columns["jerk"], 95)) if not np.isnan(columns["jerk"]).all() else 0.0
-    beyond = {"intrusive": near > bounds.intimate_zone, "jerky": jerk > bounds.jerk}
+    highest = float(np.nanpercentile(jerk, 95)) if not np.isnan(jerk).all() else 0.0
+    beyond = {"intrusive": intimate_zone > bounds.intimate_zone, "jerky": highest > bounds.jerk}
     return [flag for flag, is_beyond in beyond.items() if is_beyond]
 
 
