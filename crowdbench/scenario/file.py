@@ -195,7 +195,9 @@ def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: 
 
 
 def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules:
-    """The rules of a scenario. Raises InputError where keys of its vehicle contradict each other."""
+    """The rules of a scenario. Raises InputError where keys of its vehicle contradict each other or the crowd's."""
+    if top.pedestrians.sees_vehicle < 1.0 and not vehicle.visible:
+        raise location.at("visible").wrong("false", "true where the key pedestrians.sees_vehicle says how many see it")
     limits = {key: value for key, value in vehicle.complete().items() if key not in VehicleSpec.model_fields}
     with location.named():
         dynamics = DYNAMICS[vehicle.dynamics](**{key: value for key, value in limits.items() if value is not None})
@@ -207,6 +209,7 @@ def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules
         time_limit=top.time_limit,
         collision=top.collision,
         visible=vehicle.visible,
+        sees_vehicle=top.pedestrians.sees_vehicle,
         dynamics=dynamics,
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),

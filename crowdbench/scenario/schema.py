@@ -181,7 +181,8 @@ class GoalChangeSpec(TomlTable):
 class PedestriansSpec(TomlTable, extra="allow"):
     """`[pedestrians]`, with a table for each policy besides; see `pedestrians_spec`.
 
-    `number` is the least and the largest number of pedestrians, `policy` the share of each policy.
+    `number` is the least and the largest number of pedestrians, `policy` the share of each policy, `sees_vehicle` the
+    share of those who see a visible vehicle.
     """
 
     number: Annotated[
@@ -207,6 +208,7 @@ class PedestriansSpec(TomlTable, extra="allow"):
         default=None,
         description=f"the shares of groups by their size, from 1 to {LARGEST}, such as {{ 1 = 0.4, 2 = 0.4, 3 = 0.2 }}",
     )
+    sees_vehicle: float = Field(default=1.0, ge=0, le=1, description="a share from 0 to 1")
     arrival: str = choice(ARRIVALS, default="walk_on")
     goal_change: GoalChangeSpec | None = Field(
         default=None, description="a table with the keys of { period = 5.0, chance = 0.5 }"

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench import rng
 from crowdbench.compiled import njit
 from crowdbench.dynamics import DISC, SPEED_TOLERANCE, hull
 from crowdbench.dynamics.motion import drive
@@ -18,13 +19,17 @@ from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians import Memory, PedestrianPolicy, PolicyWithMemory
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.sim.sight import look
-from crowdbench.types import Outcome, World
+from crowdbench.types import Outcome, Rules, World
 
 Renewal = Callable[[World, Bool[np.ndarray, "world"]], World]
 """What becomes of people after a step, as a function of the worlds and of whether each is still running.
 
 See `crowdbench.scenario.renewal`.
 """
+
+
+BLIND = "without the vehicle"
+"""Where a world's memory holds what policies remember of a crowd in which nobody sees the vehicle."""
 
 
 def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:
@@ -38,7 +43,8 @@ def crowd_decisions(
     """What the pedestrians' policies decide: the velocities that they ask for, and what they remember.
 
     Policies are asked only here, in a world in which an invisible vehicle is not `present`. There a visible one is the
-    smallest disc around its body.
+    smallest disc around its body. Where only some pedestrians see it, policies are asked once with the vehicle and once
+    without, and remember both by themselves.
 
     Args:
         world: The worlds as they are now.
@@ -51,11 +57,34 @@ def crowd_decisions(
     Raises:
         InputError: A policy raises an exception, does not return a finite velocity per pedestrian, or no memory.
     """
-    shown = _shown(world)
+    velocity, memories = _decided(_shown(world), policies)
+    if _differ_in_sight(world.rules):
+        blind = world.replace(memory=world.memory[BLIND])
+        other, forgetful = _decided(_without_vehicle(blind), policies)
+        velocity = np.where(sees_vehicle(world)[:, :, None], velocity, other)
+        memories = {**memories, BLIND: {**blind.memory, **forgetful}}
+    return velocity, world.replace(memory={**world.memory, **memories}) if memories else world
+
+
+def sees_vehicle(world: World) -> Bool[np.ndarray, "world pedestrian"]:
+    """Who sees a vehicle that only a share of the pedestrians sees: the same people throughout a case."""
+    draws = rng.uniforms(world.key, "sees_vehicle", np.zeros_like(world.step), world.person)
+    return draws < world.rules.sees_vehicle
+
+
+def _differ_in_sight(rules: Rules) -> bool:
+    """Whether some pedestrians see the vehicle and others do not."""
+    return rules.visible and rules.sees_vehicle < 1.0
+
+
+def _decided(
+    shown: World, policies: Mapping[str, PedestrianPolicy]
+) -> tuple[Float[np.ndarray, "world pedestrian 2"], dict[str, Memory]]:
+    """The velocities in m/s that policies ask for, each pedestrian's own, and by policy what they remember."""
     memories: dict[str, Memory] = {}
     found = [_asked(shown, name, policy, memories) for name, policy in policies.items()]
-    velocity = found[0] if len(found) == 1 else np.choose(world.policy[:, :, None], found)
-    return velocity, world.replace(memory={**world.memory, **memories}) if memories else world
+    velocity = found[0] if len(found) == 1 else np.choose(shown.policy[:, :, None], found)
+    return velocity, memories
 
 
 def with_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> World:
@@ -68,12 +97,16 @@ def with_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> Wor
     Raises:
         InputError: A policy raises an exception, or returns no memory.
     """
+    memories = _started(_shown(world), policies)
+    if _differ_in_sight(world.rules):
+        memories = {**memories, BLIND: {**world.memory, **_started(_without_vehicle(world), policies)}}
+    return world.replace(memory={**world.memory, **memories}) if memories else world
+
+
+def _started(shown: World, policies: Mapping[str, PedestrianPolicy]) -> dict[str, Memory]:
+    """By policy, what those with a memory remember at the start."""
     remembering = {name: each for name, each in policies.items() if isinstance(each, PolicyWithMemory)}
-    if not remembering:
-        return world
-    shown = _shown(world)
-    memories = {name: started(policy, name, shown) for name, policy in remembering.items()}
-    return world.replace(memory={**world.memory, **memories})
+    return {name: started(policy, name, shown) for name, policy in remembering.items()}
 
 
 def _shown(world: World) -> World:

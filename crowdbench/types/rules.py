@@ -56,6 +56,7 @@ class Rules:
             collision test alone, with its velocity before the step), or `crowdnav_plus` (positions before the step,
             for collision and arrival).
         visible: Whether pedestrians see the vehicle.
+        sees_vehicle: Of a visible vehicle, the share of the pedestrians who see it.
         dynamics: How the vehicle moves.
         goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None stands for its radius.
         body: The discs that the vehicle consists of.
@@ -69,6 +70,7 @@ class Rules:
     time_limit: float = 25.0
     collision: str = "swept"
     visible: bool = False
+    sees_vehicle: float = 1.0
     dynamics: Dynamics = FREE
     goal_tolerance: float | None = None
     body: Body = DISC
@@ -97,7 +99,7 @@ class Rules:
     def to_table(self) -> dict[str, Any]:
         """The rules as JSON has them. Of the vehicle, it has what differs from a holonomic disc with perfect sight."""
         table = dataclasses.asdict(self)
-        for field in ("dynamics", "goal_tolerance", "body", "sensor"):
+        for field in ("sees_vehicle", "dynamics", "goal_tolerance", "body", "sensor"):
             if getattr(self, field) == getattr(Rules, field):
                 del table[field]
         if "dynamics" in table:
