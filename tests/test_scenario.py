@@ -137,11 +137,13 @@ def test_a_default_that_is_written_out_changes_no_digest(key):
 
 
 def test_every_other_value_than_a_default_has_a_digest_of_its_own():
-    # A length belongs to vehicles on wheels.
-    changes = [{}, *({key: other(key)} for key in DEFAULTS if key != "vehicle.length")]
+    # A length belongs to vehicles on wheels, and a share of those who see the vehicle to a visible one.
+    elsewhere = {"vehicle.length", "pedestrians.sees_vehicle"}
+    changes = [{}, *({key: other(key)} for key in DEFAULTS if key not in elsewhere)]
     changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
-    assert len(changes) == 41
+    changes.append({"vehicle.visible": True, "pedestrians.sees_vehicle": 0.5})
+    assert len(changes) == 42
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 
