@@ -44,6 +44,7 @@ def arrivals(trace):
     return (norm(trace.position - trace.goal) < trace.radius)[:, :, 1:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arrival", ARRIVALS)
 def test_a_case_is_the_same_alone_and_in_a_batch(arrival):
     together = restless(arrival, scenario="circle_crossing_mixed", pedestrians__goal_change=MINDS)
@@ -138,6 +139,7 @@ def test_somebody_new_has_no_past():
     assert came > 20
 
 
+@pytest.mark.slow
 def test_goals_change_at_multiples_of_the_period_by_chance():
     trace = restless("walk_on", "60", pedestrians__goal_change={"period": 2.0, "chance": 0.5}, time_limit=6.5)
     changed = (np.diff(trace.goal[:, :, 1:], axis=1) != 0.0).any(axis=3)

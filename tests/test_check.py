@@ -217,6 +217,7 @@ class Always(Planner):
         return self.answer(obs)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_examined_is_said():
     after_shape = {"finite", "speed", "deterministic", "batch"}
     points = examined(lambda: Always(lambda obs: np.zeros(len(obs))))

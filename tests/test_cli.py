@@ -146,6 +146,7 @@ def planner():
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_replans_seldom_says_so_everywhere(tmp_path):
     (tmp_path / "mine.py").write_text(AHEAD_PLANNER)
     arguments = ["run", "--planner", "./mine.py", "--cases", "3", "--record", "none"]
@@ -299,6 +300,7 @@ def test_the_weights_that_come_along_are_listed():
         assert f"\n{network} " in listed
 
 
+@pytest.mark.slow
 def test_one_thread_is_one_thread_for_simulator_and_networks():
     code = (
         "import crowdbench.cli.options as options; options.use_threads(1); import numba, torch\n"

@@ -80,6 +80,7 @@ def run(code, folder):
     return subprocess.check_output(command, env=variables, cwd=folder, text=True).split()
 
 
+@pytest.mark.slow
 def test_an_edit_acts_at_once_in_functions_of_other_files(tmp_path):
     package = shutil.copytree(PACKAGE, tmp_path / "crowdbench", ignore=shutil.ignore_patterns("__pycache__"))
     assert run(GAP_OF_A_STEP, tmp_path) == ["RUNNING", "48.0"]

@@ -88,6 +88,7 @@ def episodes(envs, seed, options=None, steps=140, toward=0.9):
     return returned
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("seed", [7, [5, 4, 3, 2]])
 def test_the_autoreset_modes_do_what_gymnasiums_own_vector_environment_does(mode, seed):

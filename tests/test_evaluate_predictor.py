@@ -228,6 +228,7 @@ def test_the_oracle_is_right_for_one_step():
     assert found.first.fde[1].mean > 1e-3
 
 
+@pytest.mark.slow
 def test_constant_velocity_on_orca_crowds_is_off_as_measured_before():
     found = on_scenario("cvm", ConstantVelocity(), load_scenario("circle_crossing_5"), Cases.parse("val:100"))
     assert found.first.fde[0].mean == pytest.approx(0.0143, abs=0.001)
@@ -316,6 +317,7 @@ def test_the_command_prints_a_row_for_every_horizon_and_json_has_the_same(tmp_pa
     assert result["overrides"] == {"vehicle.visible": True}
 
 
+@pytest.mark.slow
 def test_several_predictors_share_a_table():
     command = ["evaluate-predictor", "constant_velocity", "constant_velocity_sampled", "--cases", "val:5"]
     shown = crowdbench(*command, "--ahead", "12")

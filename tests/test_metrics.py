@@ -136,6 +136,7 @@ def test_every_metric_has_a_line_with_its_unit():
     assert set(METRICS) >= POOLED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["circle_crossing_5", "circle_crossing_5_visible"])
 def test_a_metric_does_not_depend_on_the_batch(scenario):
     together = drive("orca", "12", scenario)

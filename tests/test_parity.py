@@ -47,6 +47,7 @@ def test_rewards_and_gaps_are_crowdnavs(reference):
     assert np.quantile(gap_error, 0.95) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "collision", "success", "time"),
     [

@@ -101,6 +101,7 @@ def policy():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [

@@ -82,6 +82,7 @@ def finished():
     return {path.parent.name: path.stat().st_mtime_ns for path in Path("runs/reproduce").glob("[!.]*/result.json")}
 
 
+@pytest.mark.slow
 def test_what_was_interrupted_goes_on_and_repeats_nothing(tiny, capsys):
     Path("stop").touch()
     with pytest.raises(SystemExit) as error:

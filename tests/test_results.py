@@ -182,6 +182,7 @@ class Breaks(Planner):
         return np.zeros((len(obs), 2))
 
 
+@pytest.mark.slow
 def test_an_error_leaves_nothing_behind_but_finished_batches(tmp_path):
     for out in (tmp_path / "a", tmp_path / "runs" / "a"):
         with pytest.raises(InputError, match="ZeroDivisionError"):
@@ -230,6 +231,7 @@ def test_an_interrupt_waits_until_a_batch_is_written(tmp_path, monkeypatch):
     assert go(tmp_path / "b", cases="10").result["cases"] == "test:0:10"
 
 
+@pytest.mark.slow
 def test_the_resampled_difference_is_paired(tmp_path):
     go(tmp_path / "a", cases="60")
     go(tmp_path / "b", cases="60")
@@ -370,6 +372,7 @@ def test_mcnemar_counts_only_cases_that_differ():
     assert mcnemar(a, a) == 1.0
 
 
+@pytest.mark.slow
 def test_runs_that_cannot_be_compared_are_told_why(tmp_path):
     go(tmp_path / "a", cases="5")
     go(tmp_path / "b", cases="5", overrides={"vehicle.visible": True})
@@ -403,6 +406,7 @@ def test_results_of_the_same_scenario_are_compared_whatever_digest_they_were_giv
         compare(tmp_path / "a", tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_a_pooled_metric_is_compared_pooled(tmp_path):
     go(tmp_path / "a", cases="40")
     go(tmp_path / "b", load_planner("orca", {"safety_space": 0.1})[1], cases="40")

@@ -35,6 +35,7 @@ def test_a_case_does_not_depend_on_its_batch(scenario):
         assert equal(together.take(np.array([row])), place.draw("test", np.array([case])))
 
 
+@pytest.mark.slow
 def test_cases_outside_crowdnavs_500_are_all_different():
     place = load_scenario("circle_crossing_5")
     ranges = (("test", 480, 700), ("val", 0, 200), ("train", 0, 400))
@@ -43,6 +44,7 @@ def test_cases_outside_crowdnavs_500_are_all_different():
     assert len(np.unique(starts, axis=0)) == len(starts)
 
 
+@pytest.mark.slow
 def test_nobody_starts_too_close_to_anybody():
     for scenario in ("circle_crossing_10", "square_crossing_5", "circle_crossing_5_gaussian"):
         world = load_scenario(scenario).draw("val", np.arange(200))
@@ -79,6 +81,7 @@ def test_no_pedestrians_is_a_crowd_too():
     assert world.position.shape == (3, 1, 2)
 
 
+@pytest.mark.slow
 def test_policies_share_a_crowd_as_asked():
     place = load_scenario("circle_crossing_5", {"pedestrians.policy": {"orca": 3, "social_force": 1}})
     assert list(place.policies) == ["orca", "social_force"]

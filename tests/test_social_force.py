@@ -327,6 +327,7 @@ def test_a_social_force_crowd_reaches_its_goals_and_hardly_overlaps():
     assert (closest < 0.6).mean() < 0.02
 
 
+@pytest.mark.slow
 def test_the_planner_goes_round_pedestrians_and_keeps_the_space_it_is_told():
     alone = drive("social_force", pedestrians__number=0)
     assert (alone.outcome == 1).all()
@@ -335,6 +336,7 @@ def test_the_planner_goes_round_pedestrians_and_keeps_the_space_it_is_told():
     assert np.nanmin(shy.gap, axis=1).mean() > np.nanmin(among.gap, axis=1).mean() + 0.1
 
 
+@pytest.mark.slow
 def test_the_planner_gives_the_same_episode_in_any_batch():
     together = drive("social_force", scenario=CROWD, cases="6")
     alone = [drive("social_force", scenario=CROWD, cases=f"{case}:{case + 1}") for case in range(6)]

@@ -160,6 +160,7 @@ def test_a_killed_study_goes_on_where_it_stopped(number, capsys):
     assert len(made()) == 4
 
 
+@pytest.mark.slow
 def test_json_has_the_numbers_of_the_tables(capsys):
     study(NETWORKS + CROWDS)
     printed = capsys.readouterr().out
@@ -177,6 +178,7 @@ def test_json_has_the_numbers_of_the_tables(capsys):
     assert crowds["crowds"][0]["pairs"][0]["first"] == "orca"
 
 
+@pytest.mark.slow
 def test_what_several_tables_say_alike_is_printed_once(capsys):
     study(NETWORKS + NETWORKS + CROWDS)
     printed = capsys.readouterr().out
@@ -255,6 +257,7 @@ def test_the_shipped_studies_can_be_made():
     assert {str(run.cases) for run in kce.runs} == {"val:2000:2200"}
 
 
+@pytest.mark.slow
 def test_shards_make_their_share_and_the_last_one_prints_the_tables(capsys):
     study(CROWDS, "--out", "whole")
     whole = capsys.readouterr().out

@@ -79,6 +79,7 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert "The 5 tests in a crowd are not corrected" in text
 
 
+@pytest.mark.slow
 def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
     table = read(CROWDS.replace('"8"', '"40"')).tables[0]
     for one in table.runs:

@@ -73,6 +73,7 @@ def test_a_table_may_have_no_variant_and_no_second_reading(tmp_path):
     assert "Second reading" not in text
 
 
+@pytest.mark.slow
 def test_a_label_replan_every_options_and_privilege_are_shown():
     Path("mine.py").write_text(MINE.replace("return made", "made.privileged = True; return made"))
     every = NETWORKS.replace("cases", "replan_every = 8\ncases", 1)

@@ -145,6 +145,7 @@ def test_a_claim_holds_is_refuted_or_undecided_as_its_interval_lies(tmp_path):
     assert assessed(tmp_path / "d", [all_of_them] * 2, [most] * 2, bound=-0.05).verdict == "holds"
 
 
+@pytest.mark.slow
 def test_rows_that_succeed_alike_are_no_better_and_no_worse_by_a_margin_that_so_many_cases_can_tell(tmp_path):
     few, many = table([1] * 40), table([1] * 500)
     for number, success, bound, expected in [
@@ -224,6 +225,7 @@ def test_less_is_better_of_times_and_only_cases_that_both_solve_count(tmp_path):
     assert claim.verdict == "refuted"
 
 
+@pytest.mark.slow
 def test_a_few_cases_that_both_solve_decide_nothing(tmp_path):
     for shared, expected in [(LEAST_SHARED, "holds"), (LEAST_SHARED - 1, "undecided"), (0, "undecided")]:
         success = [1] * shared + [0] * (20 - shared)
@@ -256,6 +258,7 @@ def test_a_claim_is_shown_with_its_margin_and_verdict(tmp_path):
     assert any("Bonett and Price" in note for note in found.notes())
 
 
+@pytest.mark.slow
 def test_a_study_may_have_such_a_table(capsys):
     study(TABLE.replace('"20"', '"3"').replace("replan_every = 2", "") + CLAIM)
     assert "| mine | 2 | 97.2 % |" in capsys.readouterr().out

@@ -95,6 +95,7 @@ def test_points_in_cells_are_as_clear_as_among_all():
             points.append(placed[-1])
 
 
+@pytest.mark.slow
 def test_thousands_are_placed_apart():
     world = worlds(1, **{"pedestrians.number": 3000, "layout.square_width": 110.0})
     start = world.position[0]

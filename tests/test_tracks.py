@@ -136,6 +136,7 @@ def test_scenes_are_those_that_are_complete_and_other_files_by_themselves():
     assert [tracks.name for tracks in found["univ"]] == ["students001", "students003"]
 
 
+@pytest.mark.slow
 def test_the_data_set_is_read_whole(shared):
     found = {tracks.name: tracks for tracks in read_folder(shared / "data" / "eth_ucy")}
     sizes = {

@@ -84,6 +84,7 @@ def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
     assert points == [dataclasses.replace(point, seconds=0.0) for point in whole.training.curve]
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_network(tmp_path):
     digests = []
     for seed in (0, 1):
@@ -178,6 +179,7 @@ def observed(worlds):
     return observe(load_scenario("circle_crossing_5").draw("val", np.arange(worlds)))
 
 
+@pytest.mark.slow
 def test_exploration_takes_its_share_of_commands_and_repeats_in_any_batch():
     planner = ValuePlanner(ConstantVelocity(), NETWORKS["cadrl"]())
     obs = observed(400)

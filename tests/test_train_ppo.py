@@ -58,6 +58,7 @@ def trained(directory):
     return run
 
 
+@pytest.mark.slow
 def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
     one, two = (trained(tmp_path / name).training for name in ("a", "b"))
     assert digest(one.policy) == digest(two.policy)
@@ -69,6 +70,7 @@ def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
     assert digest(other.training.policy) != digest(one.policy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [1, 3])
 def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):
     whole = trained(tmp_path / "whole").training
@@ -82,6 +84,7 @@ def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_training_changes_nothing_that_is_random_elsewhere(tmp_path):
     np.random.seed(3)  # noqa: NPY002
     expected = np.random.random(3)  # noqa: NPY002
@@ -106,6 +109,7 @@ def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
     assert np.nanmax(np.linalg.norm(trace.command, axis=2)) <= 1.0 + 1e-9
 
 
+@pytest.mark.slow
 def test_a_reward_of_ones_own_is_on_the_card(tmp_path):
     (tmp_path / "my reward.py").write_text("from crowdbench.envs.rewards import progress as reward\n")
     own = dataclasses.replace(REQUEST, reward=str(tmp_path / "my reward.py"), validation="circle_crossing_5, empty")

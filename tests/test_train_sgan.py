@@ -62,6 +62,7 @@ def killed_after_two(directory):
     return killed
 
 
+@pytest.mark.slow
 def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
     whole = TrainingRun.new(REQUEST, tmp_path / "whole", "cpu")
     whole.train(ignore)
@@ -87,6 +88,7 @@ def former_name(name):
     return name
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_an_earlier_version_is_continued(tmp_path):
     whole = TrainingRun.new(REQUEST, tmp_path / "whole", "cpu")
     whole.train(ignore)
@@ -115,6 +117,7 @@ def test_a_checkpoint_of_an_earlier_version_is_continued(tmp_path):
         assert digest(getattr(resumed.training, part)) == digest(getattr(whole.training, part))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pooling", [False, True])
 def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkeypatch):
     monkeypatch.setattr(social_gan, "VALIDATIONS", 20)
@@ -125,6 +128,7 @@ def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkey
     assert training.chosen.ade == min(point.ade for point in training.curve)
 
 
+@pytest.mark.slow
 def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(recordings, tmp_path):
     request = dataclasses.replace(REQUEST, data=str(recordings), held_out="hotel", dt=0.25)
     running = TrainingRun.new(request, tmp_path / "run", "cpu")

@@ -50,6 +50,7 @@ def test_what_cannot_be_held_out_is_told():
         training_split([recording(name="mine")], "mine")
 
 
+@pytest.mark.slow
 def test_eth_ucy_is_cut_where_it_was_published(shared):
     _, last = training_split(read_folder(shared / "data" / "eth_ucy"), None)
     assert {tracks.name: tracks.frame.min() for tracks in last} == PUBLISHED

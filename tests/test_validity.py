@@ -132,6 +132,7 @@ def speed(policy, people, density):
     return measured(Setting("one way", policy, people, density), 2, 20.0).speed.mean()
 
 
+@pytest.mark.slow
 def test_the_limits_that_the_page_names_are_there(monkeypatch):
     """If one of these fails because a policy has become better, mend `texts.LIMITS` and print the page again."""
     monkeypatch.setattr(door, "TIME", 40.0)

@@ -208,6 +208,7 @@ def test_velocities_ahead_are_followed_step_by_step():
     assert same(one, ahead)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", ["sarl_cvm", "ppo", "sarl_sgan_kce"])
 def test_learned_planners_drive_a_unicycle_to_an_end(planner):
     trace = drive(planner, "3", **UNICYCLE)

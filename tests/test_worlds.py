@@ -42,6 +42,7 @@ def test_learned_planners_drive_among_walls(planner):
     assert_only_the_vehicle_meets_walls_and_ends_there(drive(planner, "1", "blind_corner"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pedestrians", ["orca", "social_force"])
 def test_pedestrians_reach_their_goals_among_walls(pedestrians):
     scenario = load_scenario("room", {"time_limit": 60.0}, pedestrians=pedestrians)
@@ -67,6 +68,7 @@ def test_spl_and_sct_take_the_way_round_walls():
     assert (beeline < 0.95 * trace.steps * trace.rules.dt).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", ["orca", "social_force", "ppo"])
 def test_a_unicycle_that_follows_velocities_stops_in_front_of_walls(planner):
     trace = drive(planner, "10", "doorway", vehicle__dynamics="unicycle")
@@ -74,6 +76,7 @@ def test_a_unicycle_that_follows_velocities_stops_in_front_of_walls(planner):
     assert not (trace.outcome == Outcome.WALL_COLLISION).any()
 
 
+@pytest.mark.slow
 def test_a_lookahead_of_a_unicycle_foresees_where_it_could_not_stop():
     trace = drive("sarl_lin", "10", "doorway", vehicle__dynamics="unicycle")
     assert_only_the_vehicle_meets_walls_and_ends_there(trace)
