@@ -49,7 +49,7 @@ RECORD_HELP = (
 
 UNHEEDED = (
     "Recorded people do not react: they walk into a vehicle that they would have gone around, and never wait for one. "
-    "Collisions are too many for it, and a vehicle that pushes its way is not found out."
+    "So there are more collisions than among real people, and a planner that pushes its way through is not penalised."
 )
 """What a score means where people do not react."""
 

@@ -14,12 +14,15 @@ from crowdbench.record.style import BACKGROUND, FAILURE, MUTED, VEHICLE, Color
 from crowdbench.types import DISCOMFORT_GAP
 
 
-def blueprint(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str]) -> rrb.Blueprint:
+def blueprint(
+    extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str], fastest: float
+) -> rrb.Blueprint:
     """The viewer's layout: the plane on the left, text and plots on the right.
 
     Args:
         extents: Extent of each episode, see `drawing.extent`.
         plotted: Names of the planner's own curves.
+        fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
     """
     low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
     start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
@@ -32,9 +35,10 @@ def blueprint(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str
         overrides={"/world/trails": rrb.VisibleTimeRanges(so_far)},
     )
     gap = {"gap": VEHICLE, "discomfort": MUTED, "contact": FAILURE}
+    speed = {"speed": VEHICLE, "preferred": MUTED}
     plots = [
         _plot("gap", f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)", gap, (-0.2, 2.0)),
-        _plot("speed", "speed, m/s (grey: preferred)", {"speed": VEHICLE, "preferred": MUTED}, (-0.1, 1.5)),
+        _plot("speed", "speed, m/s (grey: preferred)", speed, (-0.1 * fastest, 1.5 * fastest)),
         *(rrb.TimeSeriesView(name=name, origin=f"/{PLANNER_PLOTS}/{name}") for name in plotted),
     ]
     text = rrb.TextDocumentView(name="episode", origin="/summary")

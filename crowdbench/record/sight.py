@@ -18,7 +18,10 @@ from crowdbench.types import Sensor, Trace
 MOST_BEAMS = 90
 """Of a lidar with more beams than this, only every second one is drawn, or every third one, ..."""
 
-KEY = "*dark blue: not seen · ring: where the vehicle sees a pedestrian, or (dark ring) remembers it*"
+KEY = (
+    "*dark blue: not seen · ring: where the vehicle sees a pedestrian, or (dark ring) remembers it · "
+    "grey: range, field of view, lidar*"
+)
 """What the marks mean, as text beside the picture."""
 
 

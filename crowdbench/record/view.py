@@ -84,10 +84,10 @@ def _extract(path: Path, case: int | None, folder: Path) -> Path:
     with rrd.opening(path):
         chunks = rrd.chunks_of(reader, entries[case], "/**")
     episode, entry = exact.episode(chunks), entries[case]
-    extent = drawing.extent(exact.trace([episode], exact.facts_of(episode)), 0)
+    trace = exact.trace([episode], exact.facts_of(episode))
     own = f"/{PLANNER_PLOTS}/"
     plotted = {chunk.entity_path.removeprefix(own) for chunk in chunks if chunk.entity_path.startswith(own)}
-    shown = blueprint([extent], sorted(plotted))
+    shown = blueprint([drawing.extent(trace, 0)], sorted(plotted), float(trace.preferred_speed[0, 0]))
     with rrd.writing(f"a copy of case {case} in {folder}"):
         LazyChunkStream.from_iter(chunks).write_rrd(
             folder / "case.rrd", application_id=entry.application_id, recording_id=entry.recording_id

@@ -44,6 +44,7 @@ class Recorder:
         self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{planner} on {scenario}")
         self._extents: list[Float[np.ndarray, "2 2"]] = []
         self._plotted: dict[str, None] = {}
+        self._fastest = 0.0
 
     def __enter__(self) -> Recorder:
         # In the same folder, so that moving the finished file is a rename within one file system.
@@ -74,7 +75,7 @@ class Recorder:
                 *drawing.episode(trace, row, title, shown),
             ]
             name = f"{trace.split}-{trace.case[row]:04d}-{label}"
-            self._keep(chunks, name, drawing.extent(trace, row))
+            self._keep(chunks, name, trace, row)
         self._plotted |= dict.fromkeys(name for name, logged in trace.logs.items() if is_curve(logged))
 
     def copy(self, path: Path) -> int:
@@ -97,18 +98,19 @@ class Recorder:
                 chunks = rrd.chunks_of(reader, entry, "/**")
                 episode = exact.episode(chunks)
                 trace = exact.trace([episode], exact.facts_of(episode))
-            self._keep(chunks, entry.recording_id, drawing.extent(trace, 0))
+            self._keep(chunks, entry.recording_id, trace, 0)
             paths = {chunk.entity_path.removeprefix("/") for chunk in chunks}
             plotted = sorted(each for each in paths if each.startswith(f"{PLANNER_PLOTS}/"))
             self._plotted |= dict.fromkeys(each.removeprefix(f"{PLANNER_PLOTS}/") for each in plotted)
         return len(entries)
 
-    def _keep(self, chunks: Sequence[Chunk], name: str, extent: Float[np.ndarray, "2 2"]) -> None:
-        """Write the file of one episode, which gets a name and has an extent in metres."""
+    def _keep(self, chunks: Sequence[Chunk], name: str, trace: Trace, row: int) -> None:
+        """Write the file of one episode, which gets a name and is in a row of a trace."""
         part = Path(self._folder.name) / f"{len(self._extents)}.rrd"
         with self._writing():
             LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
-        self._extents.append(extent)
+        self._extents.append(drawing.extent(trace, row))
+        self._fastest = max(self._fastest, float(trace.preferred_speed[row, 0]))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
@@ -116,7 +118,7 @@ class Recorder:
         with self._folder as folder:
             if kind is None and self._extents:
                 parts = [f"{part}.rrd" for part in range(len(self._extents))]
-                shown = blueprint(self._extents, list(self._plotted))
+                shown = blueprint(self._extents, list(self._plotted), self._fastest)
                 with self._writing():
                     rrd.join(Path(folder), parts, self._application, shown).replace(self._path)
 
