@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_policy, load_scenario
 from crowdbench.cli import app
+from crowdbench.cli.check import LIMITED_SIGHT
 from crowdbench.evaluate.check import check_layout, check_metric, check_policy, check_predictor
 from crowdbench.evaluate.check.again import EXACT, NETWORKS
 from crowdbench.evaluate.metrics import METRICS
@@ -21,6 +22,7 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 
 # Crowds of several sizes, so that there is padding, in short episodes.
 PLACE = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5})
+LIMITED = load_scenario("circle_crossing_mixed", {"time_limit": 3.5, **LIMITED_SIGHT})
 CASES = Cases.parse("val:5")
 KEYS = PLACE.worlds(CASES).noise_key.tolist()
 """By these a plug-in here knows its cases."""
@@ -205,8 +207,8 @@ class Guess(Predictor):
         return self.change(prediction, obs) if obs.step[0] == 3 else prediction
 
 
-def predictor_points(make, with_modes=None, limit=60.0):
-    return check_predictor(make, "mine", PLACE, CASES, limit, with_modes)
+def predictor_points(make, with_modes=None, limit=60.0, limited=None):
+    return check_predictor(make, "mine", PLACE, CASES, limit, with_modes, limited=limited)
 
 
 def changed_observation(prediction, obs):
@@ -266,12 +268,55 @@ def test_a_predictor_with_a_state_of_its_own_is_found():
 
 def test_good_predictors_keep_every_point():
     for make in (Oracle, ConstantVelocity):
-        points = predictor_points(make)
+        points = predictor_points(make, limited=LIMITED)
         assert verdicts(points) == (set(), set())
         assert "modes" not in [point.name for point in points]
     points = predictor_points(ConstantVelocitySampled, lambda modes: ConstantVelocitySampled(modes))
     assert verdicts(points) == (set(), set())
     assert seen(points, "modes").endswith("in the first 2 of 5 modes")
+
+
+def velocities_of_the_hidden(crowd):
+    return np.where(crowd.seen[:, :, None], 0.0, crowd.velocity)
+
+
+# By what is added to all predictions: nothing with perfect sight, where the rows that are not seen are at rest.
+PEEPS = {
+    "hidden velocities": (
+        lambda crowd: velocities_of_the_hidden(crowd).sum(axis=1),
+        "with NaN in the rows of those who are not seen: predictor mine returned positions that are not finite",
+    ),
+    "a number where there is none": (
+        lambda crowd: np.isnan(velocities_of_the_hidden(crowd)).any(axis=1).astype(float),
+        "worlds' predictions differ with NaN in the rows of those who are not seen",
+    ),
+    "hidden velocities without NaN": (
+        lambda crowd: np.nansum(velocities_of_the_hidden(crowd), axis=1),
+        "worlds' predictions differ with other people in these rows",
+    ),
+    "an exception where nobody is seen": (
+        lambda crowd: 0.0 * np.stack([row[mask][0] for row, mask in zip(crowd.position, crowd.seen, strict=True)]),
+        "where the vehicle does not see everybody: predictor mine raised IndexError",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PEEPS)
+def test_a_predictor_that_depends_on_the_hidden_breaks_limited_sight_alone(name):
+    peep, expected = PEEPS[name]
+
+    class Peeps(Predictor):
+        def predict(self, obs, steps):
+            prediction = ConstantVelocity().predict(obs, steps)
+            return Prediction(prediction.position + peep(obs.pedestrians)[:, None, None, None], prediction.velocity)
+
+    points = predictor_points(Peeps, limited=LIMITED)
+    assert verdicts(points) == ({"limited sight"}, set())
+    assert expected in seen(points, "limited sight")
+
+
+def test_limited_sight_is_not_examined_where_a_predictor_breaks_another_point():
+    assert verdicts(predictor_points(Counts, limited=LIMITED)) == ({"deterministic", "batch"}, {"limited sight"})
 
 
 class Fan(Guess):

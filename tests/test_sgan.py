@@ -108,12 +108,15 @@ def test_positions_follow_from_velocities():
     np.testing.assert_allclose(steps, found.velocity * obs.dt, atol=1e-9)
 
 
+@pytest.mark.parametrize("absent", [0, 1])
 @pytest.mark.parametrize("pooling", [False, True])
-def test_whoever_is_absent_changes_nothing_and_is_given_finite_numbers(pooling):
-    obs = crowds(2, 3, present=[[True, False, True], [True, True, True]])
+def test_whoever_is_absent_changes_nothing_and_is_given_finite_numbers(pooling, absent):
+    others = np.arange(3) != absent
+    obs = crowds(2, 3, present=[others, [True, True, True]])
     found = predictor(pooling).predict(obs, 3).position
-    obs.pedestrians.history[0, :, 1] = 1e6
-    np.testing.assert_allclose(predictor(pooling).predict(obs, 3).position[0][:, :, [0, 2]], found[0][:, :, [0, 2]])
+    obs.pedestrians.history[0, :, absent] = np.nan
+    again = predictor(pooling).predict(obs, 3).position
+    np.testing.assert_allclose(again[0][:, :, others], found[0][:, :, others])
     assert np.isfinite(found).all()
 
 

@@ -41,7 +41,7 @@ LIMITED_SIGHT = {
         "remember": 1.0,
     }
 }
-"""What changes in the scenario where a planner is checked without seeing everybody."""
+"""What changes in the scenario where a planner or a predictor is checked without seeing everybody."""
 
 
 def check(
@@ -167,7 +167,10 @@ def _predictor(asked: _Asked) -> tuple[str, list[Point]]:
     name, _ = load()
     has_modes = any(option.name == "modes" for option in read_options(find_predictor(asked.plugin)[1]))
     with_modes = (lambda modes: load(modes=modes)[1]) if has_modes else None
-    points = check_predictor(lambda: load()[1], name, asked.place(), asked.cases, asked.limit, with_modes, _tolerance())
+    place, limited = (asked.place(changes=each) for each in ({}, LIMITED_SIGHT))
+    points = check_predictor(
+        lambda: load()[1], name, place, asked.cases, asked.limit, with_modes, _tolerance(), limited
+    )
     return name, points
 
 

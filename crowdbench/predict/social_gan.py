@@ -69,8 +69,10 @@ class SocialGAN(Predictor):
         history, present = extrapolated_history(obs.pedestrians), torch.from_numpy(obs.pedestrians.seen)
         # All pedestrians of a future share its noise.
         noise = obs.noise(NAME, (self.modes, NOISE))
-        # Relative to the first pedestrian, because float32 is coarse far from the origin.
-        near = torch.from_numpy(((history - history[:, -1:, :1]) * scale).astype(np.float32))
+        # Relative to the first pedestrian that is seen, because float32 is coarse far from the origin.
+        first = np.argsort(~obs.pedestrians.seen, axis=1, kind="stable")[:, :1, None]
+        origin = np.take_along_axis(history[:, -1], first, axis=1)
+        near = torch.from_numpy(((history - origin[:, None]) * scale).astype(np.float32))
         drawn = torch.from_numpy(noise.astype(np.float32))
         worlds, pedestrians = present.shape
         moves = np.empty((worlds, self.modes, steps, pedestrians, 2))

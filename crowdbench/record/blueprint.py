@@ -14,9 +14,7 @@ from crowdbench.record.style import BACKGROUND, FAILURE, MUTED, VEHICLE, Color
 from crowdbench.types import DISCOMFORT_GAP
 
 
-def blueprint(
-    extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str], fastest: float
-) -> rrb.Blueprint:
+def blueprint(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str], fastest: float) -> rrb.Blueprint:
     """The viewer's layout: the plane on the left, text and plots on the right.
 
     Args:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -146,22 +147,25 @@ class Replay(Generic[Shown]):
         return self._point("batch", again, self.tolerance)
 
     def changed(
-        self, name: str, when: str, change: Callable[[Shown], Shown], back: Callable[[np.ndarray], np.ndarray]
+        self,
+        name: str,
+        changes: Mapping[str, Callable[[Shown], Shown]],
+        back: Callable[[np.ndarray], np.ndarray] = lambda answer: answer,
     ) -> Point:
         """Whether the answers are the same where something is changed that must not matter.
 
         Args:
             name: Name of the point.
-            when: When the answers might differ.
-            change: Changes what is shown.
+            changes: By when the answers might differ, what changes what is shown.
             back: The part of the new answer that must be as before.
         """
 
-        def changed() -> list[np.ndarray]:
+        def answers(change: Callable[[Shown], Shown]) -> list[np.ndarray]:
             ask = self.make()
             return [back(ask(change(self._all(shown)))) for shown, _ in self.shown]
 
-        return self._point(name, {when: changed}, self.tolerance)
+        again = {when: functools.partial(answers, change) for when, change in changes.items()}
+        return self._point(name, again, self.tolerance)
 
     def _point(self, name: str, again: Mapping[str, Callable[[], Sequence[np.ndarray]]], tolerance: Tolerance) -> Point:
         if not self.shown:

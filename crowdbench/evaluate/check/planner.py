@@ -17,6 +17,7 @@ from crowdbench.dynamics import FREE, Dynamics, Holonomic
 from crowdbench.errors import InputError
 from crowdbench.evaluate.check.again import BATCHES, NETWORKS, ROUNDING, Tolerance, same_point
 from crowdbench.evaluate.check.point import Findings, Point, changed
+from crowdbench.evaluate.check.sight import UNEXAMINED, few
 from crowdbench.evaluate.contract import Asked, Fault, examine
 from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
 from crowdbench.evaluate.replanning import Replanning
@@ -28,11 +29,6 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.types import Observation
 
 MISSING = "not examined: the planner returned no array of commands"
-
-UNEXAMINED = Point("limited sight", None, "not examined: another point is broken")
-
-LIMITED = 5
-"""The number of cases with limited sight."""
 
 AHEAD = 8
 """Steps that `plan_ahead` is asked for."""
@@ -195,12 +191,12 @@ def _answers(witness: _Witness) -> Iterator[Point]:
 
 def _limited_sight(planner: Planner, name: str, scenario: Scenario, cases: Cases, decision_limit: float) -> Point:
     """The point of driving without seeing everybody. Arguments as in `check_planner`."""
-    few = Cases(cases.split, cases.start, min(cases.start + LIMITED, cases.stop))
+    cases = few(cases)
     try:
-        rollout(Driver(planner, name, decision_limit), scenario, few)
+        rollout(Driver(planner, name, decision_limit), scenario, cases)
     except InputError as error:
         return Point("limited sight", False, str(error))
-    return Point("limited sight", True, f"keeps the contract in {len(few)} cases in which it does not see everybody")
+    return Point("limited sight", True, f"keeps the contract in {len(cases)} cases in which it does not see everybody")
 
 
 def _plan_ahead(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Sequence
 
@@ -12,6 +13,7 @@ from crowdbench.errors import InputError, plugin_errors
 from crowdbench.evaluate.check.again import EXACT, Replay, Tolerance, same_point
 from crowdbench.evaluate.check.padding import MORE, with_more_unseen
 from crowdbench.evaluate.check.point import Findings, Point, changed, time_point
+from crowdbench.evaluate.check.sight import UNEXAMINED, few, with_nan_hidden, with_people_hidden
 from crowdbench.evaluate.check.trial import trial
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.checked import checked, finite, shaped
@@ -42,6 +44,7 @@ def check_predictor(
     limit: float,
     with_modes: Callable[[int], Predictor] | None = None,
     tolerance: Tolerance = EXACT,
+    limited: Scenario | None = None,
 ) -> list[Point]:
     """Let a predictor predict the pedestrians of some cases and examine each point of its contract by itself.
 
@@ -53,18 +56,14 @@ def check_predictor(
         limit: Seconds that the predictor may take for all worlds together.
         with_modes: Makes a new predictor with a number of modes; None where it has no option `modes`.
         tolerance: What may depend on the batch.
+        limited: A scenario in which the vehicle does not see everybody, if the predictor is to predict in some of its
+            cases too.
 
     Raises:
         InputError: Something other than the predictor breaks its contract, or it cannot be made.
     """
-    witness = _Witness(make(), name)
-    _, observed = trial(scenario, cases, witness.predictor.privileged)
-    for obs in observed[::EVERY]:
-        witness.ask(obs)
-    findings = witness.findings
-    again = Replay(
-        "worlds' predictions", witness.shown, Observation.take, lambda: _asking(make(), name), tolerance, MISSING
-    )
+    witness = _watched(make, name, scenario, cases)
+    findings, again = witness.findings, _again(witness, make, tolerance)
     points = [
         findings.point("exceptions", "none"),
         time_point("time", witness.seconds, limit, MISSING),
@@ -75,13 +74,15 @@ def check_predictor(
         again.batch(),
         again.changed(
             "padding",
-            f"with {MORE} more pedestrians who are not seen",
-            with_more_unseen,
+            {f"with {MORE} more pedestrians who are not seen": with_more_unseen},
             lambda futures: futures[:, :, :, :-MORE],
         ),
     ]
     if with_modes is not None:
         points.append(_modes(with_modes, name, [obs for obs, _ in witness.shown], tolerance))
+    if limited is not None:
+        sound = all(point.kept for point in points)
+        points.append(_limited_sight(make, name, limited, few(cases), tolerance) if sound else UNEXAMINED)
     return points
 
 
@@ -127,6 +128,35 @@ class _Witness:
         answer = _asked(self.predictor, self.name, obs)
         self.seconds.append(time.perf_counter() - start)
         return answer
+
+
+def _watched(make: Callable[[], Predictor], name: str, scenario: Scenario, cases: Cases) -> _Witness:
+    """What a new predictor is shown and answers in some cases."""
+    witness = _Witness(make(), name)
+    _, observed = trial(scenario, cases, witness.predictor.privileged)
+    for obs in observed[::EVERY]:
+        witness.ask(obs)
+    return witness
+
+
+def _again(witness: _Witness, make: Callable[[], Predictor], tolerance: Tolerance) -> Replay[Observation]:
+    """Shows new predictors what one was shown before. Arguments as in `check_predictor`."""
+    ask = functools.partial(_asking, name=witness.name)
+    return Replay("worlds' predictions", witness.shown, Observation.take, lambda: ask(make()), tolerance, MISSING)
+
+
+def _limited_sight(
+    make: Callable[[], Predictor], name: str, scenario: Scenario, cases: Cases, tolerance: Tolerance
+) -> Point:
+    """The point of predicting without seeing everybody. Arguments as in `check_predictor`."""
+    witness = _watched(make, name, scenario, cases)
+    for fault in witness.findings.faults.values():
+        return Point("limited sight", False, f"where the vehicle does not see everybody: {fault}")
+    hidden = {
+        "with NaN in the rows of those who are not seen": with_nan_hidden,
+        "with other people in these rows": with_people_hidden,
+    }
+    return _again(witness, make, tolerance).changed("limited sight", hidden)
 
 
 def _steps(obs: Observation) -> int:
