@@ -353,8 +353,8 @@ def test_one_predictor_of_several_modes_has_a_section_for_each_choice(tmp_path):
         (["linear", "--option", "modes=3"], "linear has no option 'modes'"),
         (["linaer"], "no predictor is called 'linaer'"),
         (["linear", "--data", "nowhere"], "there is no folder nowhere"),
-        (["linear", "--data", ".", "--scenario", "square_crossing_5"], "--scenario does not go with --data"),
-        (["linear", "--data", ".", "--set", "dt=1"], "--set does not go with --data"),
+        (["linear", "--data", ".", "--scenario", "square_crossing_5"], "--data does not go with square_crossing_5"),
+        (["linear", "--data", ".", "--set", "dt=1"], "--set goes with --scenario only"),
     ],
 )
 def test_the_command_answers_bad_input_with_one_sentence(arguments, expected):

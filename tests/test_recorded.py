@@ -15,9 +15,11 @@ from crowdbench.catalog import load_planner, load_scenario, simulated_scenarios
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.errors import InputError
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.prediction_errors import on_scenario
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.geometry import norm
+from crowdbench.predict import ConstantVelocity
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracked import TrackedCrowd
 from crowdbench.sim.presence import come_and_go, track_at
@@ -28,7 +30,11 @@ from crowdbench.tracks.dut import Car, read_clip
 from crowdbench.tracks.eth_ucy import Tracks
 from crowdbench.tracks.excerpts import LEAST_WAY, excerpts, split_excerpts
 from crowdbench.tracks.scenes import Recording, Scene, load_scene
+from crowdbench.train.places import places
+from crowdbench.train.ppo_request import PPORequest
+from crowdbench.train.value_request import ValueRequest
 from crowdbench.types import HISTORY
+from crowdbench.weights import card
 
 
 @pytest.fixture
@@ -298,6 +304,56 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
     assert np.allclose(window.radius[1:], 0.8)
     with pytest.raises(InputError, match="there is no case test:2: the scene clip has no more windows of time than"):
         crowd.window("test", 2)
+
+
+@pytest.mark.parametrize("request_of", [ValueRequest, PPORequest])
+def test_networks_learn_among_recorded_people(request_of, tmp_path):
+    file = recordings.write(tmp_path)
+    request = request_of(network="mine", scenario=str(file), data=str(tmp_path))
+    place, validated = places(request, [str(file)])
+    assert place.tracks.scene == validated[0].tracks.scene == "mine"
+    assert f"--scenario {file} --data {tmp_path.name}" in request.command
+    table = {"name": place.name, **place.table}
+    assert card.crowd(table) == "mine, people of mine"
+    assert card.episodes(table) == "simulated episodes with the recorded tracks of mine"
+    with pytest.raises(InputError, match="--data does not go with circle_crossing_5, which has no table"):
+        places(dataclasses.replace(request, scenario="circle_crossing_5"), [])
+    with pytest.raises(InputError, match="give the folder that holds them, --data DIR"):
+        places(dataclasses.replace(request, data=None), [])
+
+
+def test_networks_do_not_learn_where_there_is_a_case_for_each_car_only(monkeypatch, tmp_path):
+    place = recordings.scenario(tmp_path)
+    cars = dataclasses.replace(place, tracks=dataclasses.replace(place.tracks, has_cars=True))
+    monkeypatch.setattr("crowdbench.train.places.load_scenario", lambda *_, data: cars)
+    with pytest.raises(InputError, match="mine has a case for each window of time with a car in the scene mine"):
+        places(ValueRequest(network="sarl", scenario="mine", data=str(tmp_path)), [])
+
+
+def test_predictors_are_measured_on_those_who_come_later_too_by_networks_that_have_not_seen_the_scene(place):
+    asked = []
+
+    class Trained(ConstantVelocity):
+        def unseen(self, scene):
+            asked.append(scene)
+            return Moved()
+
+    class Moved(ConstantVelocity):
+        def predict(self, obs, steps):
+            seen.append(obs.pedestrians.seen.copy())
+            return super().predict(obs, steps)
+
+    seen = []
+    cases = Cases.parse("test:6")
+    found = on_scenario("mine", Trained(), place, cases, ahead=2)
+    assert asked == ["mine"]
+    late = ~seen[0] & np.any(seen, axis=0)
+    assert late.any()
+    window = place.worlds(cases)
+    assert window.rules.max_steps == len(seen)
+    # They walk on sine waves of half a metre and 1.5 m/s.
+    assert 0.0 < found.first.ade[0].mean < 0.05
+    assert found.first.fde[1].n == len(np.unique(place.blocks(cases)))
 
 
 def test_a_clip_of_dut_is_read_in_metres_with_y_upwards(tmp_path):

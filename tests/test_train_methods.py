@@ -37,8 +37,12 @@ def test_a_network_that_does_not_exist_is_refused():
         ("sgan", {"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
         ("sarl", {"minutes": float("inf")}, "--minutes is inf, but must be a finite number"),
         ("sgan", {"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a finite number"),
-        ("sgan", {"data": "eth_ucy", "scenario": "circle_crossing_5"}, "--data and --scenario both say what to learn"),
-        ("sgan", {"data": "eth_ucy", "overrides": {"seed": 1}}, "--data and --scenario both say what to learn"),
+        (
+            "sgan",
+            {"data": "eth_ucy", "scenario": "circle_crossing_5"},
+            "leave out --scenario and --set, or else --data",
+        ),
+        ("sgan", {"data": "eth_ucy", "overrides": {"seed": 1}}, "leave out --scenario and --set, or else --data"),
         ("sgan", {"dt": 0.25}, "--held-out and --dt are for recorded tracks: give them with --data"),
     ],
 )

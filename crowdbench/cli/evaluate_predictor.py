@@ -23,7 +23,11 @@ if TYPE_CHECKING:
     Measure = Callable[[str, Predictor], dict[str, Errors]]
 
 DataOption = Annotated[
-    Path | None, typer.Option(help="A folder of recorded tracks: *.txt with frame, pedestrian, x, y, as ETH/UCY has.")
+    Path | None,
+    typer.Option(
+        help="A folder of recorded tracks to measure on: *.txt with frame, pedestrian, x, y, as ETH/UCY has. With "
+        "--scenario, the folder that its table [tracks] needs."
+    ),
 ]
 
 MEASURES = "ADE is the mean error over the steps up to the horizon, FDE the error at the horizon."
@@ -31,7 +35,7 @@ MODES = (
     "best of 1: the first mode. best of n together: the mode that is best for the whole crowd or window.\n"
     "best of n each: the best mode of each pedestrian. Compare best-of-20 only with best-of-20."
 )
-ON_SCENARIO = "Errors are measured without a vehicle, until each pedestrian reaches its goal."
+ON_SCENARIO = "Errors are measured without a vehicle, until each pedestrian reaches its goal or is gone."
 ON_TRACKS = "8 frames are observed, in all windows with 2 pedestrians or more."
 
 
@@ -51,12 +55,12 @@ def evaluate_predictor(
     announce_compilation()
     options = assignments(option or [], "--option")
     made = _made(predictors, options)
-    if data is None:
-        about, measure = _on_scenario(scenario or "circle_crossing_5", cases or "val:200", overrides or [], ahead)
+    if data is None or scenario is not None:
+        about, measure = _on_scenario(scenario or "circle_crossing_5", cases or "val:200", overrides or [], data, ahead)
     else:
-        for flag, given in (("--scenario", scenario), ("--cases", cases), ("--set", overrides)):
+        for flag, given in (("--cases", cases), ("--set", overrides)):
             if given is not None:
-                raise InputError(f"{flag} does not go with --data: give a scenario or recorded tracks")
+                raise InputError(f"{flag} goes with --scenario only: without it, the tracks in {data} are measured on")
         about, measure = _on_tracks(data, ahead)
     found = {name: measure(name, predictor) for name, predictor in made.items()}
     if as_json:
@@ -79,20 +83,25 @@ def _made(specs: list[str], options: Mapping[str, Any]) -> dict[str, Predictor]:
     return made
 
 
-def _on_scenario(scenario: str, cases: str, overrides: list[str], ahead: int) -> tuple[dict[str, Any], Measure]:
+def _on_scenario(
+    scenario: str, cases: str, overrides: list[str], data: Path | None, ahead: int
+) -> tuple[dict[str, Any], Measure]:
     from crowdbench import catalog
     from crowdbench.cli.console import progress
     from crowdbench.evaluate import prediction_errors
     from crowdbench.scenario.cases import Cases
 
     settings = assignments(overrides, "--set")
-    found, wanted = catalog.load_scenario(scenario, settings), Cases.parse(cases)
+    found, wanted = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
+    if data is not None and found.tracks is None:
+        raise InputError(f"--data does not go with {found.name}, which has no table [tracks]: leave out one of them")
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
         with progress(len(wanted), f"of {len(wanted)} cases") as tell:
             return {found.name: prediction_errors.on_scenario(name, predictor, found, wanted, ahead, tell)}
 
     about = {"scenario": found.name, "overrides": settings, "digest": found.digest, "cases": str(wanted)}
+    about["clusters"] = "blocks of recorded time" if found.tracks else "cases"
     return about | {"dt": found.rules.dt, "ahead": ahead}, measure
 
 
@@ -132,7 +141,7 @@ def _print(about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[
     where = about["data"] if recorded else f"{about['scenario']}{changed}, cases {about['cases']}"
     notes = [MEASURES, ON_TRACKS if recorded else ON_SCENARIO]
     if len(found) == 1:
-        notes[-1] += f" Intervals are over {'pedestrians' if recorded else 'cases'}."
+        notes[-1] += f" Intervals are over {'pedestrians' if recorded else about['clusters']}."
     if any(errors.modes > 1 for measured in found.values() for errors in measured.values()):
         notes.insert(1, MODES)
     print_table(_table(where, about, options, found))

@@ -28,6 +28,13 @@ def train(
         typer.Option(help="Name of the scenario to train in, or a file: ./mine.toml.", show_default=SCENARIO),
     ] = None,
     overrides: SetOption = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder with recorded tracks, which scenarios with a table [tracks] need; sgan learns from the tracks "
+            "themselves, instead of a scenario's pedestrians."
+        ),
+    ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -66,7 +73,8 @@ def train(
     from crowdbench.cli.console import announce_compilation
     from crowdbench.train.training_run import TrainingRun
 
-    common = {"scenario": scenario, "overrides": overrides, "seed": seed, "minutes": minutes}
+    folder = None if data is None else str(data)
+    common = {"scenario": scenario, "overrides": overrides, "data": folder, "seed": seed, "minutes": minutes}
     options = {name: value for name, value in {**common, **own}.items() if value is not None}
     if resume is not None:
         _refuse_beside_resume(options if out is None else options | {"out": out})

@@ -88,8 +88,9 @@ def on_scenario(
     """Measure a predictor on the crowds of a scenario, without a vehicle, and so with perfect sight.
 
     It predicts at every step that `ahead` more steps follow before the time limit. A pedestrian counts until it is
-    nearer to its goal than its radius, because pedestrians that have arrived are easy to predict. Intervals come from
-    resampled cases.
+    nearer to its goal than its radius, because pedestrians that have arrived are easy to predict, and while it is there
+    during all of these steps. Intervals come from resampled cases. Where people were recorded, they come from resampled
+    blocks of time, and a trained predictor predicts by weights that were not trained on the scene.
 
     Args:
         name: What the predictor is called in errors.
@@ -104,11 +105,16 @@ def on_scenario(
             `MOST_AHEAD`.
     """
     _check_ahead(ahead)
-    clusters = _Clusters.empty(len(cases), ahead)
+    cluster = np.arange(len(cases))
+    if scenario.tracks:
+        predictor = predictor.unseen(scenario.tracks.scene)
+        _, cluster = np.unique(scenario.tracks.blocks(cases.split, cases.indices), return_inverse=True)
+    clusters = _Clusters.empty(int(cluster.max()) + 1, ahead)
     for part in cases.batches(BATCH):
+        own = cluster[part.start - cases.start :]
         for prediction, walking, truth in _walks(name, predictor, scenario, part, ahead):
             row, _ = np.nonzero(walking)
-            clusters.add(row + part.start - cases.start, prediction, truth, walking)
+            clusters.add(own[row], prediction, truth, walking)
         if progress is not None:
             progress(len(part))
     if not clusters.count.any():
@@ -199,15 +205,16 @@ def _walks(
     """What is predicted at each step, which pedestrians have not arrived then, and their true positions."""
     world = scenario.worlds(cases)
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT), sight={})
-    walking = world.present[:, 1:]
+    arrived = np.zeros_like(world.present[:, 1:])
     predicted: deque[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Int[np.ndarray, "world pedestrian"]]] = (
         deque()
     )
     positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
     for _ in range(scenario.rules.max_steps):
         # Who has arrived is on its way again where people then walk on to another goal.
-        walking = (walking | (scenario.arrival in GOES_ON)) & world.present[:, 1:]
-        walking = walking & (norm(world.position - world.goal) >= world.radius)[:, 1:]
+        arrived = arrived & (scenario.arrival not in GOES_ON)
+        arrived = arrived | (norm(world.position - world.goal) < world.radius)[:, 1:]
+        walking = world.present[:, 1:] & ~arrived
         crowd, world = crowd_decisions(world, scenario.policies)
         obs = observe(world, future=taken_velocities(world, crowd) if predictor.privileged else None)
         predicted.append((_predict(name, predictor, obs, ahead), walking, world.person))
@@ -215,9 +222,10 @@ def _walks(
         positions.append(world.position[:, 1:])
         if len(positions) == ahead:
             prediction, counted, persons = predicted.popleft()
-            if not counted.any() and scenario.arrival not in GOES_ON:
+            if not (counted.any() or scenario.arrival in GOES_ON or scenario.tracks):
                 return
-            yield prediction, counted & (persons == world.person), np.stack(positions, axis=1)
+            there = (persons == world.person) & world.present[:, 1:]
+            yield prediction, counted & there, np.stack(positions, axis=1)
 
 
 def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:

@@ -13,6 +13,7 @@ import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ class Request(abc.ABC):
         network: The name of the network.
         scenario: A scenario by name, or the path of its TOML file.
         overrides: Keys of the scenario that are changed, dotted: `{"pedestrians.number": 5}`.
+        data: The folder with recorded tracks, or None.
         seed: The seed of weights, batches and training cases.
         minutes: How long to train, in minutes; None to train as long as the option named `length` says.
     """
@@ -77,6 +79,7 @@ class Request(abc.ABC):
     network: str
     scenario: str = SCENARIO
     overrides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    data: str | None = None
     seed: int = 0
     minutes: float | None = None
 
@@ -120,9 +123,10 @@ class Request(abc.ABC):
 
     @property
     def scenario_arguments(self) -> Sequence[str]:
-        """The arguments of `command` that name the scenario."""
+        """The arguments of `command` that name the scenario; a folder of recorded tracks is named without its path."""
         values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in self.overrides.items()}
-        return ["--scenario", self.scenario, *(f"--set '{key}={value}'" for key, value in values.items())]
+        words = ["--scenario", self.scenario, *(f"--set '{key}={value}'" for key, value in values.items())]
+        return words if self.data is None else [*words, "--data", Path(self.data).name]
 
     @property
     @abc.abstractmethod

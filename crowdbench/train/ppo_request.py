@@ -64,7 +64,7 @@ class PPORequest(Request):
 
     def training(self, device: str) -> Training:
         """See `Request`. Raises InputError where there is no such scenario, or stable-baselines3 is missing."""
-        from crowdbench.catalog import load_scenario
+        from crowdbench.train.places import places
 
         try:
             from crowdbench.train.ppo import Setup, Training
@@ -72,11 +72,11 @@ class PPORequest(Request):
             if error.name != "stable_baselines3":
                 raise
             raise InputError("crowdbench train ppo needs stable-baselines3: pip install 'crowdbench[ppo]'") from None
-        scenario = load_scenario(self.scenario, self.overrides)
+        scenario, validated = places(self, self._validated)
         return Training(
             Setup(
                 scenario=scenario,
-                validation=[load_scenario(name) for name in self._validated] or [scenario],
+                validation=validated,
                 nearest=self.nearest or max(scenario.max_agents - 1, 1),
                 reward=self.reward,
                 seed=self.seed,
@@ -110,7 +110,7 @@ class PPORequest(Request):
                 "minutes": round(training.seconds / 60, 1),
             },
             "figures": measured(PolicyPlanner(training.best, setup.nearest), "ppo", scenario, MEASURED, progress),
-            "data": "simulated episodes only",
+            "data": cards.episodes(scenario.table),
         }
 
     @property

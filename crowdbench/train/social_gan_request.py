@@ -19,15 +19,15 @@ EPOCHS = 50
 class SocialGANRequest(Request):
     """What is asked for of the training in `crowdbench.train.social_gan`: on recorded tracks, or else in a scenario.
 
+    `data` is the folder of the recordings, or None to train on the pedestrians of the scenario.
+
     Attributes:
-        data: The folder of the recordings, or None to train on the pedestrians of the scenario.
         held_out: The scene of the recordings that is not trained on, or None to train on all.
         dt: The time step to which recordings are resampled, in seconds, or None for their own.
         pooling: Whether the generator has the social pooling module.
         epochs: How often every training window is used.
     """
 
-    data: str | None = option(None, "Train on the recorded tracks in this folder instead of a scenario's pedestrians")
     held_out: str | None = option(None, "With --data, the scene to leave out, to be tested on")
     dt: float | None = option(None, "With --data, resample the tracks to this many seconds per step", least=0.01)
     pooling: bool = option(False, "Use the social pooling module")
@@ -39,13 +39,15 @@ class SocialGANRequest(Request):
     def check(cls, options: Mapping[str, Any]) -> None:
         """See `Request`. Recordings and scenario exclude each other, and some options are for recordings only."""
         if "data" in options and ("scenario" in options or "overrides" in options):
-            raise InputError("--data and --scenario both say what to learn from: give one of them")
+            raise InputError(
+                "sgan learns from the tracks in --data themselves: leave out --scenario and --set, or else --data"
+            )
         if "data" not in options and ("held_out" in options or "dt" in options):
             raise InputError("--held-out and --dt are for recorded tracks: give them with --data")
 
     @property
     def arguments(self) -> Sequence[str]:
-        """See `Request`. The folder of the recordings is named without its path."""
+        """See `Request`."""
         words = list(self.scenario_arguments)
         if self.data is not None:
             words = ["--data", Path(self.data).name]

@@ -70,21 +70,20 @@ class ValueRequest(Request):
     def training(self, device: str) -> Training:
         """See `Request`. Raises InputError where there is no such scenario or predictor."""
         # Imported here, because torch and the simulator take seconds and the options are shown without them.
-        from crowdbench.catalog import load_scenario
         from crowdbench.planners.lookahead.kce import Limits
         from crowdbench.predict.load import load_predictor
+        from crowdbench.train.places import places
         from crowdbench.train.value import Setup, Training
 
         _, predictor = load_predictor(self.predictor)
-        scenario = load_scenario(self.scenario, self.overrides)
+        validation = [] if self.validation is None else [name.strip() for name in self.validation.split(",")]
+        scenario, validated = places(self, validation)
         setup = Setup(
             network=self.network,
             scenario=scenario,
             predictor=predictor,
             limits=Limits(**{**UNLIMITED, **self.limits}) if self.limits else None,
-            validation=[scenario]
-            if self.validation is None
-            else [load_scenario(name.strip()) for name in self.validation.split(",")],
+            validation=validated,
             seed=self.seed,
             episodes=self.episodes,
             minutes=self.minutes,
@@ -113,7 +112,7 @@ class ValueRequest(Request):
                 "minutes": round(training.seconds / 60, 1),
             },
             "figures": figures(training.best, scenario, training.setup.limits, progress),
-            "data": "simulated episodes only",
+            "data": cards.episodes(scenario.table),
         }
 
     @property

@@ -43,10 +43,19 @@ def markdown(card: Mapping[str, Any], rows: Mapping[str, str], figures: Sequence
 
 
 def crowd(scenario: Mapping[str, Any]) -> str:
-    """A scenario of a card in a few words: its name and its number of pedestrians."""
+    """A scenario of a card in a few words: its name and its number of pedestrians, or the scene where they walked."""
+    if "tracks" in scenario:
+        return f"{scenario['name']}, people of {scenario['tracks']['scene']}"
     least, most = scenario["pedestrians"]["number"]
     number = str(least) if least == most else f"{least} to {most}"
     return f"{scenario['name']}, {number} {'pedestrian' if number == '1' else 'pedestrians'}"
+
+
+def episodes(scenario: Mapping[str, Any]) -> str:
+    """What a network has learned from that was trained in episodes of a scenario, in a few words."""
+    if "tracks" not in scenario:
+        return "simulated episodes only"
+    return f"simulated episodes with the recorded tracks of {scenario['tracks']['scene']}"
 
 
 def rate(estimate: Mapping[str, Any]) -> str:
