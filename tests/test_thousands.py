@@ -4,9 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from helpers import world
 
 from crowdbench.catalog import load_scenario
+from crowdbench.dynamics import FREE, Unicycle
 from crowdbench.envs.observations import flatten, flatten_everybody
+from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.errors import InputError
@@ -16,6 +19,7 @@ from crowdbench.scenario.layouts.placed import CLEARANCE, Points
 from crowdbench.sim.nearest import with_nearest
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.types import Rules
 
 SMALL = {"pedestrians.number": 150, "layout.square_width": 40.0}
 
@@ -137,3 +141,28 @@ def test_what_needs_a_world_for_each_of_thousands_is_refused():
 
 def test_fewer_failures_of_large_crowds_are_recorded():
     assert [fewer_of_many(1000, number) for number in (0, 100, 1000, 10_000)] == [1000, 1000, 100, 10]
+
+
+def crowd(area, agents=300, dynamics=FREE):
+    """A crowd on a square of so many metres, whose agents differ in size and speed; some are absent."""
+    rng = np.random.default_rng(agents)
+    rules = Rules(visible=True, dynamics=dynamics)
+    start = world(rng.uniform(0.0, area, (agents, 2)), rules=rules)
+    present = rng.random((1, agents)) < 0.9
+    present[:, 0] = True
+    return start.replace(
+        radius=rng.uniform(0.05, 0.6, (1, agents)), preferred_speed=rng.uniform(0.0, 3.0, (1, agents)), present=present
+    )
+
+
+@pytest.mark.parametrize("dynamics", [FREE, Unicycle()])
+@pytest.mark.parametrize("area", [4.0, 40.0, 400.0])
+def test_the_step_of_all_agents_is_checked_from_cells_as_among_all(area, dynamics, monkeypatch):
+    before = crowd(area, dynamics=dynamics)
+    asked = 3.0 * np.random.default_rng(1).normal(size=before.velocity.shape)
+    after, check = step(before, asked[:, 0], asked[:, 1:])
+    found = outcomes_of_agents(before, after, check)
+    monkeypatch.setattr("crowdbench.sim.neighbors.CELLS_FROM", math.inf)
+    for from_cells, among_all in zip(found, outcomes_of_agents(before, after, check), strict=True):
+        np.testing.assert_array_equal(from_cells, among_all)
+    assert np.isfinite(found[1]).all()
