@@ -106,13 +106,13 @@ def swept_motion(
         Displacement of each agent in metres, along a straight line at constant speed.
     """
     motion = np.empty(before.shape)
-    _fill_motion(before, after, velocity_before, rules.collision_code, rules.dt, motion)
+    fill_motion(before, after, velocity_before, rules.collision_code, rules.dt, motion)
     return motion
 
 
 @no_type_check
 @njit
-def _fill_motion(before, after, velocity_before, rule, dt, motion):
+def fill_motion(before, after, velocity_before, rule, dt, motion):
     """Fill `motion [agent, 2]` of one world, see `swept_motion`."""
     for i in range(len(motion)):
         for axis in range(2):
@@ -201,7 +201,7 @@ def check_worlds(
     """
     motion = np.empty(position.shape[1:])
     for w in range(len(radius)):
-        _fill_motion(position[w], end[w], velocity_before[w], rule, dt, motion)
+        fill_motion(position[w], end[w], velocity_before[w], rule, dt, motion)
         if code == HOLONOMIC:
             gap[w], _ = nearest_in_step(0, position[w], motion, radius[w], present[w])
             x, y, mx, my = position[w, 0, 0], position[w, 0, 1], motion[0, 0], motion[0, 1]
