@@ -18,6 +18,7 @@ from crowdbench.plugin_files import file_digests
 from crowdbench.plugins import ROOT, Kind
 from crowdbench.scenario import file as scenario_file
 from crowdbench.scenario import layouts
+from crowdbench.scenario.certified import FOLDER, certified
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import PedestriansSpec
@@ -203,6 +204,8 @@ def load_scenario(
     overrides: Mapping[str, Any] | None = None,
     pedestrians: str | None = None,
     data: Path | None = None,
+    *,
+    all_cases: bool = False,
 ) -> Scenario:
     """Find a scenario and read it.
 
@@ -211,6 +214,7 @@ def load_scenario(
         overrides: Values for dotted keys of the file, such as `{"vehicle.visible": True}`.
         pedestrians: A policy that moves all pedestrians instead of the scenario's own, without its parameters.
         data: The folder with the recorded tracks that the scenario's `[tracks]` needs.
+        all_cases: Whether it has those cases too that are known to have no certificate.
 
     Returns:
         The scenario.
@@ -232,7 +236,7 @@ def load_scenario(
         _set(table, key, _from_here(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     source = str(path) if own_file else path.name
     find_layout = functools.partial(load_layout, folder=path.parent)
-    return scenario_file.parse(
+    scenario = scenario_file.parse(
         table,
         path.stem,
         source,
@@ -240,6 +244,7 @@ def load_scenario(
         functools.partial(load_policy, folder=path.parent),
         lambda scene, files: load_scene(scene, data, files),
     )
+    return scenario if all_cases else certified(scenario, path.parent / FOLDER / path.name)
 
 
 def load_recorded_scenario(

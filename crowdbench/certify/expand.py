@@ -36,6 +36,7 @@ def expand(
     dt,
     max_speed,
     margin,
+    farthest,
     state,
     command,
     crowd,
@@ -69,6 +70,7 @@ def expand(
         dt (float): Duration of the step in seconds.
         max_speed (float): The vehicle's, in m/s.
         margin (float): Smallest gap to pedestrians and obstacles, in metres.
+        farthest (float): Distance in metres to the goal from which it can still be reached after the step.
         state (array): `[state, 6]`: position, velocity, heading and turn rate, the most promising first.
         command (array): `[state, action, 2]`, the commands to try.
         crowd (array): `[state]`, which of the crowds each state is in.
@@ -128,9 +130,10 @@ def expand(
                 code, limits, x, y, vx, vy, heading, turn_rate, first, second, max_speed, dt
             )
             arrived_x, arrived_y = (x, y) if rule == _PLUS else (nx, ny)
-            arrived = math.hypot(goal[0] - arrived_x, goal[1] - arrived_y) < tolerance
+            distance = math.hypot(goal[0] - arrived_x, goal[1] - arrived_y)
+            arrived = distance < tolerance
             index = _cell_of(nx, ny, math.hypot(nvx, nvy) / max_speed, after, origin, cell, number)
-            if index < 0:
+            if index < 0 or distance > farthest:
                 continue
             way = way_left(nx, ny, goal, ways, ways_origin, ways_cell)
             there = table[index]

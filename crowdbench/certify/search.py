@@ -7,6 +7,7 @@ that no faster way was found on this grid.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,14 +17,16 @@ from jaxtyping import Float, Int
 from crowdbench.certify.crowds import Crowd
 from crowdbench.certify.expand import expand
 from crowdbench.certify.ways import CELL, Ways
-from crowdbench.dynamics import Dynamics, Holonomic, State
+from crowdbench.dynamics import Bicycle, Dynamics, Holonomic, State, Unicycle
 from crowdbench.dynamics.grids import HEADINGS, REACHED, SPEEDS, TURNS
 from crowdbench.geometry import toward_goal
 from crowdbench.types import Rules, World
 
-_NO_HEADINGS = (1, 1)
-_HEADINGS, _SPEEDS = 16, 4
-"""Cells of headings and speeds, where the vehicle cannot change them at once."""
+_HEADINGS, _SPEEDS = (16, 96), (4, 8)
+"""The least and the largest number of cells of headings and speeds, where the vehicle cannot change them at once."""
+
+_OF_STEP = 0.8
+"""A cell of positions is no larger than this share of the farthest way in a step, so that the vehicle gets out of it."""
 
 _OF_GRID = np.array([0, *(1 + (speed - 1) * HEADINGS + k for speed in (3, SPEEDS) for k in range(HEADINGS))])
 """Of the commands of a holonomic vehicle: to stand, and two speeds in all headings."""
@@ -109,8 +112,8 @@ def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> Found:
     """
     states, layers, is_exhaustive = task.start[None], list[_Layer](), True
     grid = _Grid.of(task, effort)
-    for _ in range(task.rules.max_steps - 1):  # the last step is a time-out in any case
-        layer, arrived, is_cut = grid.expanded(states, crowd, margin)
+    for left in reversed(range(task.rules.max_steps - 1)):  # the last step is a time-out in any case
+        layer, arrived, is_cut = grid.expanded(states, crowd, margin, left)
         if arrived >= 0:
             return Found(_backwards([*layers, layer], arrived), is_exhaustive)
         kept = _kept(layer.way, effort.states)
@@ -155,29 +158,37 @@ class _Grid:
 
     @classmethod
     def of(cls, task: Task, effort: Effort) -> _Grid:
-        dynamics = task.rules.dynamics
-        free = isinstance(dynamics, Holonomic) and np.isinf(dynamics.max_acceleration)
-        positions = np.ceil((task.ways.high - task.ways.low) / effort.cell).astype(np.int64)
-        number = np.array([*positions, *(_NO_HEADINGS if free else (_HEADINGS, _SPEEDS))])
+        cell = min(effort.cell, _OF_STEP * task.max_speed * task.rules.dt)
+        positions = np.ceil((task.ways.high - task.ways.low) / cell).astype(np.int64)
+        number = np.array([*positions, *_turns_and_speeds(task)])
         most = min(int(number.prod()), 4 * effort.states) + 1
         arrays = np.empty((most, 6)), np.empty(most), np.empty(most, np.int64), np.empty((most, 2))
-        return cls(task, effort.cell, number, np.full(int(number.prod()), -1, np.int32), _Layer(*arrays))
+        return cls(task, cell, number, np.full(int(number.prod()), -1, np.int32), _Layer(*arrays))
 
     def expanded(
-        self, states: Float[np.ndarray, "state 6"], crowd: Crowd, margin: float
+        self, states: Float[np.ndarray, "state 6"], crowd: Crowd, margin: float, left: int
     ) -> tuple[_Layer, int, bool]:
-        """The next layer, which of its states has arrived, -1 if none, and whether states were left out."""
+        """The next layer, which of its states has arrived, -1 if none, and whether states were left out.
+
+        Args:
+            states: Those of this layer.
+            crowd: The crowd around them.
+            margin: Smallest gap in metres.
+            left: Steps after this one.
+        """
         task, rules, ways = self.task, self.task.rules, self.task.ways
         self.table.fill(-1)
+        tolerance = rules.goal_tolerance or task.radius
         count, arrived, is_cut = expand(
             rules.dynamics.code,
             rules.dynamics.limits,
             rules.discs,
-            rules.goal_tolerance or task.radius,
+            tolerance,
             rules.collision_code,
             rules.dt,
             task.max_speed,
             margin,
+            tolerance + (left + 1) * rules.dt * task.max_speed,
             states,
             commands(rules.dynamics, states, task),
             crowd.rows(len(states)),
@@ -194,6 +205,26 @@ class _Grid:
             *self.layer,
         )
         return self.layer.take(np.arange(count)), arrived, is_cut
+
+
+def _turns_and_speeds(task: Task) -> tuple[int, int]:
+    """The numbers of cells of headings and speeds, so small that a step leads from one into the next."""
+    dynamics, dt, speed = task.rules.dynamics, task.rules.dt, task.max_speed
+    match dynamics:
+        case Unicycle():
+            turn = dt * min(dynamics.max_angular_speed, dt * dynamics.max_angular_acceleration)
+        case Bicycle():
+            turn = dt * speed * math.tan(dynamics.max_steering) / dynamics.wheelbase
+        case Holonomic(max_acceleration=math.inf):
+            return 1, 1
+        case _:
+            turn = math.inf
+    change = dt * dynamics.max_acceleration
+    return _between(_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), _between(_SPEEDS, speed / change + 1.0)
+
+
+def _between(bounds: tuple[int, int], number: float) -> int:
+    return min(max(bounds[0], math.ceil(number)), bounds[1])
 
 
 def commands(

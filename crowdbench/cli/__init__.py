@@ -17,6 +17,7 @@ from crowdbench import interrupts
 from crowdbench.cli import (
     bench,
     boards,
+    certify,
     check,
     evaluate_predictor,
     listing,
@@ -37,6 +38,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "train": train.train,
     "list": listing.list_,
     "check": check.check,
+    "certify": certify.certify,
     "compare": results.compare,
     "study": study.study,
     "reproduce": study.reproduce,

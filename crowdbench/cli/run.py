@@ -122,10 +122,12 @@ def run(
         data.absolute() if data else None,  # workers of a cluster have other working directories
     )
     own = Shard.parse(shard) if shard else WHOLE
-    with _interrupts_told(), spec.loaded() as wanted, progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell:
+    with interrupts_told(), spec.loaded() as wanted, progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell:
         changes = {**spec.options, **spec.changes, **spec.replanning.settings}
         name = runs.directory_name(wanted.driver.name, wanted.scenario.name, spec.cases, changes)
         say_of_training(wanted)
+        if wanted.scenario.certificates is not None:
+            say(f"crowdbench: {wanted.scenario.certificates.sentence(wanted.scenario, wanted.cases)}")
         directory = out or Path("runs") / name
         if on_ray:
             _make_on_ray(spec, wanted, directory, own, overwrite, threads, tell)
@@ -200,7 +202,7 @@ def merge(
 
 
 @contextlib.contextmanager
-def _interrupts_told() -> Iterator[None]:
+def interrupts_told() -> Iterator[None]:
     """Says what an interrupted run has kept, and exits. Typer would end the command without a word."""
     from crowdbench.cli.console import say
 

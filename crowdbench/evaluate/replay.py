@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from crowdbench.errors import InputError
 from crowdbench.evaluate import commands, differences, seal
@@ -21,6 +21,7 @@ from crowdbench.evaluate.commands import COMMANDS, Commands
 from crowdbench.evaluate.differences import Difference, listed
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.metrics import Metric
+from crowdbench.evaluate.playback import Playback
 from crowdbench.evaluate.results import (
     EPISODES,
     RECORDING,
@@ -34,11 +35,10 @@ from crowdbench.evaluate.results import (
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.evaluate.seal import MANIFEST, checked
 from crowdbench.evaluate.wanted import fitting, versions
-from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.settings import BATCH
-from crowdbench.types import Observation, Trace
+from crowdbench.types import Trace
 
 if TYPE_CHECKING:
     from crowdbench.record.read import Recording
@@ -187,18 +187,6 @@ def replay(
     )
 
 
-class _Recorded(Planner):
-    """Gives the commands that were recorded of a batch of cases."""
-
-    native = True
-
-    def __init__(self, command: Float[np.ndarray, "world step 2"]) -> None:
-        self._command = command
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        return self._command[obs.row, obs.step]
-
-
 def traces(
     files: RunFiles,
     scenario: Scenario,
@@ -230,7 +218,7 @@ def traces(
             chosen = first[rows[part.start - together.start : part.stop - together.start]]
             command = files.commands.padded(chosen, scenario.rules.max_steps)
             command[~possible[chosen]] = 0.0  # the driver would end the replay at them
-            driver = Driver(_Recorded(command), "of the replay")
+            driver = Driver(Playback(command), "of the replay")
             yield rollout(driver, scenario, part, progress=progress)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
+from crowdbench.scenario.certified import numbers
 from crowdbench.scenario.layouts.crowdnav_plus import CLEARANCE, goal_on, is_clear, start_beside, vehicle_way
 from crowdbench.scenario.layouts.placed import Point
 from crowdbench.scenario.people import Kinds, Quantity, Traits
@@ -65,6 +66,7 @@ class CrowdNavPlus:
         half_width: The vehicle starts and arrives in the square from -half_width to half_width, in metres.
         vehicle_radius: In metres.
         goal_change: How pedestrians change their goals on the way, if they do.
+        left_out: The numbers of the test cases that are left out, rising.
     """
 
     number: int
@@ -74,6 +76,7 @@ class CrowdNavPlus:
     half_width: float
     vehicle_radius: float
     goal_change: GoalChange | None
+    left_out: Sequence[int] = ()
 
     def start(self, case: int) -> tuple[Traits, Placement, int]:
         """The pedestrians of a case, where all start and go, and how many numbers were drawn for it."""
@@ -93,7 +96,8 @@ class CrowdNavPlus:
     def renew(self, world: World, row: int) -> None:
         """Change the goals and the people of a world after a step, in its arrays."""
         drawn: Int[np.ndarray, "world"] = world.memory[MEMORY]["drawn"]
-        stream, change = Stream(int(world.case[row]), int(drawn[row])), self.goal_change
+        (case,) = numbers(self.left_out, world.case[row : row + 1]).tolist()
+        stream, change = Stream(case, int(drawn[row])), self.goal_change
         if change is not None and world.step[row] % change.every == 0:
             for agent in range(1, self.number + 1):
                 if stream.draw() <= change.chance:

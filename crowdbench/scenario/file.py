@@ -11,6 +11,7 @@ from typing import Any
 
 from crowdbench.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.errors import InputError
+from crowdbench.scenario.certified import LEFT_OUT, without_recorded
 from crowdbench.scenario.people import Quantity
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.renewal import GoalChange
@@ -262,10 +263,11 @@ def restored(
         InputError: As `parse` does.
     """
     crowd = {key: value for key, value in table["pedestrians"].items() if key != "policy_files"}
-    keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
+    keys = {key: value for key, value in table.items() if key not in ("name", "digest", LEFT_OUT)}
     layout = {key: value for key, value in table.get("layout", {}).items() if key != "generator_file"}
     keys |= {"layout": layout, "pedestrians": crowd}
     made = parse(keys, str(table.get("name", "")), source, load_layout, load_policy, load_scene)
+    made = without_recorded(made, table, source)
     shares = crowd.get("policy")
     if isinstance(shares, Mapping) and len(shares) > 1 and math.isclose(sum(shares.values()), 1.0, abs_tol=1e-12):
         # They have been divided by their sum: once more could change their last bits.

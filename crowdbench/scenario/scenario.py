@@ -16,6 +16,7 @@ from crowdbench.dynamics import Holonomic, reach
 from crowdbench.errors import InputError, plugin_errors
 from crowdbench.scenario.again import again_of
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.certified import Told, numbers
 from crowdbench.scenario.crowdnav_plus import MEMORY, CrowdNavPlus, PlusRenewal
 from crowdbench.scenario.digest import digest_of
 from crowdbench.scenario.groups import Members, alone, drawn_groups, first_of_group, number_of_group, placed_together
@@ -61,6 +62,8 @@ class Scenario:
         goal_change: How pedestrians change their goals on the way, if they do.
         tracks: The recorded people who are its crowd, instead of a layout; None for a simulated crowd.
         groups: By size, the share of the groups of pedestrians that are so large; empty where all walk alone.
+        left_out: By split, the numbers of the cases that are left out, rising: see `crowdbench.scenario.certified`.
+        certificates: What there is to say of its certificates; None where there are none.
     """
 
     name: str
@@ -83,6 +86,8 @@ class Scenario:
     goal_change: GoalChange | None = None
     tracks: TrackedCrowd | None = None
     groups: Mapping[int, float] = dataclasses.field(default_factory=dict)
+    left_out: Mapping[str, Sequence[int]] = dataclasses.field(default_factory=dict)
+    certificates: Told | None = None
 
     @functools.cached_property
     def renewal(self) -> Callable[[World, Bool[np.ndarray, "world"]], World] | None:
@@ -108,6 +113,7 @@ class Scenario:
             policy,
             vehicle_radius=self.vehicle_radius,
             goal_change=self.goal_change,
+            left_out=self.left_out.get("test", ()),
             **self.layout_options,
         )
 
@@ -144,7 +150,8 @@ class Scenario:
         Raises:
             InputError: A layout has no room for a crowd, fails, or places what cannot be, or a policy makes no memory.
         """
-        keys = rng.case_keys(self.seed, split, cases)
+        drawn_as = numbers(self.left_out.get(split, ()), cases)
+        keys = rng.case_keys(self.seed, split, drawn_as)
         worlds, agents = len(cases), self.max_agents
         position, goal = np.zeros((2, worlds, agents, 2))
         radius, speed = np.ones((2, worlds, agents))
@@ -156,7 +163,7 @@ class Scenario:
         }
         drawn = np.full(worlds, -1)
         routes, obstacles = [], []
-        for w, (case, key) in enumerate(zip(cases.tolist(), keys, strict=True)):
+        for w, (case, key) in enumerate(zip(drawn_as.tolist(), keys, strict=True)):
             traits, placement, groups, drawn[w] = self._start(split, case, key)
             n = len(traits.radius)
             group[w, :n] = number_of_group(groups, n)
@@ -203,12 +210,14 @@ class Scenario:
             rules=self.rules,
         )
         if self.tracks:
-            start = self.tracks.begun(start, [self.tracks.window(split, case) for case in cases.tolist()])
+            start = self.tracks.begun(start, [self.tracks.window(split, case) for case in drawn_as.tolist()])
         return with_memories(look(start), self.policies)
 
     def blocks(self, cases: Cases) -> Int[np.ndarray, "world"] | None:
         """The block of recorded time of each case; None where nobody is recorded, so that cases are independent."""
-        return None if self.tracks is None else self.tracks.blocks(cases.split, cases.indices)
+        if self.tracks is None:
+            return None
+        return self.tracks.blocks(cases.split, numbers(self.left_out.get(cases.split, ()), cases.indices))
 
     def _start(self, split: str, case: int, key: np.uint64) -> tuple[Traits, Placement, Sequence[Members], int]:
         """The start of a case.

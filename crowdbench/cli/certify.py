@@ -1,0 +1,81 @@
+"""The command that finds out in which cases of a scenario the vehicle can succeed."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crowdbench.cli.options import DataOption, SetOption, ThreadsOption, assignments, use_threads
+from crowdbench.cli.run import interrupts_told
+
+if TYPE_CHECKING:
+    from crowdbench.certify.make import Row
+    from crowdbench.scenario.cases import Cases
+    from crowdbench.scenario.scenario import Scenario
+
+
+def certify(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a file of your own: ./mine.toml.")],
+    cases: Annotated[str, typer.Option(help="test:500 (the first 500 test cases), val:100, 37:38 (case 37 alone).")] = (
+        "test:500"
+    ),
+    margin: Annotated[
+        float,
+        typer.Option(
+            min=0.0, max=100.0, help="Smallest gap to people and obstacles in metres that is tried first; then 0."
+        ),
+    ] = 0.1,
+    overrides: SetOption = None,
+    data: DataOption = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory for the certificates.", show_default="runs/certified-SCENARIO")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier certificates.")] = False,
+    threads: ThreadsOption = None,
+) -> None:
+    """Find commands by which the vehicle succeeds in the cases of a scenario, with foresight of what people will do.
+
+    They are kept as a run, which `crowdbench score DIR --replay` simulates again.
+    """
+    use_threads(threads)
+    from crowdbench import catalog
+    from crowdbench.certify.make import make
+    from crowdbench.cli.console import announce_compilation, progress
+    from crowdbench.scenario.cases import Cases
+
+    wanted, changes = Cases.parse(cases), assignments(overrides or [], "--set")
+    loaded = catalog.load_scenario(scenario, changes, data=data, all_cases=True)
+    directory = out or Path("runs") / f"certified-{loaded.name}"
+    announce_compilation()
+    start = time.monotonic()
+    with interrupts_told(), progress(len(wanted), f"of {len(wanted)} cases") as tell:
+        rows = make(loaded, wanted, margin, directory, overrides=changes, overwrite=overwrite, progress=tell)
+    seconds = time.monotonic() - start
+    print("\n".join(_report(loaded, wanted, margin, rows, seconds)))
+    print(f"\nKept in {directory / wanted.split}; `crowdbench score {directory / wanted.split} --replay` checks it.")
+    if wanted.start == 0:
+        there = Path(scenario).parent if scenario.endswith(".toml") else catalog.SCENARIOS
+        made, place = directory / f"{loaded.name}.toml", there / catalog.FOLDER / f"{loaded.name}.toml"
+        print(f"{made} lists the cases without certificate: as {place} it keeps them out of runs.")
+
+
+def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Row], seconds: float) -> list[str]:
+    """What is printed of the certificates, line by line."""
+    total = len(rows)
+    by = Counter(row.means for row in rows if row.means)
+    lines = [f"{scenario.name}, cases {cases}: {seconds:.0f} s", ""]
+    for least in dict.fromkeys([margin, 0.0]):
+        number = sum(row.margin >= least for row in rows)
+        lines.append(f"certified with gaps of at least {least:g} m: {number} of {total} ({number / total:.1%})")
+    lines.append("by " + (", ".join(f"{means}: {number}" for means, number in by.most_common()) or "nothing"))
+    without = [row for row in rows if not row.means]
+    for exhausted, what in ((False, "no certificate found"), (True, "no certificate exists on the grid of the search")):
+        those = [str(row.case) for row in without if row.exhausted == exhausted]
+        if those:
+            lines.append(f"{what}: {cases.split} {', '.join(those)}")
+    return lines
