@@ -244,7 +244,7 @@ def load_scenario(
         functools.partial(load_policy, folder=path.parent),
         lambda scene, files: load_scene(scene, data, files),
     )
-    return scenario if all_cases else certified(scenario, path.parent / FOLDER / path.name)
+    return scenario if all_cases else certified(scenario, spec, path.parent / FOLDER / path.name)
 
 
 def load_recorded_scenario(

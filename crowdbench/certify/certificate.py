@@ -77,12 +77,15 @@ def certificates(
         for name, trace in driven:
             for each in _in_trace(trace, name, margin):
                 found.setdefault(each.case, each)
-        progress(len(found) - there)
+        if len(found) > there:
+            progress(len(found) - there)
         for each in searched.certificates([case for case in cases.indices.tolist() if case not in found], margin):
             found[each.case] = each
             progress(1)
-    progress(len(cases) - len(found))
-    return [found.get(case, Certificate(case, is_exhausted=case in searched.exhausted)) for case in cases.indices]
+    if len(found) < len(cases):
+        progress(len(cases) - len(found))
+    numbers = cases.indices.tolist()
+    return [found.get(case, Certificate(case, is_exhausted=case in searched.exhausted)) for case in numbers]
 
 
 def _driven(name: str, scenario: Scenario, cases: Cases) -> Trace:

@@ -163,7 +163,7 @@ def _list_without(scenario: Scenario, split: str, margin: float, rows: Sequence[
     left_out = [row.case for row in rows if not row.means]
     narrow = [row.case for row in rows if row.margin < margin]
     found = {split: Examined(examined=len(rows), left_out=left_out, narrow=narrow)}
-    others = before.cases if before is not None and fits else {}
+    others = before.splits if before is not None and fits else {}
     with files.whole(path) as partial:
-        text = Certified(scenario=scenario.digest, margin=margin, cases={**others, **found}).text()
+        text = Certified(scenario=scenario.digest, margin=margin, **{**others, **found}).text()
         partial.write_text(text, encoding="utf-8")

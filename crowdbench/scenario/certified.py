@@ -36,12 +36,6 @@ def _rising(numbers: list[int]) -> list[int]:
     return numbers
 
 
-def _of_splits(table: dict[str, Any]) -> dict[str, Any]:
-    if not table.keys() <= set(SPLITS):
-        raise ValueError
-    return table
-
-
 Numbers = Annotated[
     list[Annotated[int, Field(ge=0, lt=LAST)]],
     AfterValidator(_rising),
@@ -69,39 +63,49 @@ class Certified(TomlTable):
     Attributes:
         scenario: The digest of the scenario.
         margin: The wider of the margins that were tried, in metres.
-        cases: What was examined, by split.
+        train: What was examined of training cases.
+        val: Of validation cases.
+        test: Of test cases.
     """
 
     scenario: Name
     margin: float = number(least=0.0, below=100.0)
-    cases: Annotated[
-        dict[str, Examined],
-        AfterValidator(_of_splits),
-        Field(description=f"a table for each split that was examined, such as [cases.test] ({', '.join(SPLITS)})"),
-    ] = {}
+    train: Examined | None = Field(default=None, description="a table [train]")
+    val: Examined | None = Field(default=None, description="a table [val]")
+    test: Examined | None = Field(default=None, description="a table [test]")
 
     @classmethod
     def read(cls, path: Path) -> Certified | None:
         """Read the file; None where there is none. Raises InputError where it is not as `text` writes it."""
         return parsed(cls, read_toml(path, "file"), Location(str(path))) if path.is_file() else None
 
+    @property
+    def splits(self) -> dict[str, Examined]:
+        """What was examined, by split."""
+        each = {split: getattr(self, split) for split in SPLITS}
+        return {split: found for split, found in each.items() if found is not None}
+
     def text(self) -> str:
         """The file, in TOML."""
         lines = [f'scenario = "{self.scenario}"', f"margin = {float(self.margin)!r}"]
-        for split, found in sorted(self.cases.items()):
-            lines += ["", f"[cases.{split}]", f"examined = {found.examined}"]
+        for split, found in self.splits.items():
+            lines += ["", f"[{split}]", f"examined = {found.examined}"]
             lines += [f"left_out = {found.left_out}", f"narrow = {found.narrow}"]
         return "\n".join(lines) + "\n"
+
+
+class _Splits(TomlTable):
+    """Numbers of cases by split."""
+
+    train: Numbers = []
+    val: Numbers = []
+    test: Numbers = []
 
 
 class _LeftOut(TomlTable):
     """The part of a scenario's table that has the cases that are left out."""
 
-    left_out: Annotated[
-        dict[str, Numbers],
-        AfterValidator(_of_splits),
-        Field(description="a table of the numbers of cases, rising, by split"),
-    ] = {}
+    left_out: _Splits = _Splits()
 
 
 @dataclass(frozen=True)
@@ -109,11 +113,13 @@ class Told:
     """What there is to say of the certificates of a scenario.
 
     Attributes:
+        asked: The name or the file of the scenario, as a user gives it.
         file: The file with the certified cases.
         certified: What it says.
         is_stale: Whether it is for the scenario as it was before a change.
     """
 
+    asked: str
     file: str
     certified: Certified
     is_stale: bool
@@ -125,11 +131,11 @@ class Told:
             scenario: The scenario.
             cases: The cases of a run.
         """
-        split, by = cases.split, f"`crowdbench certify {scenario.name}"
+        split, by = cases.split, f"`crowdbench certify {self.asked}"
         if self.is_stale:
             found = f"{self.file} is for the digest {self.certified.scenario}, but {scenario.name} has "
             return f"{found}{scenario.digest} now: no case is left out; {by}` makes it again"
-        examined = self.certified.cases.get(split)
+        examined = self.certified.splits.get(split)
         last = int(numbers(scenario.left_out.get(split, ()), np.array([cases.stop - 1]))[0]) + 1
         number = 0 if examined is None else examined.examined
         if examined is None or last > number:
@@ -152,11 +158,12 @@ def numbers(left_out: Iterable[int], cases: Int[np.ndarray, "case"]) -> Int[np.n
     return cases + np.searchsorted(before, cases, side="right")
 
 
-def certified(scenario: Scenario, file: Path) -> Scenario:
+def certified(scenario: Scenario, asked: str, file: Path) -> Scenario:
     """A scenario without the cases that have no certificate.
 
     Args:
         scenario: With all cases.
+        asked: Its name or its file, as a user gives it.
         file: The file with the certified cases.
 
     Returns:
@@ -168,8 +175,8 @@ def certified(scenario: Scenario, file: Path) -> Scenario:
     found = Certified.read(file)
     if found is None:
         return scenario
-    told = Told(str(file), found, found.scenario != scenario.digest)
-    chosen = {} if told.is_stale else {split: each.left_out for split, each in found.cases.items()}
+    told = Told(asked, str(file), found, found.scenario != scenario.digest)
+    chosen = {} if told.is_stale else {split: each.left_out for split, each in found.splits.items()}
     return dataclasses.replace(without(scenario, chosen), certificates=told)
 
 
@@ -198,4 +205,4 @@ def without_recorded(scenario: Scenario, table: Mapping[str, Any], source: str) 
         InputError: What is left out are no rising numbers of cases by split.
     """
     chosen = {key: value for key, value in table.items() if key == LEFT_OUT}
-    return without(scenario, parsed(_LeftOut, chosen, Location(source)).left_out)
+    return without(scenario, parsed(_LeftOut, chosen, Location(source)).left_out.complete())
