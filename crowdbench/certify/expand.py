@@ -186,7 +186,7 @@ def _cell_of(x, y, speed, heading, origin, cell, number):
     i, j = math.floor((x - origin[0]) / cell), math.floor((y - origin[1]) / cell)
     if not (0 <= i < number[0] and 0 <= j < number[1]):
         return -1
-    h = int(math.floor(heading / (2.0 * math.pi) * number[2] + 0.5)) % number[2]
+    h = math.floor(heading / (2.0 * math.pi) * number[2] + 0.5) % number[2]
     v = min(int(speed * (number[3] - 1) + 0.5), number[3] - 1)
     return ((i * number[1] + j) * number[2] + h) * number[3] + v
 
@@ -200,7 +200,8 @@ def way_left(x, y, goal, ways, origin, cell):
         x (float): x of the point in metres.
         y (float): Its y.
         goal (array): `[2]`, in metres.
-        ways (array): `[x, y]`, ways from points of a grid in metres, infinite where none leads; empty without obstacles.
+        ways (array): `[x, y]`, ways from points of a grid in metres, infinite where none leads; empty without
+            obstacles.
         origin (array): `[2]`, the first of these points.
         cell (float): Their distance from each other in metres.
 
@@ -209,7 +210,7 @@ def way_left(x, y, goal, ways, origin, cell):
     """
     if ways.shape[0] == 0:
         return math.hypot(goal[0] - x, goal[1] - y)
-    i, j = int(round((x - origin[0]) / cell)), int(round((y - origin[1]) / cell))
+    i, j = round((x - origin[0]) / cell), round((y - origin[1]) / cell)
     least = math.inf
     for k in range(max(i - 1, 0), min(i + 2, ways.shape[0])):
         for m in range(max(j - 1, 0), min(j + 2, ways.shape[1])):

@@ -65,8 +65,8 @@ class Row:
     @classmethod
     def read(cls, texts: Mapping[str, str]) -> Row:
         """A row of the file that `make` writes."""
-        numbers = (float(texts[name] or "nan") for name in ("margin", "gap", "seconds"))
-        return cls(int(texts["case"]), texts["means"], *numbers, texts["exhausted"] == "yes")
+        margin, gap, seconds = (float(texts[name] or "nan") for name in ("margin", "gap", "seconds"))
+        return cls(int(texts["case"]), texts["means"], margin, gap, seconds, texts["exhausted"] == "yes")
 
     def texts(self) -> list[str]:
         """The row as that file has it."""

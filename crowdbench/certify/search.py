@@ -26,7 +26,7 @@ _HEADINGS, _SPEEDS = (16, 96), (4, 8)
 """The least and the largest number of cells of headings and speeds, where the vehicle cannot change them at once."""
 
 _OF_STEP = 0.8
-"""A cell of positions is no larger than this share of the farthest way in a step, so that the vehicle gets out of it."""
+"""A cell of positions is no larger than this share of the farthest way in a step, or the vehicle would stay in it."""
 
 _OF_GRID = np.array([0, *(1 + (speed - 1) * HEADINGS + k for speed in (3, SPEEDS) for k in range(HEADINGS))])
 """Of the commands of a holonomic vehicle: to stand, and two speeds in all headings."""
@@ -210,16 +210,15 @@ class _Grid:
 def _turns_and_speeds(task: Task) -> tuple[int, int]:
     """The numbers of cells of headings and speeds, so small that a step leads from one into the next."""
     dynamics, dt, speed = task.rules.dynamics, task.rules.dt, task.max_speed
-    match dynamics:
-        case Unicycle():
-            turn = dt * min(dynamics.max_angular_speed, dt * dynamics.max_angular_acceleration)
-        case Bicycle():
-            turn = dt * speed * math.tan(dynamics.max_steering) / dynamics.wheelbase
-        case Holonomic(max_acceleration=math.inf):
-            return 1, 1
-        case _:
-            turn = math.inf
-    change = dt * dynamics.max_acceleration
+    if isinstance(dynamics, Unicycle):
+        turn = dt * min(dynamics.max_angular_speed, dt * dynamics.max_angular_acceleration)
+    elif isinstance(dynamics, Bicycle):
+        turn = dt * speed * math.tan(dynamics.max_steering) / dynamics.wheelbase
+    elif dynamics.limits[0] < math.inf:
+        turn = math.inf
+    else:
+        return 1, 1  # its velocity can be any other one after the step
+    change = dt * float(dynamics.limits[0])  # of speed
     return _between(_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), _between(_SPEEDS, speed / change + 1.0)
 
 

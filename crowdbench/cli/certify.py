@@ -47,6 +47,7 @@ def certify(
     from crowdbench.certify.make import make
     from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.scenario.cases import Cases
+    from crowdbench.scenario.certified import FOLDER
 
     wanted, changes = Cases.parse(cases), assignments(overrides or [], "--set")
     loaded = catalog.load_scenario(scenario, changes, data=data, all_cases=True)
@@ -60,7 +61,7 @@ def certify(
     print(f"\nKept in {directory / wanted.split}; `crowdbench score {directory / wanted.split} --replay` checks it.")
     if wanted.start == 0:
         there = Path(scenario).parent if scenario.endswith(".toml") else catalog.SCENARIOS
-        made, place = directory / f"{loaded.name}.toml", there / catalog.FOLDER / f"{loaded.name}.toml"
+        made, place = directory / f"{loaded.name}.toml", there / FOLDER / f"{loaded.name}.toml"
         print(f"{made} lists the cases without certificate: as {place} it keeps them out of runs.")
 
 

@@ -7,6 +7,7 @@ file `certified/NAME.toml` beside the scenario's own file says which these are; 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ LEFT_OUT = "left_out"
 
 
 def _rising(numbers: list[int]) -> list[int]:
-    if any(one >= other for one, other in zip(numbers, numbers[1:], strict=False)):
+    if any(one >= other for one, other in itertools.pairwise(numbers)):
         raise ValueError
     return numbers
 
@@ -53,8 +54,8 @@ class Examined(TomlTable):
     """
 
     examined: int = integer(least=1, most=LAST)
-    left_out: Numbers = []
-    narrow: Numbers = []
+    left_out: Numbers = Field(default=[])
+    narrow: Numbers = Field(default=[])
 
 
 class Certified(TomlTable):
@@ -97,9 +98,9 @@ class Certified(TomlTable):
 class _Splits(TomlTable):
     """Numbers of cases by split."""
 
-    train: Numbers = []
-    val: Numbers = []
-    test: Numbers = []
+    train: Numbers = Field(default=[])
+    val: Numbers = Field(default=[])
+    test: Numbers = Field(default=[])
 
 
 class _LeftOut(TomlTable):
