@@ -29,7 +29,7 @@ from crowdbench.scenario.scenario import Scenario
 NAME = "certificate"
 """The name of the planner in a run of certificates."""
 
-PART = 50
+PART = 25
 """Cases of a part: what an interrupt loses is no more than one."""
 
 _COLUMNS = ("case", "means", "margin", "gap", "seconds", "exhausted")
