@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from crowdbench.catalog import load_scenario
 from crowdbench.certify.certificate import SEARCH, certificates
 from crowdbench.certify.crowds import Known, known_steps
+from crowdbench.certify.make import make
 from crowdbench.certify.search import Effort, Task, search
 from crowdbench.cli import app
 from crowdbench.errors import InputError
@@ -217,6 +218,46 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     assert "All agree" in again.output, again.output
     beyond = CliRunner().invoke(app, [*run, str(there + 1), "--out", "more"])
     assert "`crowdbench certify mine.toml --cases test:5` makes them" in beyond.stderr
+
+
+def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
+    scenario = made("ring", 12)
+    monkeypatch.setattr("crowdbench.certify.make.PART", 1)
+    done = []
+
+    def stops(share):
+        done.append(share)
+        if len(done) == 3:
+            raise KeyboardInterrupt
+
+    def make_all(progress):
+        return make(scenario, Cases.parse("3"), 0.1, Path("out"), overrides={}, progress=progress)
+
+    with pytest.raises(KeyboardInterrupt, match="2 of 3 cases are kept in"):
+        make_all(stops)
+    looked = []
+    real = certificates
+    monkeypatch.setattr("crowdbench.certify.make.certificates", lambda *given: looked.append(given[1]) or real(*given))
+    rows = make_all(lambda share: None)
+    assert looked == [Cases("test", 2, 3)]
+    assert [row.case for row in rows] == [0, 1, 2]
+    assert [row.means for row in rows] == [each.means for each in found_in(scenario, "3")]
+
+
+def test_a_margin_that_cannot_be_is_refused(made):
+    made("ring", 12)
+    for margin in ("-0.1", "nan"):
+        result = certify("mine.toml", "--margin", margin)
+        assert isinstance(result.exception, InputError)
+        assert str(result.exception) == f"a margin of {margin} m is not possible: give 0 m or more, and less than 100 m"
+
+
+@pytest.mark.slow
+def test_nearly_all_cases_of_a_dense_crowd_are_certified(planners):
+    planners("orca_margin", "social_force")
+    dense = {"pedestrians.number": 20, "layout.circle_radius": 5.0, "time_limit": 40.0, "crowdnav_cases": 0}
+    found = found_in(load_scenario("circle_crossing_10", dense | {"pedestrians.arrival": "leave"}), "val:50")
+    assert sum(each.margin == 0.1 for each in found) >= 47
 
 
 def test_a_stale_file_is_told_and_leaves_nothing_out(made):

@@ -23,7 +23,7 @@ from crowdbench.evaluate.parts import Parts
 from crowdbench.evaluate.playback import Playback
 from crowdbench.evaluate.wanted import Wanted, fitting
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import Certified, Examined
+from crowdbench.scenario.certified import LARGEST, Certified, Examined
 from crowdbench.scenario.scenario import Scenario
 
 NAME = "certificate"
@@ -102,9 +102,11 @@ def make(
         What was found for each case.
 
     Raises:
-        InputError: The scenario breaks its contract, or the directory cannot be written.
+        InputError: The margin cannot be, the scenario breaks its contract, or the directory cannot be written.
         KeyboardInterrupt: Interrupted. The parts that are finished are kept.
     """
+    if not 0.0 <= margin < LARGEST:
+        raise InputError(f"a margin of {margin:g} m is not possible: give 0 m or more, and less than {LARGEST:g} m")
     margins = list(dict.fromkeys([margin, 0.0]))
     directory, table = out / cases.split, out / f"{cases.split}.csv"
     about = {"options": {}, "planner_files": {}, "overrides": overrides}

@@ -26,9 +26,7 @@ def certify(
     ),
     margin: Annotated[
         float,
-        typer.Option(
-            min=0.0, max=100.0, help="Smallest gap to people and obstacles in metres that is tried first; then 0."
-        ),
+        typer.Option(help="Smallest gap to people and obstacles in metres that is tried first; then 0."),
     ] = 0.1,
     overrides: SetOption = None,
     data: DataOption = None,

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 FOLDER = "certified"
 """The folder beside a scenario's file that has the file of the same name with its certified cases."""
 
+LARGEST = 100.0
+"""Margins are below this, in metres."""
+
 LEFT_OUT = "left_out"
 """The key of a scenario's table in results that has the numbers of the cases without a certificate, by split."""
 
@@ -70,7 +73,7 @@ class Certified(TomlTable):
     """
 
     scenario: Name
-    margin: float = number(least=0.0, below=100.0)
+    margin: float = number(least=0.0, below=LARGEST)
     train: Examined | None = Field(default=None, description="a table [train]")
     val: Examined | None = Field(default=None, description="a table [val]")
     test: Examined | None = Field(default=None, description="a table [test]")
