@@ -173,7 +173,8 @@ def states(
     if len(rows[0]) == 0:
         return []
     for name in (field.name for field in dataclasses.fields(Trace) if field.name not in _NOT_COMPARED):
-        if getattr(replayed, name) is None:
+        # Recordings of before have no groups.
+        if getattr(replayed, name) is None or getattr(recorded, name) is None:
             continue
         one, two = getattr(recorded, name)[rows[0]], getattr(replayed, name)[rows[1]]
         differs = ~_same(one, two, exact)

@@ -21,6 +21,8 @@ from crowdbench.types import Outcome, Rules
 RATES = {
     "success_rate": (Outcome.SUCCESS,),
     "collision_rate": (Outcome.COLLISION, Outcome.WALL_COLLISION),
+    "person_collision_rate": (Outcome.COLLISION,),
+    "wall_collision_rate": (Outcome.WALL_COLLISION,),
     "timeout_rate": (Outcome.TIMEOUT,),
 }
 """The outcomes that each of these metrics counts."""

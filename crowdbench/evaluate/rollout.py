@@ -66,7 +66,7 @@ def rollout(
     """
     world = scenario.worlds(cases)
     driver.reset(world.case)
-    states = _States(world, scenario.renewal is not None)
+    states = _States(world, scenario.renewal is not None, bool(scenario.groups))
     shares = None if progress is None else _Shares(len(world), progress)
     undisturbed = _without_vehicle(scenario, world) if scenario.rules.visible else None
     rows = np.arange(len(world))
@@ -141,9 +141,10 @@ class _States:
     Args:
         start: The worlds at their start.
         changing: Whether people may come, leave, or change their goals.
+        grouped: Whether they may walk in groups.
     """
 
-    def __init__(self, start: World, changing: bool) -> None:
+    def __init__(self, start: World, changing: bool, grouped: bool) -> None:
         worlds, agents = start.radius.shape
         steps = start.rules.max_steps
         self.start = start
@@ -157,7 +158,7 @@ class _States:
         self.wall_gap = np.full((worlds, steps), np.nan)
         self.logs: dict[str, np.ndarray] = {}
         self.changing = changing
-        self.people = {name: self._always(getattr(start, name)) for name in _OF_PEOPLE}
+        self.people = {name: self._always(getattr(start, name)) for name in (*_OF_PEOPLE, *["group"] * grouped)}
         if changing:
             self.people = {name: array.copy() for name, array in self.people.items()}
         self.position[:, 0] = start.position

@@ -5,7 +5,8 @@ that the step leads to. `/exact/episode` has one row with the rest.
 
 Format 1 had no heading, command, gap to obstacles, person and sight. When it is read, the heading is computed from the
 velocities, the command is the vehicle's velocity, and the rest has the only value that was possible then. Format 2 had
-no route and obstacles, because there were none. What the vehicle perceived is there where its sight was limited.
+no route and obstacles, because there were none. What the vehicle perceived is there where its sight was limited, groups
+where the scenario has them.
 
 `write` and `read` use this module; `drawing` makes what the viewer shows.
 """
@@ -33,7 +34,7 @@ READABLE = (1, 2, 3)
 
 OF_STATES = ("position", "velocity", "heading", "goal", "radius", "present", "person", "seen")
 OF_STEPS = ("command", "gap", "wall_gap")
-OPTIONAL = ("undisturbed", "perceived", "age")
+OPTIONAL = ("undisturbed", "perceived", "age", "group")
 
 Episode = dict[str, np.ndarray]
 """Arrays of one episode by name, each with one axis."""
@@ -147,16 +148,16 @@ def trace(episodes: Sequence[Episode], facts: Mapping[str, Any]) -> Trace:
     }
     for name in ("route", "obstacles"):
         empty[name] = np.full((len(each), *np.max([one[name].shape for one in each], axis=0)), np.nan)
-    for name, *shape in (("undisturbed", 2), ("perceived", 2), ("age",)):
+    for name, nothing, *shape in (("undisturbed", np.nan, 2), ("perceived", np.nan, 2), ("age", np.inf), ("group", -1)):
         if name in each[0]:
-            empty[name] = np.full((len(each), times, agents - 1, *shape), np.inf if name == "age" else np.nan)
+            empty[name] = np.full((len(each), times, agents - 1, *shape), nothing)
     for name, filled in empty.items():
         for w, one in enumerate(each):
             values = one[name]
             part: tuple[int | slice, ...] = (w, *(slice(n) for n in values.shape))
             filled[part] = values
             # As in a rollout, goals, radii, ... of the last state are repeated beyond the end.
-            if name in ("goal", "radius", "present", "person", "seen"):
+            if name in ("goal", "radius", "present", "person", "seen", "group"):
                 filled[w, len(values) :] = filled[w, len(values) - 1]
     if "block" in episodes[0]:
         empty["block"] = np.array([int(episode["block"][0]) for episode in episodes])
@@ -189,6 +190,7 @@ def _restored(episode: Episode, version: int) -> Episode:
         "undisturbed": (agents - 1, 2),
         "perceived": (agents - 1, 2),
         "age": (agents - 1,),
+        "group": (agents - 1,),
     }
     found = {name: _in_time(episode[name], shape, name, steps) for name, shape in shapes.items() if name in episode}
     found["preferred_speed"] = episode["preferred_speed"]

@@ -25,7 +25,9 @@ from torch import Tensor, nn
 
 from crowdbench.envs.stable_baselines import CASES, CrowdVecEnv
 from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import Metric, jerk, navigation_time_or_limit, success_rate
+from crowdbench.evaluate.metrics import Metric
+from crowdbench.evaluate.metrics.motion import jerk
+from crowdbench.evaluate.metrics.outcomes import navigation_time_or_limit, success_rate
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.policy.network import NAME, Policy, SetEncoder
 from crowdbench.planners.policy.planner import PolicyPlanner

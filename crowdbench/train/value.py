@@ -24,7 +24,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import Metric, discounted_return, navigation_time_or_limit, success_rate
+from crowdbench.evaluate.metrics import Metric
+from crowdbench.evaluate.metrics.outcomes import discounted_return, navigation_time_or_limit, success_rate
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.kce import Limits

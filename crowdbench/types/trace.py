@@ -51,6 +51,8 @@ class Trace:
             nor remembered; None as above.
         block: The block of recorded time that each case is from: cases of the same block are not independent. None
             where nobody is recorded.
+        group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
+            None where the scenario has no groups.
         logs: What the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
     """
 
@@ -77,6 +79,7 @@ class Trace:
     perceived: Float[np.ndarray, "world time pedestrian 2"] | None = None
     age: Float[np.ndarray, "world time pedestrian"] | None = None
     block: Int[np.ndarray, "world"] | None = None
+    group: Int[np.ndarray, "world time pedestrian"] | None = None
     logs: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:

@@ -1,0 +1,129 @@
+"""The metrics: functions of a trace that give one value per episode, NaN where a metric is undefined.
+
+The first line of each docstring is what `crowdbench list metrics` shows; its unit stands in brackets.
+Booleans are averaged as rates. To add a metric, write its function in the module of its subject, and name it in
+`METRICS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.evaluate.metrics.contacts import (
+    hit_behind_rate,
+    impact_speed,
+    struck_behind_rate,
+    struck_standing_rate,
+)
+from crowdbench.evaluate.metrics.distances import (
+    clearing_distance,
+    discomfort,
+    discomfort_frequency,
+    intimate_zone,
+    intrusion_time_ratio,
+    minimum_gap,
+    personal_space_compliance,
+    personal_zone,
+    social_distance,
+    social_zone,
+    time_to_collision,
+)
+from crowdbench.evaluate.metrics.freezing import frozen_time
+from crowdbench.evaluate.metrics.groups import group_intrusion
+from crowdbench.evaluate.metrics.imposed import deflection, imposed_delay, imposed_detour
+from crowdbench.evaluate.metrics.motion import (
+    cumulative_heading_change,
+    jerk,
+    max_acceleration,
+    max_turn,
+    max_velocity_change,
+    mean_acceleration,
+    stopped_time,
+    success_heading_change,
+    success_stopped_time,
+)
+from crowdbench.evaluate.metrics.outcomes import (
+    collision_rate,
+    discounted_return,
+    failures_to_progress,
+    navigation_time,
+    navigation_time_or_limit,
+    person_collision_rate,
+    success_rate,
+    timeout_rate,
+    wall_collision_rate,
+)
+from crowdbench.evaluate.metrics.paths import path_length, sct, spl, success_path_length
+from crowdbench.evaluate.metrics.social_work import social_work
+from crowdbench.types import Trace
+
+Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
+
+METRICS: dict[str, Metric] = {
+    metric.__name__: metric
+    for metric in (
+        success_rate,
+        collision_rate,
+        person_collision_rate,
+        wall_collision_rate,
+        timeout_rate,
+        navigation_time,
+        navigation_time_or_limit,
+        path_length,
+        success_path_length,
+        spl,
+        sct,
+        minimum_gap,
+        clearing_distance,
+        discomfort,
+        discomfort_frequency,
+        personal_space_compliance,
+        intimate_zone,
+        personal_zone,
+        social_zone,
+        intrusion_time_ratio,
+        social_distance,
+        group_intrusion,
+        social_work,
+        time_to_collision,
+        max_velocity_change,
+        max_acceleration,
+        mean_acceleration,
+        jerk,
+        max_turn,
+        cumulative_heading_change,
+        success_heading_change,
+        stopped_time,
+        success_stopped_time,
+        frozen_time,
+        failures_to_progress,
+        impact_speed,
+        struck_standing_rate,
+        struck_behind_rate,
+        hit_behind_rate,
+        discounted_return,
+        deflection,
+        imposed_delay,
+        imposed_detour,
+    )
+}
+"""The built-in metrics by name."""
+
+OVER_ALL = frozenset(
+    {
+        "navigation_time_or_limit",
+        "spl",
+        "sct",
+        "discounted_return",
+        "frozen_time",
+        "failures_to_progress",
+        "impact_speed",
+    }
+)
+"""Metrics that count failures. Two planners are compared in all cases, not only in those that both solve."""
+
+POOLED = frozenset({"discomfort_frequency"})
+"""Metrics that are averaged over the steps of all episodes, not over episodes."""

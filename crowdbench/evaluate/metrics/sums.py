@@ -1,0 +1,19 @@
+"""Sums of metrics: one step after the other, so that an episode's value does not depend on its batch."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+
+def total(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch"]:
+    """The sum over the last axis, from left to right; NaN counts as 0."""
+    # np.sum groups its terms by the shape of the array, which depends on the batch.
+    if values.shape[-1] == 0:
+        return np.zeros(values.shape[:-1])
+    return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]
+
+
+def dot(a: Float[np.ndarray, "*batch 2"], b: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+    """The scalar product of each pair of vectors."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
