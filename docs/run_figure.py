@@ -24,7 +24,7 @@ RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), what
     (4, "sim/pedestrians.py", "velocities"),
     (4, "sim/episode.py", "outcome, gaps"),
     (2, "evaluate/results.py", "episodes.csv"),
-    (3, "evaluate/metrics.py", "value per episode"),
+    (3, "evaluate/metrics/outcomes.py", "value per episode"),
     (3, "evaluate/summary.py", "means, intervals"),
     (2, "record/write.py", "run.rrd"),
     (2, "evaluate/seal.py", "manifest.json"),

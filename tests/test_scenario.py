@@ -196,6 +196,7 @@ DIGESTS = {
     "crowdnav_plus_20_random": "a2c4d2eaa318",
     "doorway": "117ab1cf4b4f",
     "intersection": "a6c6c1a6c0a8",
+    "power_law_10": "f51afeb816b3",
     "restless": "990aab580523",
     "room": "c10cd0679e5e",
     "square_crossing_5": "53f7c8ebd351",

@@ -11,7 +11,7 @@ from crowdbench.dynamics import DYNAMICS
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.schema import ScenarioSpec, layout_spec, parameters_spec, vehicle_spec
 from crowdbench.sim.habits import Standing, StopAndGo, Straight
-from crowdbench.sim.pedestrians import ORCA, ORCAPlus, Recorded, SocialForce
+from crowdbench.sim.pedestrians import ORCA, ORCAPlus, PowerLaw, Recorded, SocialForce
 
 VERSION = 2
 """To be raised when a default changes, or what a key means: then no digest of before is the digest of a scenario now.
@@ -23,6 +23,7 @@ BUILT_IN = {
     "distracted": StopAndGo(ORCA()),
     "orca": ORCA(),
     "orca_plus": ORCAPlus(),
+    "power_law": PowerLaw(),
     "recorded": Recorded(),
     "social_force": SocialForce(),
     "standing": Standing(),

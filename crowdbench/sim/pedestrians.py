@@ -12,6 +12,7 @@ from jaxtyping import Float
 from crowdbench import rng
 from crowdbench.sim.group_force import ATTRACTION, GAZE, REPULSION
 from crowdbench.sim.orca_crowd import orca_pedestrians
+from crowdbench.sim.power_law import power_law_velocities
 from crowdbench.sim.presence import track_at
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.social_force import FLUCTUATION, SIGHT_ANGLE, social_force_velocities
@@ -197,6 +198,39 @@ class SocialForce(PedestrianPolicy):
             group_gaze=parameters["group_gaze"],
             group_attraction=parameters["group_attraction"],
             group_repulsion=parameters["group_repulsion"],
+            seen=world.present,
+            moves=pedestrian,
+        )[:, 1:]
+
+
+class PowerLaw(PedestrianPolicy):
+    """The power law of the time to collision (Karamouzas et al. 2014), with the paper's parameters."""
+
+    parameters: ClassVar[Mapping[str, float]] = {
+        "relaxation_time": 0.54,
+        "interaction_energy": 1.5,
+        "interaction_horizon": 3.0,
+        "max_acceleration": 20.0,
+    }
+
+    def velocities(
+        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
+    ) -> Float[np.ndarray, "world pedestrian 2"]:
+        """See `PedestrianPolicy`. The parameters are those of `power_law_velocities`."""
+        pedestrian = world.present.copy()
+        pedestrian[:, 0] = False
+        return power_law_velocities(
+            world.position,
+            world.velocity,
+            goals_on_way(world),
+            world.radius,
+            world.preferred_speed,
+            time_step=world.rules.dt,
+            relaxation_time=parameters["relaxation_time"],
+            interaction_energy=parameters["interaction_energy"],
+            interaction_horizon=parameters["interaction_horizon"],
+            max_acceleration=parameters["max_acceleration"],
+            obstacles=world.obstacles,
             seen=world.present,
             moves=pedestrian,
         )[:, 1:]

@@ -226,7 +226,7 @@ def _social_force(
                 if not moves[w, i]:
                     continue
                 limit, tau, push = preferred_speed[w, i], traits[w, i, 0], traits[w, i, 6]
-                gx, gy, eagerness = _desired(x[i], goal[w, i], limit)
+                gx, gy, eagerness = desired_velocity(x[i], goal[w, i], limit)
                 fx, fy = _repulsion(i, x, v, gx, gy, radius[w], seen[w], traits[w, i])
                 if obstacles.shape[1] > 0:
                     bx, by = _border_repulsion(x[i, 0], x[i, 1], obstacles[w], traits[w, i, 7], traits[w, i, 8])
@@ -255,7 +255,7 @@ _social_force_serial, _social_force_parallel = serial_and_parallel(_social_force
 
 @no_type_check
 @njit
-def _desired(position, goal, preferred_speed):
+def desired_velocity(position, goal, preferred_speed):
     """The desired velocity (equations 1 and 2), as `geometry.toward_goal` computes it.
 
     Args:

@@ -14,7 +14,7 @@ from crowdbench.types import Trace
 def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of an episode's steps that end with the vehicle within a group of pedestrians, or between two of them [1].
 
-    The space of a group is the convex hull of its members' centres, as in Wang et al. (2022), and a disc of the
+    The space of a group is the convex hull of its members' centres, as in Katyal et al. (2022), and a disc of the
     vehicle must overlap it. A group counts while no two of its members are farther apart than Hall's social distance,
     3.6 m: those who have parted leave room. Undefined in an episode without groups.
     """
