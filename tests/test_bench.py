@@ -4,20 +4,25 @@ import hashlib
 import io
 import itertools
 import json
+import re
 
 import numpy as np
 import pytest
 import torch
 from rich.console import Console
 from safetensors.torch import save_file
+from typer.testing import CliRunner
 
 from crowdbench.bench import commands, decisions, environments, isolation, sight, simulator, speed_ups, timing, training
 from crowdbench.bench.measurement import Measurement, Variant, VariantComparison
 from crowdbench.bench.suite import SUITE
 from crowdbench.catalog import load_scenario
+from crowdbench.cli import app
 from crowdbench.cli.tables import bench_table, variants_table
 from crowdbench.errors import InputError
+from crowdbench.evaluate.decision_time import decision_seconds
 from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.replanning import EVERY_STEP
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
@@ -285,3 +290,47 @@ def test_the_table_of_variants_says_what_each_saves_and_changes():
     _, _, slow, quick = out.getvalue().splitlines()
     assert slow.split() == ["slow", "6", "s", "1.0x", "0", "of", "50", "0", "of", "2,000"]
     assert quick.split() == ["quick", "1.5", "s", "4.0x", "1", "of", "50", "7", "of", "2,000"]
+
+
+class Clock:
+    now = 0.0
+
+    def perf_counter(self):
+        return self.now
+
+
+class Slower(Planner):
+    """Stands still; its decisions take 1, 2, 3, ... ms by the given clock."""
+
+    def __init__(self, clock):
+        self.clock, self.calls = clock, 0
+
+    def plan(self, obs):
+        assert len(obs) == 1
+        self.calls += 1
+        self.clock.now += 1e-3 * self.calls
+        return np.zeros((1, 2))
+
+
+def test_decisions_are_timed_in_one_world_alone_after_a_case_to_warm_up(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr("crowdbench.evaluate.decision_time.time", clock)
+    scenario = load_scenario("circle_crossing_5", {"time_limit": 3.0})
+    told = []
+    arguments = Slower(clock), "slower", scenario, EVERY_STEP, Cases("val", 0, 3), told.append
+    steps = scenario.rules.max_steps
+    assert decision_seconds(*arguments) == pytest.approx(1e-3 * np.arange(steps + 1, 3 * steps + 1))
+    assert told == [1, 1]
+
+
+def test_the_command_prints_median_and_late_decisions_of_a_planner(monkeypatch):
+    monkeypatch.setattr("crowdbench.cli.bench.CASES", "val:2")
+    done = CliRunner().invoke(app, ["bench", "--planner", "straight", "--set", "time_limit=3.0", "--threads", "1"])
+    assert done.exit_code == 0, done.output
+    pattern = r"straight on circle_crossing_5: 9 decisions in one world alone take [\d.e-]+ ms \(median\), [\d.e-]+ ms"
+    assert re.search(pattern, done.output), done.output
+    both = CliRunner().invoke(app, ["bench", "--planner", "straight", "--lookahead"])
+    assert isinstance(both.exception, InputError)
+    assert "give one of them" in str(both.exception)
+    nobody = CliRunner().invoke(app, ["bench", "--scenario", "doorway"])
+    assert "need --planner" in str(nobody.exception)

@@ -118,7 +118,7 @@ class Clock:
 @pytest.mark.parametrize(("seconds", "is_real_time"), [(0.02, True), (0.3, False)])
 def test_decisions_are_timed_in_one_world_alone(seconds, is_real_time, monkeypatch):
     clock = Clock()
-    monkeypatch.setattr("crowdbench.boards.decision_time.time", clock)
+    monkeypatch.setattr("crowdbench.evaluate.decision_time.time", clock)
     monkeypatch.setattr("crowdbench.boards.decision_time.kernel_seconds", lambda: 0.025)
     monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
     scenario = load_scenario("circle_crossing_5", {"time_limit": 3.0})

@@ -7,19 +7,15 @@ piece of work, the calibration kernel, that is timed on the same core.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from crowdbench.boards.entry import DecisionTime
-from crowdbench.evaluate.driver import Driver
+from crowdbench.evaluate.decision_time import decision_seconds
 from crowdbench.evaluate.replanning import Replanning
-from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.types import Observation
 
 KERNEL = "python-loop-and-sort-1"
 """The name of the calibration kernel. Another kernel or machine of reference gets another name."""
@@ -28,37 +24,7 @@ REFERENCE_MS = 25.0
 """What the kernel takes on the machine of reference, by definition: about one core of a rented server of 2026."""
 
 CASES = Cases("val", 0, 11)
-"""The cases that are timed. The first one is driven to warm up and does not count."""
-
-HARD_LIMIT = 20
-"""A single decision in one world is stopped after so many time steps."""
-
-
-class _Timed(Planner):
-    """Asks another planner, and keeps how long each answer took in seconds."""
-
-    def __init__(self, planner: Planner) -> None:
-        self.planner = planner
-        self.privileged = planner.privileged
-        self.native = planner.native
-        self.facts = planner.facts
-        self.seconds: list[float] = []
-
-    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
-        self.planner.reset(rows)
-
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        return self._timed(lambda: self.planner.plan(obs))
-
-    def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        return self._timed(lambda: self.planner.plan_ahead(obs, steps))
-
-    def _timed(self, ask: Callable[[], np.ndarray]) -> np.ndarray:
-        start = time.perf_counter()
-        try:
-            return ask()
-        finally:
-            self.seconds.append(time.perf_counter() - start)
+"""The cases that are timed, see `decision_seconds`."""
 
 
 def decision_time(planner: Planner, name: str, scenario: Scenario, replanning: Replanning) -> DecisionTime:
@@ -74,18 +40,12 @@ def decision_time(planner: Planner, name: str, scenario: Scenario, replanning: R
         What was measured.
 
     Raises:
-        InputError: The planner breaks its contract, or takes longer than `HARD_LIMIT` time steps for a decision.
+        InputError: See `decision_seconds`.
     """
-    timed = _Timed(planner)
-    first, *others = CASES.batches(1)
-    # It may load and compile what it needs, for which it has the time of a decision of a whole batch.
-    rollout(Driver(timed, name), scenario, first, replanning=replanning)
-    timed.seconds.clear()
     before = kernel_seconds()
-    for case in others:
-        rollout(Driver(timed, name, HARD_LIMIT * scenario.rules.dt), scenario, case, replanning=replanning)
+    seconds = decision_seconds(planner, name, scenario, replanning, CASES)
     kernel_ms = 1e3 * (before + kernel_seconds()) / 2.0
-    p99 = 1e3 * float(np.percentile(timed.seconds, 99))
+    p99 = 1e3 * float(np.percentile(seconds, 99))
     calibrated = p99 * REFERENCE_MS / kernel_ms
     return DecisionTime(
         p99_ms=p99,

@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import print_table
+from crowdbench.cli.options import (
+    OptionOption,
+    ScenarioOption,
+    SetOption,
+    ThreadsOption,
+    assignments,
+    print_table,
+    use_threads,
+)
+from crowdbench.errors import InputError
+
+SCENARIO = "circle_crossing_5"
+"""Where a planner's decisions are timed, unless another scenario is named."""
+
+CASES = "val:21"
+"""The cases in which a planner's decisions are timed; the first one warms up."""
 
 
 def bench(
@@ -17,12 +32,56 @@ def bench(
             help="Instead, measure the speed-ups of SARL-SGAN-KCE's lookahead and whether they change any command.",
         ),
     ] = False,
+    planner: Annotated[
+        str | None,
+        typer.Option(
+            help="Instead, measure how long this planner takes for a decision in one world alone, in 20 cases. A name "
+            "or a file of your own: ./mine.py.",
+            show_default=False,
+        ),
+    ] = None,
+    scenario: ScenarioOption = SCENARIO,
+    option: OptionOption = None,
+    overrides: SetOption = None,
+    threads: ThreadsOption = None,
 ) -> None:
-    """Measure the speed of the simulator, of decisions, trainings and whole runs on this machine."""
-    if lookahead:
+    """Measure the speed of the simulator, of decisions, trainings and whole runs on this machine.
+
+    --scenario, --option, --set and --threads need --planner.
+    """
+    if lookahead and planner is not None:
+        raise InputError("--lookahead and --planner are different measurements: give one of them")
+    if planner is None and (scenario != SCENARIO or option or overrides or threads):
+        raise InputError("--scenario, --option, --set and --threads need --planner: say which planner to measure")
+    if planner is not None:
+        use_threads(threads)
+        _bench_planner(planner, scenario, assignments(option or [], "--option"), assignments(overrides or [], "--set"))
+    elif lookahead:
         _bench_lookahead()
     else:
         _bench_all()
+
+
+def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrides: dict[str, Any]) -> None:
+    import numpy as np
+
+    from crowdbench import catalog
+    from crowdbench.cli.console import announce_compilation, progress
+    from crowdbench.evaluate.decision_time import decision_seconds
+    from crowdbench.evaluate.replanning import EVERY_STEP
+    from crowdbench.evaluate.results import planner_label
+    from crowdbench.scenario.cases import Cases
+
+    announce_compilation()
+    name, made = catalog.load_planner(planner, options)
+    place, cases = catalog.load_scenario(scenario, overrides), Cases.parse(CASES)
+    with progress(len(cases) - 1, f"of {len(cases) - 1} cases") as tell:
+        seconds = decision_seconds(made, name, place, EVERY_STEP, cases, tell)
+    median, late = 1e3 * np.percentile(seconds, [50, 99])
+    print(
+        f"{planner_label(name, options, {})} on {place.name}: {len(seconds)} decisions in one world alone take "
+        f"{median:.3g} ms (median), {late:.3g} ms (99th percentile); a step takes {1e3 * place.rules.dt:g} ms"
+    )
 
 
 def _bench_lookahead() -> None:
