@@ -181,7 +181,12 @@ def test_a_results_table_has_the_digest_of_its_scenario_whatever_it_says_of_it()
 
 DIGESTS = {
     "blind_corner": "c037ed08131e",
+    "blind_corner_3": "6e63caff4d9b",
+    "blocks_12": "0978c361837f",
+    "car_12": "a94b74653774",
     "circle_crossing_10": "99db7ad6d68a",
+    "circle_crossing_20": "e2a5890198b7",
+    "circle_crossing_20_wide": "e5da681cd148",
     "circle_crossing_5": "62b37e5ddf61",
     "circle_crossing_5_car": "b047cd55b71e",
     "circle_crossing_5_gaussian": "158d2409960c",
@@ -192,16 +197,24 @@ DIGESTS = {
     "circle_crossing_mixed": "ba5dc8813c51",
     "companions": "6eab92864111",
     "corridor": "593019e6d69a",
+    "corridor_8": "a596b6ac844f",
     "crowdnav_plus_20": "2f87b295e48b",
     "crowdnav_plus_20_random": "a2c4d2eaa318",
     "doorway": "117ab1cf4b4f",
+    "doorway_8": "90e07422567f",
+    "groups_12": "5f38bbc05cbe",
+    "half_half_20": "0a43f27b8b0a",
     "intersection": "a6c6c1a6c0a8",
+    "intersection_16": "3c1546c1e1c3",
+    "noisy_10": "24801dc6cc02",
     "power_law_10": "f51afeb816b3",
     "restless": "990aab580523",
+    "restless_20": "7f450e91e165",
     "room": "c10cd0679e5e",
     "square_crossing_5": "53f7c8ebd351",
     "thousand": "c3a456a54a8b",
     "traffic": "5c3615765887",
+    "unicycle_10": "039b6697c8c9",
 }
 
 
