@@ -258,8 +258,8 @@ _social_force_serial, _social_force_parallel = serial_and_parallel(_social_force
 def desired_velocity(position, goal, preferred_speed):
     """The desired velocity (equations 1 and 2), as `geometry.toward_goal` computes it.
 
-    `position` and `goal` are `[2]` in metres, the preferred speed is in m/s. Returns x and y of the velocity in m/s, and
-    the ratio of its length to the preferred speed.
+    `position` and `goal` are `[2]` in metres, the preferred speed is in m/s. Returns x and y of the velocity in m/s,
+    and the ratio of its length to the preferred speed.
     """
     x, y = goal[0] - position[0], goal[1] - position[1]
     distance = math.sqrt(x * x + y * y)
