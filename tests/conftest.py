@@ -1,4 +1,4 @@
-"""What all tests share: shapes are checked at every call, and reference data is found or its tests skip."""
+"""What all tests share: `--shapes` checks shapes at every call, and reference data is found or its tests skip."""
 
 import os
 from pathlib import Path
@@ -11,9 +11,17 @@ from jaxtyping import install_import_hook
 # torch knows nothing; OpenMP's they would share, and numba would give torch as many as itself.
 os.environ |= {"OMP_NUM_THREADS": "1", "NUMBA_THREADING_LAYER": "workqueue"}
 
-install_import_hook("crowdbench", "typecheck.checked")
-
 SHARED = "CROWDBENCH_SHARED"
+
+
+def pytest_addoption(parser):
+    # Not by default: it takes four times as long.
+    parser.addoption("--shapes", action="store_true", help="check the shapes in annotations at every call")
+
+
+def pytest_configure(config):
+    if config.getoption("--shapes"):
+        install_import_hook("crowdbench", "typecheck.checked")
 
 
 @pytest.fixture(scope="session")

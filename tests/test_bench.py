@@ -325,7 +325,7 @@ def test_decisions_are_timed_in_one_world_alone_after_a_case_to_warm_up(monkeypa
 
 def test_the_command_prints_median_and_late_decisions_of_a_planner(monkeypatch):
     monkeypatch.setattr("crowdbench.cli.bench.CASES", "val:2")
-    done = CliRunner().invoke(app, ["bench", "--planner", "straight", "--set", "time_limit=3.0", "--threads", "1"])
+    done = CliRunner().invoke(app, ["bench", "--planner", "straight", "--set", "time_limit=3.0"])
     assert done.exit_code == 0, done.output
     pattern = r"straight on circle_crossing_5: 9 decisions in one world alone take [\d.e-]+ ms \(median\), [\d.e-]+ ms"
     assert re.search(pattern, done.output), done.output
