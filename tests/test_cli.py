@@ -11,7 +11,7 @@ import time
 import pytest
 from typer.testing import CliRunner
 
-from crowdbench import InputError
+from crowdbench import InputError, cli
 from crowdbench.cli import app
 
 SLOW_PLANNER = """
@@ -118,15 +118,20 @@ def test_json_is_all_that_json_prints():
         (["view", "nothing.rrd", "--screenshot", "picture.png"], "one case"),
         (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),
         (["run", "--planner", "orca", "--replan-every", "0"], "--replan-every"),
+        (["run", "--planner", "orca", "--board", "twenty"], "no board is called 'twenty'; there are five, ten"),
+        (["run", "--planner", "orca", "--board", "five", "--set", "dt=0.1"], "--set does not go with --board"),
     ],
 )
-def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, arguments, expected):
-    done = crowdbench(*arguments)
-    assert done.returncode != 0
-    assert done.stdout == ""
-    assert done.stderr.startswith("crowdbench: ")
-    assert done.stderr.count("\n") == 1
-    assert expected in done.stderr
+def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, monkeypatch, capsys, arguments, expected):
+    monkeypatch.setattr(sys, "argv", ["crowdbench", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    assert stopped.value.code not in (0, None)
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("crowdbench: ")
+    assert said.err.count("\n") == 1
+    assert expected in said.err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -184,7 +184,7 @@ def _standing(board: Board, entry: Entry, season: str) -> Standing:
         metric: np.stack([_column(own.get(scenario.name), metric, length) for scenario in board.scenarios])
         for metric in SHOWN
     }
-    scenarios = {each.name: _estimates(runs / each.name) if each.name in there else {} for each in board.scenarios}
+    scenarios = {each.name: estimates(runs / each.name) if each.name in there else {} for each in board.scenarios}
     figures = {metric: over_board(board, [each.get(metric) for each in scenarios.values()]) for metric in SHOWN}
     flags = _flags(board, figures["intimate_zone"].mean, columns["jerk"])
     bad = [] if board.spec.ranks_flagged else flags
@@ -215,8 +215,18 @@ def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray,
     return np.full(cases, 0.0 if metric in CRITERIA else np.nan)
 
 
-def _estimates(directory: Path) -> dict[str, Estimate]:
-    """The means of a run with their intervals."""
+def estimates(directory: Path) -> dict[str, Estimate]:
+    """The means of a run with their intervals.
+
+    Args:
+        directory: The run.
+
+    Returns:
+        Those of the metrics that boards show, by name.
+
+    Raises:
+        InputError: The run lacks one of them.
+    """
     metrics = read_result(directory)["metrics"]
     try:
         known = {name: {key: metrics[name][key] for key in ("mean", "low", "high", "n", "max")} for name in SHOWN}

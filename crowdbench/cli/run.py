@@ -55,8 +55,13 @@ UNHEEDED = (
 
 
 def run(
+    context: typer.Context,
     planner: PlannerOption,
     scenario: ScenarioOption = "circle_crossing_5",
+    board: Annotated[
+        str | None,
+        typer.Option(help="Instead of a scenario: all those of a board, by its rules and on its public cases."),
+    ] = None,
     cases: CasesOption = "500",
     option: OptionOption = None,
     overrides: SetOption = None,
@@ -93,9 +98,23 @@ def run(
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive a planner through the cases of a scenario and score it."""
+    """Drive a planner through the cases of a scenario, or of all scenarios of a board, and score it."""
     on_ray = is_on_ray(on)
     use_threads(None if on_ray else threads)
+    if board is not None:
+        from crowdbench.cli.run_board import check_alone, is_given, run_board
+
+        check_alone(context)
+        with interrupts_told():
+            run_board(
+                board,
+                planner,
+                assignments(option or [], "--option"),
+                cases if is_given(context, "cases") else None,
+                out,
+                as_json,
+            )
+        return
     from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.evaluate import run as runs
     from crowdbench.evaluate.results import planner_label

@@ -14,7 +14,18 @@ from crowdbench.evaluate.compare import Comparison
 from crowdbench.evaluate.metrics import METRICS, Metric
 from crowdbench.evaluate.prediction_errors import Errors
 from crowdbench.evaluate.results import Episodes
+from crowdbench.evaluate.summary import Estimate
 from crowdbench.types import Outcome
+
+BOARD_COLUMNS = {
+    "collisions, %": "collision_rate",
+    "time-outs, %": "timeout_rate",
+    "SCT": "sct",
+    "time, s": "navigation_time",
+    "within 0.45 m": "intimate_zone",
+    "jerk": "jerk",
+}
+"""What is shown of a planner on a board beside its success: headings, and the metrics under them."""
 
 
 def result_table(title: str, result: Mapping[str, Any], metrics: Mapping[str, Metric]) -> Table:
@@ -35,6 +46,25 @@ def result_table(title: str, result: Mapping[str, Any], metrics: Mapping[str, Me
             interval = f"{_number(estimate['low'], share)} to {_number(estimate['high'], share)}"
             largest = "" if share else _number(estimate["max"])
             table.add_row(name, f"{_number(estimate['mean'], share)} {unit}", interval, largest, str(estimate["n"]))
+    return table
+
+
+def board_table(title: str, found: Mapping[str, Mapping[str, Estimate]]) -> Table:
+    """The scenarios of a board and, in the last row, the board as a whole.
+
+    Args:
+        title: Title of the table.
+        found: By row, the metrics that boards show; none where a planner cannot drive.
+    """
+    table = _table(title, ("", "left"), *((name, "right") for name in ("success, %", "95 % interval", *BOARD_COLUMNS)))
+    for row, figures in found.items():
+        if not figures:
+            table.add_row(row, "0.0")
+            continue
+        success = figures["success_rate"]
+        interval = f"{_number(success.low, True)} to {_number(success.high, True)}"
+        others = (_number(figures[name].mean, name.endswith("_rate")) for name in BOARD_COLUMNS.values())
+        table.add_row(row, _number(success.mean, True), interval, *others)
     return table
 
 
