@@ -306,5 +306,6 @@ def test_processes_that_are_given_the_same_study_share_its_runs(capsys):
     assert ended[0][0] == ended[1][0]
     # Neither process goes on before each has a run of the slow planner, of which there are two.
     assert len({path.name.rpartition("-")[2] for path in Path().glob("batch-*")}) == 2
-    assert len(list(Path().glob("batch-*"))) == 2
+    # Whoever looks for a run just before the other has put it together makes it again; this may happen to the last one.
+    assert len(list(Path().glob("batch-*"))) <= 3
     assert len(made()) == 4
