@@ -119,6 +119,8 @@ def test_json_is_all_that_json_prints():
         (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),
         (["run", "--planner", "orca", "--replan-every", "0"], "--replan-every"),
         (["run", "--planner", "orca", "--board", "twenty"], "no board is called 'twenty'; there are five, ten"),
+        (["run", "--planner", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
+        (["check", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["run", "--planner", "orca", "--board", "five", "--set", "dt=0.1"], "--set does not go with --board"),
     ],
 )

@@ -123,9 +123,11 @@ class _Asked:
         """
         from crowdbench.catalog import load_scenario
 
-        if self.scenario is not None:
-            return load_scenario(self.scenario, changes, pedestrians, self.data)
-        return load_scenario("circle_crossing_mixed", {"vehicle.visible": True, **changes}, pedestrians)
+        if self.scenario is None:
+            changes = {"vehicle.visible": True, **changes}
+        found = load_scenario(self.scenario or "circle_crossing_mixed", changes, pedestrians, self.data)
+        found.check_data(self.data)
+        return found
 
     def without_options(self, what: str) -> None:
         """Raises InputError where options are given."""
@@ -142,6 +144,7 @@ def _planner(asked: _Asked) -> tuple[str, list[Point]]:
         catalog.load_scenario(asked.scenario or "circle_crossing_5", each, data=asked.data)
         for each in ({}, LIMITED_SIGHT)
     )
+    place.check_data(asked.data)
     name, _ = load()
     return name, check_planner(lambda: load()[1], name, place, asked.cases, asked.limit, limited)
 

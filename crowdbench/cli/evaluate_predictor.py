@@ -93,8 +93,7 @@ def _on_scenario(
 
     settings = assignments(overrides, "--set")
     found, wanted = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
-    if data is not None and found.tracks is None:
-        raise InputError(f"--data does not go with {found.name}, which has no table [tracks]: leave out one of them")
+    found.check_data(data)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
         with progress(len(wanted), f"of {len(wanted)} cases") as tell:

@@ -142,6 +142,7 @@ def run(
     )
     own = Shard.parse(shard) if shard else WHOLE
     with interrupts_told(), spec.loaded() as wanted, progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell:
+        wanted.scenario.check_data(data)
         changes = {**spec.options, **spec.changes, **spec.replanning.settings}
         name = runs.directory_name(wanted.driver.name, wanted.scenario.name, spec.cases, changes)
         say_of_training(wanted)

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,18 @@ class Scenario:
     def max_agents(self) -> int:
         """The largest number of agents: the vehicle and the pedestrians."""
         return self.number[1] + 1
+
+    def check_data(self, data: Path | None) -> None:
+        """Refuse recorded tracks that the scenario does not need.
+
+        Args:
+            data: The folder that the user gave, or None.
+
+        Raises:
+            InputError: A folder is given, and the scenario has no `[tracks]`.
+        """
+        if data is not None and self.tracks is None:
+            raise InputError(f"--data does not go with {self.name}, which has no table [tracks]: leave out one of them")
 
     def worlds(self, cases: Cases) -> World:
         """The starts of a range of cases."""

@@ -29,8 +29,8 @@ def places(request: Request, validation: Sequence[str]) -> tuple[Scenario, list[
     scenario = load_scenario(request.scenario, request.overrides, data=data)
     validated = [load_scenario(name, data=data) for name in validation] or [scenario]
     tracked = [(place, place.tracks) for place in (scenario, *validated) if place.tracks]
-    if data is not None and not tracked:
-        raise InputError(f"--data does not go with {scenario.name}, which has no table [tracks]: leave out one of them")
+    if not tracked:
+        scenario.check_data(data)
     for place, tracks in tracked:
         if tracks.has_cars:
             raise InputError(
