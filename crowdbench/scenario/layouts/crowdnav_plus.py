@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
 
 from crowdbench.errors import InputError
-from crowdbench.scenario.layouts.placed import TRIES, Point
+from crowdbench.scenario.layouts.placed import ATTEMPTS, TRIES, Point, no_room
 from crowdbench.scenario.placement import Placement
 
 CIRCLE_RADIUS = 6.0 * math.sqrt(2.0)
@@ -53,18 +53,35 @@ def crowdnav_plus(
         raise InputError(
             f"a square from {-half_width:g} to {half_width:g} m has no way of {LEAST_WAY:g} m: raise layout.half_width"
         )
-    ways = [vehicle_way(rng.random, half_width)]
+    first = vehicle_way(rng.random, half_width)
+    for _ in range(ATTEMPTS):
+        ways = [first, *_ways(rng.random, radius, circle_radius, first)]
+        if len(ways) == len(radius):
+            starts, goals = np.array(ways).swapaxes(0, 1)
+            return Placement(start=starts, goal=goals)
+    area = f"a circle of {circle_radius:g} m radius"
+    raise InputError(no_room(len(ways), len(radius), area, "layout.circle_radius"))
+
+
+def _ways(
+    draw: Draw, radius: Float[np.ndarray, "agent"], circle_radius: float, first: tuple[Point, Point]
+) -> Iterator[tuple[Point, Point]]:
+    """Draw the starts and goals of pedestrians, up to the one who finds no room.
+
+    Args:
+        draw: The random stream of the case.
+        radius: Radii of all agents, in metres.
+        circle_radius: In metres.
+        first: Start and goal of the vehicle.
+    """
+    ways = [first]
     for agent in range(1, len(radius)):
         points, reach = np.array(ways).reshape(-1, 2), np.repeat(radius[:agent] + (radius[agent] + CLEARANCE), 2)
-        start = start_beside(rng.random, circle_radius, functools.partial(is_clear, others=points, reach=reach))
+        start = start_beside(draw, circle_radius, functools.partial(is_clear, others=points, reach=reach))
         if start is None:
-            raise InputError(
-                f"pedestrian {agent} of {len(radius) - 1} finds no room on a circle of {circle_radius:g} m radius "
-                f"after {TRIES} draws: lower pedestrians.number or raise layout.circle_radius"
-            )
+            return
         ways.append((start, (-start[0], -start[1])))
-    starts, goals = np.array(ways).swapaxes(0, 1)
-    return Placement(start=starts, goal=goals)
+        yield ways[-1]
 
 
 def vehicle_way(draw: Draw, half_width: float) -> tuple[Point, Point]:

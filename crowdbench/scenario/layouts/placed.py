@@ -26,6 +26,10 @@ BEYOND = 4.0
 TRIES = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
 
+ATTEMPTS = 10
+"""How often all pedestrians are placed anew where the layout is full: those before the last one may stand so that
+nobody else finds room, in a layout that has room for all."""
+
 _FEW = 16
 """With fewer points it takes no longer to look at all than into cells."""
 
@@ -153,13 +157,17 @@ class Placed:
         Raises:
             InputError: There is no room for an agent.
         """
-        while len(self.start) < len(self.radius):
-            if not place_next():
-                raise InputError(
-                    f"pedestrian {len(self.start)} of {len(self.radius) - 1} finds no room on {area} after {TRIES} "
-                    f"draws: lower pedestrians.number or raise {key}"
-                )
-        return Placement(start=np.array(self.start.all), goal=np.array(self.goal.all), obstacles=self.obstacles)
+        before, everybody = len(self.start), len(self.radius)
+        for _ in range(ATTEMPTS):
+            while len(self.start) < everybody and place_next():
+                pass
+            if len(self.start) == everybody:
+                return Placement(start=np.array(self.start.all), goal=np.array(self.goal.all), obstacles=self.obstacles)
+            missed = len(self.start)
+            while len(self.start) > before:
+                self.start.pop()
+                self.goal.pop()
+        raise InputError(no_room(missed, everybody, area, key))
 
     def _drawn(self, rng: np.random.Generator, area: Area, others: Points) -> Point | None:
         own = self.radius[len(self.start)]
@@ -179,6 +187,21 @@ class Placed:
         return self.goal.is_clear(x, y, self.radius[len(self.start)])
 
     goal_is_clear = start_is_clear_of_goals
+
+
+def no_room(agent: int, agents: int, area: str, key: str) -> str:
+    """What is said where a pedestrian finds no room.
+
+    Args:
+        agent: Which one, in the last attempt.
+        agents: How many agents there are.
+        area: Where they are placed.
+        key: The key of the scenario that would make more room.
+    """
+    return (
+        f"pedestrian {agent} of {agents - 1} finds no room on {area}, in {ATTEMPTS} attempts of {TRIES} draws: lower "
+        f"pedestrians.number or raise {key}"
+    )
 
 
 def _shape(polygon: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
