@@ -3,13 +3,14 @@ import json
 import re
 import shutil
 
+import numpy as np
 import pytest
 from boards import BOARD, SEASON, card, verified_root, write_board
 
 from crowdbench.boards.board import find_board, read_board, read_boards
 from crowdbench.boards.copying import copied_value
 from crowdbench.boards.entry import Verdict, read_entry
-from crowdbench.boards.markdown import write_readme
+from crowdbench.boards.markdown import section, write_readme
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
@@ -267,8 +268,22 @@ def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(roo
         match=r"made for other rules of the board small \(version 1, \w{12}\) than these \(version 1, \w{12}\)",
     ):
         verify(entry_of(root), board, by="me", work=tmp_path)
+    board = write_board(root, text=BOARD.replace("jerk =", "imposed_delay = 5.0\njerk ="))
     found = standings(board, read_entries(board, root), "first")
     assert [one.reason for one in found.others] == ["of version 1", "of version 1"]
+    assert all(np.isnan(one.figures["imposed_delay"].mean) for one in found.others)
+    assert "| careful, Ada |  |" in section(found)
+
+
+@pytest.mark.parametrize(("bound", "flags"), [(60.0, []), (0.001, ["intrusive"])])
+def test_who_costs_pedestrians_more_time_than_the_bound_is_intrusive(bound, flags, tmp_path):
+    text = BOARD.replace("circle_crossing_5", "circle_crossing_5_visible")
+    board = write_board(tmp_path, text=text.replace("jerk =", f"imposed_delay = {bound}\njerk ="))
+    (tmp_path / "card.toml").write_text(card())
+    submit(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path, tmp_path / "work")
+    (found,) = standings(board, read_entries(board, tmp_path), "first").others
+    assert 0.001 < found.figures["imposed_delay"].mean < 60.0
+    assert found.flags == flags
 
 
 def submit_cheat(root, tmp_path, known, board):

@@ -131,10 +131,10 @@ def test_decisions_are_timed_in_one_world_alone(seconds, is_real_time, monkeypat
 def test_a_scenario_that_is_missing_counts_as_nothing(tmp_path):
     board = write_board(tmp_path, text=FAMILIES)
     perfect = Estimate(1.0, 0.9, 1.0, 500, 1.0)
-    found = over_board(board, [perfect, perfect, None])
+    found = over_board(board.weights, [perfect, perfect, None])
     assert (found.mean, found.high) == (0.5, 0.5)
     assert found.low == pytest.approx(0.5 - np.hypot(0.025, 0.025))
-    assert np.isnan(over_board(board, [perfect, perfect, Estimate(np.nan, np.nan, np.nan, 0, np.nan)]).mean)
+    assert np.isnan(over_board(board.weights, [perfect, perfect, Estimate(np.nan, np.nan, np.nan, 0, np.nan)]).mean)
 
 
 @pytest.mark.parametrize("shares", [np.ones((5, 250)), np.random.default_rng(0).random((5, 250)) < 0.97])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from crowdbench import plugins
 from crowdbench.boards.schema import BoardSpec
 from crowdbench.catalog import load_scenario
 from crowdbench.errors import InputError
+from crowdbench.evaluate.metrics import METRICS, Metric
 from crowdbench.evaluate.replanning import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -28,6 +29,19 @@ SLOW = 1.0
 
 CASES_IF_SLOW = 500
 """Cases of each scenario that a slow entry drives, if the board has more."""
+
+SHOWN = (
+    "success_rate",
+    "collision_rate",
+    "timeout_rate",
+    "navigation_time",
+    "sct",
+    "minimum_gap",
+    "intimate_zone",
+    "max_velocity_change",
+    "jerk",
+)
+"""The metrics that every board shows."""
 
 ROOT = plugins.ROOT / "leaderboards"
 """The folder of the boards that ship."""
@@ -66,7 +80,14 @@ class Board:
         rules = self.spec.complete()
         for key in ("title", "description", "position"):
             del rules[key]
+        rules["flags"] = {flag: bound for flag, bound in rules["flags"].items() if bound is not None}
         return hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def metrics(self) -> Mapping[str, Metric]:
+        """The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
+        names = SHOWN if self.spec.flags.imposed_delay is None else (*SHOWN, "imposed_delay")
+        return {name: METRICS[name] for name in names}
 
     @property
     def cases(self) -> Cases:

@@ -20,7 +20,6 @@ from crowdbench.boards.entry import PLANNER, DecisionTime, Figures, file_digests
 from crowdbench.errors import InputError, MachineFault
 from crowdbench.evaluate import run as runs
 from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.parts import ENDING, is_made
 from crowdbench.evaluate.results import EPISODES, Episodes, read_result
 from crowdbench.evaluate.seal import code
@@ -29,21 +28,6 @@ from crowdbench.isolation.planner import IsolatedPlanner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.settings import BATCH
-
-SHOWN = (
-    "success_rate",
-    "collision_rate",
-    "timeout_rate",
-    "navigation_time",
-    "sct",
-    "minimum_gap",
-    "intimate_zone",
-    "max_velocity_change",
-    "jerk",
-)
-"""The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
-
-BOARD_METRICS = {name: METRICS[name] for name in SHOWN}
 
 NO_RUNS = shutil.ignore_patterns("networks", f"*{ENDING}*")
 """What lies beside the finished runs of an entry: those of other networks, and parts of unfinished runs."""
@@ -173,7 +157,7 @@ def _run(
         scenario,
         cases,
         directory,
-        metrics=BOARD_METRICS,
+        metrics=board.metrics,
         about={"options": dict(entrant.options), "overrides": board.overrides(seed)},
         asked={"board": board.name, "version": board.spec.version},
         replanning=board.replanning,

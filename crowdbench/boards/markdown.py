@@ -25,7 +25,8 @@ A rank is 1 plus the number of entries that are significantly better (paired by 
 together by Holm's method); in brackets are the ranks that the data allow. Success and SCT (success weighted by
 completion time) have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world, on one
 core of the machine of reference. "method" is the mean success over networks that were trained with other seeds, with an
-interval for other networks and other cases. An asterisk marks the Pareto set: no ranked entry succeeds more often and
+interval for other networks and other cases. "imposed delay" is the time that all pedestrians of a case together lose to
+the vehicle, where they see it. An asterisk marks the Pareto set: no ranked entry succeeds more often and
 is quicker.
 """
 
@@ -74,7 +75,8 @@ def section(found: Standings) -> str:
     if not found.ranked and not found.others:
         return "\n".join([*lines, "No entries yet.", ""])
     worst = len(found.board.scenarios) > 1
-    head = [*HEAD[:3], "worst scenario", *HEAD[3:]] if worst else list(HEAD)
+    delays = ["imposed delay"] * (spec.flags.imposed_delay is not None)
+    head = [*HEAD[:3], *["worst scenario"] * worst, *HEAD[3:-3], *delays, *HEAD[-3:]]
     lines += [_row(head), _row(["---"] * len(head))]
     lines += [_row(_cells(one, worst, one in found.slow)) for one in (*found.ranked, *found.others)]
     if found.ranked:
@@ -118,7 +120,9 @@ def _cells(one: Standing, worst: bool, is_slow: bool) -> list[str]:
         "" if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}",
         one.reason or ", ".join([*one.flags, *[f"{one.cases} cases"] * is_slow]),
     ]
-    return [*cells[:3], f"{100 * one.worst:.1f} %", *cells[3:]] if worst else cells
+    if "imposed_delay" in figures:
+        cells.insert(-3, _number(figures["imposed_delay"].mean, 1, " s"))
+    return [*cells[:3], _number(100 * one.worst, 1, " %"), *cells[3:]] if worst else cells
 
 
 def _method(one: Standing) -> str:
@@ -131,10 +135,14 @@ def _method(one: Standing) -> str:
 
 
 def _percent(estimate: Estimate) -> str:
+    if math.isnan(estimate.mean):
+        return ""
     return f"{100 * estimate.mean:.2f} % ({100 * estimate.low:.2f} to {100 * estimate.high:.2f})"
 
 
 def _with_interval(estimate: Estimate, digits: int) -> str:
+    if math.isnan(estimate.mean):
+        return ""
     return f"{estimate.mean:.{digits}f} ({estimate.low:.{digits}f} to {estimate.high:.{digits}f})"
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from crowdbench.boards.believable import unbelievable
 from crowdbench.boards.board import FILE, ROOT, Board
 from crowdbench.boards.driving import (
-    BOARD_METRICS,
     Entrant,
     Progress,
     check_finished,
@@ -210,7 +209,7 @@ def _differences(entry: Entry, board: Board, progress: Progress | None) -> Itera
             for key, value in {**asked, **board.replanning.settings}.items():
                 if files.result.get(key) != value:
                     yield f"{scenario.name}: {key} is {files.result.get(key)!r}, but must be {value!r}"
-            found = replay(files, scenario, BOARD_METRICS, progress)
+            found = replay(files, scenario, board.metrics, progress)
         except InputError as error:
             yield f"{scenario.name}: {error}"
             continue

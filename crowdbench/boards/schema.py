@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, InstanceOf
 
 from crowdbench.evaluate.replanning import LOOK_FIRST
 from crowdbench.toml_file import Flag, Name, Names, Text, TomlTable, choice, integer, number
+from crowdbench.types.rules import COLLISION_RULES
 
 Families = Annotated[
     dict[str, Names], Field(min_length=1, description="a table of families, each with a list of scenarios")
@@ -28,11 +29,13 @@ Date = Annotated[InstanceOf[datetime.date], BeforeValidator(_date), Field(descri
 class FlagsSpec(TomlTable):
     """`flags`: bounds beyond which an entry is called intrusive or jerky. They were fixed on validation cases.
 
-    `intimate_zone` is the largest share of time with a gap below 0.45 m to somebody, and `jerk` the largest 95th
-    percentile over episodes, in m/s^3.
+    `intimate_zone` is the largest share of time with a gap below 0.45 m to somebody. `imposed_delay` is the largest
+    mean of the time that all pedestrians of a case together lose to the vehicle, where they see it, in seconds. `jerk`
+    is the largest 95th percentile over episodes, in m/s^3.
     """
 
     intimate_zone: float = number(above=0.0, below=1.0)
+    imposed_delay: float | None = number(None, above=0.0, below=10000.0)
     jerk: float = number(above=0.0, below=1000.0)
 
 
@@ -69,7 +72,7 @@ class BoardSpec(TomlTable):
     public_cases: int = integer(500, least=1, most=10**6)
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
-    collision: str = choice(("swept", "crowdnav"), default="swept")
+    collision: str = choice(COLLISION_RULES, default="swept")
     ranks_flagged: Flag = False
     flags: Annotated[FlagsSpec, Field(description="a table [flags] with intimate_zone and jerk")]
 

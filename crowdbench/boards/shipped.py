@@ -30,7 +30,7 @@ class ShippedSpec(TomlTable):
     """One of `shipped` in `shipped.toml`: the name of the entry and of its card, and what it runs.
 
     `weights` are other networks of the same method, which its method is judged by on the boards `method_on`. `not_on`
-    lists the boards that it cannot run on.
+    lists the boards that it cannot run on, and `only_on` the only ones that it is entered on.
     """
 
     name: Name
@@ -39,6 +39,11 @@ class ShippedSpec(TomlTable):
     weights: Annotated[list[Name], Field(description="a list of weights")] = Field(default_factory=list)
     method_on: Annotated[list[Name], Field(description="a list of boards")] = Field(default_factory=list)
     not_on: Annotated[list[Name], Field(description="a list of boards")] = Field(default_factory=list)
+    only_on: Annotated[list[Name], Field(description="a list of boards")] = Field(default_factory=list)
+
+    def is_for(self, board: str) -> bool:
+        """Whether it is entered on a board."""
+        return board not in self.not_on and (not self.only_on or board in self.only_on)
 
 
 class ShippedFile(TomlTable):
@@ -78,7 +83,7 @@ def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
     return [
         _submission(board, spec, root, work)
         for spec in read_shipped(root)
-        if board.name not in spec.not_on and not (root / board.name / ENTRIES / spec.name).exists()
+        if spec.is_for(board.name) and not (root / board.name / ENTRIES / spec.name).exists()
     ]
 
 
@@ -100,8 +105,9 @@ def freeze_entries(board: Board, root: Path) -> Season:
     Returns:
         The season.
     """
+    entries = read_entries(board, root, check_files=False)
     return freeze(
-        root, board.name, {entry.name: entry.digest for entry in read_entries(board, root, check_files=False)}
+        root, board.name, {each.name: each.digest for each in entries if each.spec.board_digest == board.digest}
     )
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Float, Shaped
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.driving import SHOWN, episodes, made
+from crowdbench.boards.driving import episodes, made
 from crowdbench.boards.entry import ENTRY, PUBLIC, SEASONS, Entry, Verdict, Verification, read_entry
 from crowdbench.boards.ranking import (
     CRITERIA,
@@ -46,7 +46,7 @@ class Standing:
         season: What was found in the season; None where it was not verified in it.
         columns: The metrics case by case, of the season's cases or else of the public ones.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
-        figures: The means over the board, with intervals.
+        figures: The means over the board, with intervals; undefined for an entry of other rules.
         flags: "intrusive" and "jerky", where it is beyond the bounds of the board.
         reason: Why it has no rank; empty where it has one.
         rank: Its rank.
@@ -71,6 +71,8 @@ class Standing:
     @property
     def worst(self) -> float:
         """The smallest success in a scenario of the board, 0 where the planner cannot drive one."""
+        if np.isnan(self.figures["success_rate"].mean):
+            return np.nan
         return min(each["success_rate"].mean if each else 0.0 for each in self.scenarios.values())
 
 
@@ -178,15 +180,18 @@ def _standing(board: Board, entry: Entry, season: str) -> Standing:
     verified = next((each for each in entry.spec.verifications if each.season == season), None)
     is_measured = verified is not None and bool(verified.figures)
     runs = entry.directory / (f"{SEASONS}/{season}" if is_measured else PUBLIC)
-    own, there = episodes(board, runs), made(board, runs)
+    is_present = entry.spec.board_digest == board.digest
+    own, there = (episodes(board, runs), made(board, runs)) if is_present else ({}, [])
     length = min((len(run.columns["sct"]) for run in own.values()), default=1)
     columns = {
         metric: np.stack([_column(own.get(scenario.name), metric, length) for scenario in board.scenarios])
-        for metric in SHOWN
+        for metric in board.metrics
     }
-    scenarios = {each.name: estimates(runs / each.name) if each.name in there else {} for each in board.scenarios}
-    figures = {metric: over_board(board, [each.get(metric) for each in scenarios.values()]) for metric in SHOWN}
-    flags = _flags(board, figures["intimate_zone"].mean, columns["jerk"])
+    scenarios = {
+        each.name: estimates(runs / each.name, board.metrics) if each.name in there else {} for each in board.scenarios
+    }
+    figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
+    flags = _flags(board, figures, columns["jerk"])
     bad = [] if board.spec.ranks_flagged else flags
     reason = _unranked(entry) or _unverified(entry, board, verified) or ", ".join(bad)
     return Standing(entry, verified, columns, scenarios, figures, flags, reason)
@@ -215,21 +220,22 @@ def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray,
     return np.full(cases, 0.0 if metric in CRITERIA else np.nan)
 
 
-def estimates(directory: Path) -> dict[str, Estimate]:
+def estimates(directory: Path, names: Iterable[str]) -> dict[str, Estimate]:
     """The means of a run with their intervals.
 
     Args:
         directory: The run.
+        names: The names of metrics.
 
     Returns:
-        Those of the metrics that boards show, by name.
+        The estimates by name.
 
     Raises:
         InputError: The run lacks one of them.
     """
     metrics = read_result(directory)["metrics"]
     try:
-        known = {name: {key: metrics[name][key] for key in ("mean", "low", "high", "n", "max")} for name in SHOWN}
+        known = {name: {key: metrics[name][key] for key in ("mean", "low", "high", "n", "max")} for name in names}
     except KeyError as error:
         raise InputError(f"{directory / RESULT} lacks {error} of a metric that its board shows") from None
     return {
@@ -238,17 +244,39 @@ def estimates(directory: Path) -> dict[str, Estimate]:
     }
 
 
-def over_board(board: Board, each: Sequence[Estimate | None]) -> Estimate:
-    """The mean over the scenarios of a board, each with its share, and its interval by Zou and Donner (2008).
+def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Estimate]:
+    """The means over the scenarios of a board.
 
     Args:
         board: The board.
+        scenarios: The estimates by scenario and metric; a scenario without any counts as 0.
+
+    Returns:
+        The means by metric, each undefined where it is undefined in a scenario; but the imposed delay is the mean over
+        the scenarios in which pedestrians see the vehicle.
+    """
+    figures = {}
+    for metric in board.metrics:
+        each = [found.get(metric) for found in scenarios.values()]
+        shares = board.weights
+        if metric == "imposed_delay":
+            shares = shares * [one is not None and not np.isnan(one.mean) for one in each]
+            each = [one if share else None for one, share in zip(each, shares, strict=True)]
+            shares = shares / shares.sum() if shares.any() else shares * np.nan
+        figures[metric] = over_board(shares, each)
+    return figures
+
+
+def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | None]) -> Estimate:
+    """The mean over the scenarios of a board, each with its share, and its interval by Zou and Donner (2008).
+
+    Args:
+        shares: How much each scenario counts.
         each: The estimate in each scenario; None counts as 0.
 
     Returns:
         The estimate, undefined where one of them is.
     """
-    shares = board.weights
     known = [Estimate(0.0, 0.0, 0.0, 0, 0.0) if one is None else one for one in each]
     mean = float(shares @ [one.mean for one in known])
     if np.isnan(mean):
@@ -264,17 +292,19 @@ def over_board(board: Board, each: Sequence[Estimate | None]) -> Estimate:
     )
 
 
-def _flags(board: Board, intimate_zone: float, jerk: Shaped[np.ndarray, "scenario case"]) -> list[str]:
+def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> list[str]:
     """What is beyond the bounds of a board.
 
     Args:
         board: The board.
-        intimate_zone: The share of time within the intimate zone, as the board shows it.
+        figures: The means over the board.
         jerk: The jerk in every case, in m/s^3.
     """
     bounds = board.spec.flags
     highest = float(np.nanpercentile(jerk, 95)) if not np.isnan(jerk).all() else 0.0
-    beyond = {"intrusive": intimate_zone > bounds.intimate_zone, "jerky": highest > bounds.jerk}
+    is_close = figures["intimate_zone"].mean > bounds.intimate_zone
+    delays = bounds.imposed_delay is not None and figures["imposed_delay"].mean > bounds.imposed_delay
+    beyond = {"intrusive": is_close or delays, "jerky": highest > bounds.jerk}
     return [flag for flag, is_beyond in beyond.items() if is_beyond]
 
 

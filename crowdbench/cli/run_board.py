@@ -60,8 +60,7 @@ def run_board(
         InputError: There is no such board, or the planner can drive in none of its scenarios.
     """
     from crowdbench.boards.board import find_board
-    from crowdbench.boards.driving import SHOWN
-    from crowdbench.boards.standings import estimates, over_board
+    from crowdbench.boards.standings import board_figures, estimates
     from crowdbench.cli.console import announce_compilation
     from crowdbench.cli.tables import board_table
     from crowdbench.scenario.cases import Cases
@@ -79,10 +78,11 @@ def run_board(
     announce_compilation()
     directory = out or Path("runs") / f"board-{board.name}"
     failed = _make(runs, directory)
-    found = {each: {} if each in failed else estimates(directory / run.directory) for each, run in runs.items()}
-    found[f"board {board.name}"] = {
-        metric: over_board(board, [each.get(metric) for each in found.values()]) for metric in SHOWN
+    found = {
+        each: {} if each in failed else estimates(directory / run.directory, board.metrics)
+        for each, run in runs.items()
     }
+    found[f"board {board.name}"] = board_figures(board, dict(found))
     if as_json:
         print(json.dumps(plain({"board": board.name, "cases": str(wanted), "metrics": found}), indent=2))
     else:

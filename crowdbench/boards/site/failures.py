@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,10 +12,11 @@ import numpy as np
 from markupsafe import Markup
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.driving import BOARD_METRICS, made
+from crowdbench.boards.driving import made
 from crowdbench.boards.entry import PUBLIC, Entry
 from crowdbench.boards.site.trajectories import picture
 from crowdbench.errors import InputError
+from crowdbench.evaluate.metrics import Metric
 from crowdbench.evaluate.replay import RunFiles, traces
 from crowdbench.evaluate.results import EPISODES, Episodes
 from crowdbench.record.write import Recorder
@@ -92,7 +93,8 @@ def failures(board: Board, entry: Entry, folder: Path) -> Failures:
             parts = list(traces(files, scenario, chosen[where.name]))
             own = episodes[where.name]
             shown += [_failure(part, row, where.name, own) for part in parts for row in range(len(part))]
-            recordings += _recorded(folder / f"{entry.name}-{where.name}.rrd", entry.name, scenario, parts)
+            path = folder / f"{entry.name}-{where.name}.rrd"
+            recordings += _recorded(path, entry.name, scenario, parts, board.metrics)
     except InputError as error:
         return Failures(0, [], [], f"They cannot be simulated again: {error}")
     return Failures(sum(len(_failed(each)) for each in episodes.values()), shown, recordings, "")
@@ -135,8 +137,21 @@ def _word(outcome: Outcome) -> str:
     return {Outcome.TIMEOUT: "time-out", Outcome.WALL_COLLISION: "collision with a wall"}.get(outcome, outcome.label)
 
 
-def _recorded(path: Path, planner: str, scenario: Scenario, parts: Sequence[Trace]) -> list[str]:
-    """Write episodes for the Rerun viewer; return the name of the file, none if it would be too large."""
+def _recorded(
+    path: Path, planner: str, scenario: Scenario, parts: Sequence[Trace], metrics: Mapping[str, Metric]
+) -> list[str]:
+    """Write episodes for the Rerun viewer.
+
+    Args:
+        path: The file.
+        planner: The planner's name.
+        scenario: The scenario.
+        parts: The episodes.
+        metrics: What is measured of them.
+
+    Returns:
+        The name of the file; none if it would be too large.
+    """
     with Recorder(
         path,
         planner=planner,
@@ -145,7 +160,7 @@ def _recorded(path: Path, planner: str, scenario: Scenario, parts: Sequence[Trac
         cases=sum(map(len, parts)),
     ) as recorder:
         for part in parts:
-            recorder.add(part, np.arange(len(part)), Episodes.of(part, BOARD_METRICS).columns)
+            recorder.add(part, np.arange(len(part)), Episodes.of(part, metrics).columns)
     if path.exists() and path.stat().st_size <= LARGEST:
         return [path.name]
     with contextlib.suppress(FileNotFoundError):

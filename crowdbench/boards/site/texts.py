@@ -35,6 +35,7 @@ METRICS = {
     "intimate_zone": "intimate zone, %",
     "max_velocity_change": "largest change of velocity, m/s",
     "jerk": "jerk, m/s³",
+    "imposed_delay": "imposed delay, s",
 }
 """How the metrics are called, with their units."""
 
@@ -148,5 +149,6 @@ def beyond(flag: str, bounds: FlagsSpec) -> str:
         bounds: The board's bounds, beyond which entries are flagged.
     """
     if flag == "intrusive":
-        return f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody."
+        delays = f", or costs pedestrians more than {bounds.imposed_delay:g} s" if bounds.imposed_delay else ""
+        return f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody{delays}."
     return f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."
