@@ -102,6 +102,17 @@ def test_weights_count_as_repeated_families_do():
     assert p_value(a, b, weights) == pytest.approx(2 * stats.t.sf(abs(t), CASES - 1))
 
 
+def test_cases_of_a_block_count_as_one_observation():
+    """Ten blocks of ten cases that differ little tell what their ten means tell, not what a hundred cases would."""
+    generator = np.random.default_rng(5)
+    means, block = generator.normal(0.4, 1.0, 10), np.repeat(np.arange(10), 10)
+    a, b = means[block] + generator.normal(0.0, 0.1, 100), np.zeros(100)
+    by_mean = stats.ttest_1samp(a.reshape(10, 10).mean(axis=1), 0.0).pvalue
+    assert p_value(a, b, np.ones(100), block) == pytest.approx(by_mean)
+    assert p_value(a, b, np.ones(100)) < by_mean / 100
+    assert p_value(a, b, np.ones(100), np.arange(100)) == pytest.approx(p_value(a, b, np.ones(100)))
+
+
 def test_entries_are_compared_in_the_cases_that_both_drove():
     good, bad = entry([]), entry(range(60, 100))
     few = {name: values[:50] for name, values in bad.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
@@ -69,16 +70,19 @@ class Board:
     Attributes:
         name: The name of its folder.
         spec: What its `board.toml` says.
+        data: The folder with the recorded tracks that its scenarios need; None where they need none, or where nothing
+            is simulated.
     """
 
     name: str
     spec: BoardSpec
+    data: Path | None = None
 
     @property
     def digest(self) -> str:
-        """The sha256 of all that its figures depend on. Texts and the position are not in it."""
+        """The sha256 of all that its figures depend on. Texts, the position, and what ranks are not in it."""
         rules = self.spec.complete()
-        for key in ("title", "description", "position"):
+        for key in ("title", "description", "position", "recorded", "ranked"):
             del rules[key]
         rules["flags"] = {flag: bound for flag, bound in rules["flags"].items() if bound is not None}
         return hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
@@ -137,9 +141,28 @@ class Board:
         return rules if seed is None else {**rules, "seed": seed, "crowdnav_cases": 0}
 
     def load(self, seed: int | None) -> Iterator[tuple[BoardScenario, Scenario]]:
-        """Its scenarios with its rules. Raises InputError where one of them does not exist."""
+        """Its scenarios with its rules. Raises InputError where one of them does not exist, or recorded tracks are not
+        given."""
         for scenario in self.scenarios:
-            yield scenario, load_scenario(scenario.name, self.overrides(seed))
+            yield scenario, load_scenario(scenario.name, self.overrides(seed), data=self.data)
+
+    def with_data(self, data: Path | None) -> Board:
+        """The board with the folder of the recorded tracks that its scenarios need, in which it can be driven.
+
+        Args:
+            data: The folder that the user gave, or None.
+
+        Raises:
+            InputError: They need recorded tracks that are not given or are others, or they need none.
+        """
+        if self.spec.recorded and data is None:
+            raise InputError(f"the people of the board {self.name} were recorded: give their tracks, --data DIR")
+        if data is not None and not self.spec.recorded:
+            raise InputError(f"--data does not go with the board {self.name}, whose people were not recorded")
+        board = dataclasses.replace(self, data=data)
+        for _ in board.load(None):
+            pass
+        return board
 
 
 def read_board(folder: Path) -> Board:
@@ -152,7 +175,8 @@ def read_board(folder: Path) -> Board:
         The board.
 
     Raises:
-        InputError: Its `board.toml` is missing, or something in it is wrong. A scenario that does not exist is.
+        InputError: Its `board.toml` is missing, or something in it is wrong. A scenario that does not exist is, but
+            scenarios with recorded people are looked at by `with_data`.
     """
     file = Location(f"{folder.name}/{FILE}")
     spec = parsed(BoardSpec, read_toml(folder / FILE, "board"), file)
@@ -160,9 +184,9 @@ def read_board(folder: Path) -> Board:
     if double := [name for i, name in enumerate(names) if name in names[:i]]:
         raise InputError(f"{file.file}: the scenario {double[0]} is in two families")
     board = Board(folder.name, spec)
-    with file.at("families").named():
-        for _ in board.load(None):
-            pass
+    if not spec.recorded:
+        with file.at("families").named():
+            board.with_data(None)
     return board
 
 

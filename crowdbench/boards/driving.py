@@ -58,10 +58,12 @@ class Entrant:
     options: Mapping[str, Any]
 
     @contextlib.contextmanager
-    def started(self, hidden: Sequence[Path]) -> Iterator[IsolatedPlanner]:
+    def started(self, board: Board, scenario: Scenario, hidden: Sequence[Path]) -> Iterator[IsolatedPlanner]:
         """The planner in a process of its own.
 
         Args:
+            board: The board, whose recorded tracks it must not read.
+            scenario: The scenario that it will drive in.
             hidden: Folders that it must not read; its own it may.
 
         Raises:
@@ -70,7 +72,14 @@ class Entrant:
         options = {name: _located(self.folder, value) for name, value in self.options.items()}
         spec = _located(self.folder, self.planner)
         # Somewhere else, so that files which the entry lacks are missed.
-        apart = IsolatedPlanner(spec, options, hidden=hidden, shown=[self.folder], folder=Path("/"))
+        apart = IsolatedPlanner(
+            spec,
+            options,
+            hidden=[*hidden, *([board.data.resolve()] if board.data else [])],
+            shown=[self.folder],
+            folder=Path("/"),
+            scene=scenario.tracks.scene if scenario.tracks else None,
+        )
         with contextlib.closing(apart):
             yield apart
 
@@ -129,7 +138,7 @@ def drive(
                 progress(len(cases))
             continue
         try:
-            with entrant.started([*hidden, out]) as planner:
+            with entrant.started(board, scenario, [*hidden, out]) as planner:
                 _run(board, entrant, planner, scenario, cases, directory, seed, shard.rotated(number), progress)
         except MachineFault:
             raise
@@ -226,7 +235,7 @@ def timed(board: Board, entrant: Entrant, out: Path, hidden: Sequence[Path]) -> 
     """
     first = made(board, out)[0]
     scenario = next(scenario for each, scenario in board.load(None) if each.name == first)
-    with entrant.started(hidden) as planner:
+    with entrant.started(board, scenario, hidden) as planner:
         planner.process.pin()
         return decision_time(planner, planner.name, scenario, board.replanning)
 

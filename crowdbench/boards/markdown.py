@@ -89,6 +89,9 @@ def _told_apart(found: Standings, cases: int) -> str:
     """What difference in success so many cases of each scenario tell apart."""
     total = f"{cases * len(found.board.scenarios)} cases"
     least = found.smallest_difference(cases)
+    if found.board.spec.recorded:
+        blocks = sum(len(set(own.tolist())) for own in found.ranked[0].blocks.values())
+        return f"{total} in {blocks} blocks of recorded time, over which entries are compared."
     if least > 1.0 or len(found.ranked) < 2:
         return f"{total}."
     return (

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
 from crowdbench.evaluate.compare import mcnemar
@@ -61,13 +61,16 @@ class Rank:
 
 
 def compare_all(
-    columns: Sequence[Mapping[str, Float[np.ndarray, "scenario _"]]], weights: Float[np.ndarray, "scenario"]
+    columns: Sequence[Mapping[str, Float[np.ndarray, "scenario _"]]],
+    weights: Float[np.ndarray, "scenario"],
+    blocks: Int[np.ndarray, "scenario _"] | None = None,
 ) -> list[Comparison]:
     """Compare each entry with each other one.
 
     Args:
         columns: For each entry, the metrics of `CRITERIA` in the first cases of each scenario, as many as it drove.
         weights: How much each scenario counts, which is the same for all entries.
+        blocks: The block of each case, where those of the same block are not independent.
 
     Returns:
         A comparison for each pair of entries.
@@ -80,10 +83,20 @@ def compare_all(
             raise InputError(f"entries cannot be compared: {metric} has no value in some case")
     pairs = list(itertools.combinations(range(len(columns)), 2))
     common = {(a, b): _common(columns[a], columns[b]) for a, b in pairs}
-    counts = {pair: np.repeat(weights, cases["sct"].shape[2]) for pair, cases in common.items()}
-    raw = [p_value(own.ravel(), other.ravel(), counts[pair]) for pair in pairs for own, other in common[pair].values()]
+    raw = [
+        p_value(own.ravel(), other.ravel(), *_counted(weights, blocks, own.shape[1]))
+        for pair in pairs
+        for own, other in common[pair].values()
+    ]
     corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA))
     return [_comparison(common[pair], pair, weights, p) for pair, p in zip(pairs, corrected, strict=True)]
+
+
+def _counted(
+    weights: Float[np.ndarray, "scenario"], blocks: Int[np.ndarray, "scenario _"] | None, cases: int
+) -> tuple[Float[np.ndarray, "case"], Int[np.ndarray, "case"] | None]:
+    """How much each case counts, and its block: those of the first cases of each scenario."""
+    return np.repeat(weights, cases), None if blocks is None else blocks[:, :cases].ravel()
 
 
 def _common(
@@ -110,16 +123,22 @@ def _comparison(
     return Comparison(*((a, b) if is_first else (b, a)), criterion, pair, differences, by_metric)
 
 
-def p_value(a: Float[np.ndarray, "case"], b: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"]) -> float:
+def p_value(
+    a: Float[np.ndarray, "case"],
+    b: Float[np.ndarray, "case"],
+    weights: Float[np.ndarray, "case"],
+    block: Int[np.ndarray, "case"] | None = None,
+) -> float:
     """The two-sided p-value of the hypothesis that two entries have the same mean, paired by case.
 
-    McNemar's exact test (1947) where the values are 0 or 1 and all cases count alike; otherwise Student's t test on the
-    weighted differences.
+    McNemar's exact test (1947) where the values are 0 or 1, all cases count alike and are independent; otherwise
+    Student's t test on the weighted differences, summed over each block (Liang and Zeger 1986).
 
     Args:
         a: A metric of one entry.
         b: The same of the other one.
         weights: How much each case counts.
+        block: The block of each case, where those of the same block are not independent.
 
     Returns:
         The p-value; 1 where no case differs.
@@ -129,16 +148,19 @@ def p_value(a: Float[np.ndarray, "case"], b: Float[np.ndarray, "case"], weights:
     differences = a - b
     if not differences.any():
         return 1.0
-    if np.isin((a, b), (0.0, 1.0)).all() and (weights == weights[0]).all():
+    if block is None and np.isin((a, b), (0.0, 1.0)).all() and (weights == weights[0]).all():
         return mcnemar(a.astype(bool), b.astype(bool))
     weighted = weights * differences / weights.sum()
     mean = weighted.sum()
     # The variance of a weighted mean of independent cases, with the correction of the sample variance.
     rest = weights * (differences - mean) / weights.sum()
-    error = np.sqrt((rest**2).sum() * len(a) / (len(a) - 1)) if len(a) > 1 else np.inf
+    if block is not None:
+        rest = np.bincount(np.unique(block, return_inverse=True)[1], rest)
+    n = len(rest)
+    error = np.sqrt((rest**2).sum() * n / (n - 1)) if n > 1 else np.inf
     if error == 0.0:
         return 0.0
-    return float(2.0 * student.sf(abs(mean) / error, len(a) - 1))
+    return float(2.0 * student.sf(abs(mean) / error, n - 1))
 
 
 def holm(p: Float[np.ndarray, "test"]) -> Float[np.ndarray, "test"]:

@@ -59,8 +59,9 @@ class SeasonSpec(TomlTable):
 class BoardSpec(TomlTable):
     """The whole of `board.toml`. A change of the rules is a new `version`.
 
-    `position` orders boards where several are listed. Authors run `public_cases` of each scenario, which everybody
-    knows. A season's figures are of `cases` of each.
+    `position` orders boards where several are listed. `recorded` says that its scenarios need recorded tracks, and
+    `ranked` whether entries have ranks. Authors run `public_cases` of each scenario, which everybody knows. A season's
+    figures are of `cases` of each.
     """
 
     title: Name
@@ -68,6 +69,8 @@ class BoardSpec(TomlTable):
     version: int = integer(least=1, most=10**6)
     position: int = integer(1000, least=1, most=1000)
     families: Families
+    recorded: Flag = False
+    ranked: Flag = True
     cases: int = integer(2000, least=1, most=10**6)
     public_cases: int = integer(500, least=1, most=10**6)
     replan_every: int = integer(1, least=1, most=1000)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float, Int, Shaped
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.driving import episodes, made
@@ -45,6 +45,7 @@ class Standing:
         entry: The entry.
         season: What was found in the season; None where it was not verified in it.
         columns: The metrics case by case, of the season's cases or else of the public ones.
+        blocks: The blocks of recorded time of these cases, by scenario; none where nobody was recorded.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
         figures: The means over the board, with intervals; undefined for an entry of other rules.
         flags: "intrusive" and "jerky", where it is beyond the bounds of the board.
@@ -56,6 +57,7 @@ class Standing:
     entry: Entry
     season: Verification | None
     columns: Columns
+    blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Mapping[str, Mapping[str, Estimate]]
     figures: Mapping[str, Estimate]
     flags: Sequence[str]
@@ -143,7 +145,7 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
     """
     each = _at_most([_standing(board, entry, season) for entry in entries])
     candidates = [one for one in each if not one.reason]
-    comparisons = compare_all([one.columns for one in candidates], board.weights)
+    comparisons = compare_all([one.columns for one in candidates], board.weights, _blocks(candidates))
     found = ranks(len(candidates), comparisons)
     costs = [(-one.figures["success_rate"].mean, one.figures["navigation_time"].mean) for one in candidates]
     # A time that is undefined, because nobody arrives, is the longest.
@@ -159,6 +161,22 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
     )
 
 
+def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None:
+    """The blocks of recorded time of the cases of a board, by numbers of their own; None where nobody was recorded.
+
+    Args:
+        each: The entries that are compared. Those who drove the same cases of a scenario have the same blocks.
+    """
+    if not any(one.blocks for one in each):
+        return None
+    found: list[np.ndarray] = []
+    for name in each[0].scenarios:
+        longest = max((one.blocks[name] for one in each if name in one.blocks), key=len, default=np.zeros(1, np.int64))
+        own = np.resize(longest, max(one.cases for one in each))
+        found.append(own + (1 + max((int(before.max()) for before in found), default=-1)))
+    return np.stack(found)
+
+
 def _at_most(each: Sequence[Standing]) -> list[Standing]:
     """The same, with a reason for those that are one too many of their submitter, by name."""
     ranked: Counter[str] = Counter()
@@ -171,8 +189,10 @@ def _at_most(each: Sequence[Standing]) -> list[Standing]:
     return found
 
 
-def _unranked(entry: Entry) -> str:
-    """Why an entry cannot have a rank whatever it achieves; empty if it can."""
+def _unranked(entry: Entry, board: Board) -> str:
+    """Why an entry cannot have a rank on a board whatever it achieves; empty if it can."""
+    if not board.spec.ranked:
+        return "not ranked"
     return "privileged" if entry.spec.privileged else "ablation" if entry.card.ablation else ""
 
 
@@ -193,8 +213,9 @@ def _standing(board: Board, entry: Entry, season: str) -> Standing:
     figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
     flags = _flags(board, figures, columns["jerk"])
     bad = [] if board.spec.ranks_flagged else flags
-    reason = _unranked(entry) or _unverified(entry, board, verified) or ", ".join(bad)
-    return Standing(entry, verified, columns, scenarios, figures, flags, reason)
+    reason = _unranked(entry, board) or _unverified(entry, board, verified) or ", ".join(bad)
+    blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
+    return Standing(entry, verified, columns, blocks, scenarios, figures, flags, reason)
 
 
 def _unverified(entry: Entry, board: Board, verified: Verification | None) -> str:

@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.options import INTERRUPTED, JsonOption, OptionOption, ThreadsOption, assignments, use_threads
+from crowdbench.cli.options import (
+    INTERRUPTED,
+    DataOption,
+    JsonOption,
+    OptionOption,
+    ThreadsOption,
+    assignments,
+    use_threads,
+)
 from crowdbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -65,6 +73,7 @@ def submit(
         list[str] | None,
         typer.Option(help="Another network of the same method: key=value, such as weights=b.safetensors. Repeatable."),
     ] = None,
+    data: DataOption = None,
     root: RootOption = ROOT,
     work: WorkOption = WORK,
     shard: ShardOption = None,
@@ -82,7 +91,7 @@ def submit(
     from crowdbench.plugins import file_and_function, program
 
     own = Shard.parse(shard) if shard else WHOLE
-    asked = find_board(board, root)
+    asked = find_board(board, root).with_data(data)
     options = assignments(option or [], "--option")
     if Path(planner).is_dir():
         raise InputError(f"{planner} is a folder: name the file of the planner")
@@ -137,6 +146,7 @@ def verify(
         bool, typer.Option("--season", help="Drive the cases of the season and record the verdict in the entry.")
     ] = False,
     cases: Annotated[int | None, typer.Option(min=1, help="Fewer cases than the board has, without --season.")] = None,
+    data: DataOption = None,
     work: WorkOption = WORK,
     shard: ShardOption = None,
     threads: ThreadsOption = None,
@@ -166,6 +176,7 @@ def verify(
     found = read_entry(entry, check_files=not season)  # in a season, once no other process writes it
     folder = entry.parent.parent
     board = read_board(folder) if (folder / FILE).exists() else find_board(found.spec.board)
+    board = board.with_data(data)
     announce_compilation()
     driven = Cases("test", 0, cases) if cases else None
     total = cases_of(found, board, driven)
@@ -237,10 +248,13 @@ def readme(root: RootOption = ROOT) -> None:
 
 
 @app.command()
-def fill(root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOption = None) -> None:
+def fill(
+    data: DataOption = None, root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOption = None
+) -> None:
     """Enter every planner that ships on every board, freeze the entries, and verify them in the season.
 
-    Board by board. Finished work is kept, and the same command goes on after it. Several processes can share the work.
+    Board by board; boards of recorded people only with --data. Finished work is kept, and the same command goes on
+    after it. Several processes can share the work.
     """
     use_threads(threads)
     from crowdbench.boards.board import read_boards
@@ -251,6 +265,11 @@ def fill(root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOptio
     announce_compilation()
     try:
         for board in read_boards(root):
+            if board.spec.recorded:
+                if data is None:
+                    say(f"{board.name}: left out, because its people were recorded: give their tracks, --data DIR")
+                    continue
+                board = board.with_data(data)
             if not do_all(functools.partial(to_submit, board, root, work), "entry"):
                 say(f"{board.name}: other processes are making the last entries")
                 continue

@@ -111,6 +111,7 @@ def run(
                 planner,
                 assignments(option or [], "--option"),
                 cases if is_given(context, "cases") else None,
+                data,
                 out,
                 as_json,
             )

@@ -16,7 +16,7 @@ from crowdbench.errors import InputError, MachineFault
 if TYPE_CHECKING:
     from crowdbench.study.planned import PlannedRun
 
-GIVEN = {"board", "planner", "option", "cases", "out", "threads", "as_json"}
+GIVEN = {"board", "planner", "option", "cases", "data", "out", "threads", "as_json"}
 """The parameters of `crowdbench run` that a user may give beside `--board`."""
 
 
@@ -42,7 +42,13 @@ def check_alone(context: typer.Context) -> None:
 
 
 def run_board(
-    name: str, planner: str, options: Mapping[str, Any], cases: str | None, out: Path | None, as_json: bool
+    name: str,
+    planner: str,
+    options: Mapping[str, Any],
+    cases: str | None,
+    data: Path | None,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Drive a planner through all scenarios of a board by its rules, and print its figures.
 
@@ -53,6 +59,7 @@ def run_board(
         planner: As `crowdbench run --planner` takes it.
         options: The planner's options by name.
         cases: The cases of each scenario; None for the board's public ones.
+        data: The folder with the recorded tracks that the board needs, if any.
         out: The folder of the runs; None for one of the board's name in `runs/`.
         as_json: Whether to print JSON.
 
@@ -67,11 +74,17 @@ def run_board(
     from crowdbench.study.planned import PlannedRun
     from crowdbench.study.tables import plain
 
-    board = find_board(name, ROOT)
+    board = find_board(name, ROOT).with_data(data)
     wanted = Cases.parse(cases) if cases else board.public_cases
     runs = {
         each.name: PlannedRun.of(
-            planner, options, each.name, wanted, overrides=board.overrides(None), replanning=board.replanning
+            planner,
+            options,
+            each.name,
+            wanted,
+            overrides=board.overrides(None),
+            replanning=board.replanning,
+            data=data,
         )
         for each in board.scenarios
     }

@@ -116,6 +116,7 @@ def options_text(options: Mapping[str, Any]) -> str:
 
 
 REASONS = {
+    "not ranked": "This board has no ranks: it shows how planners drive.",
     "privileged": "It uses what no vehicle can see, such as the pedestrians' true next velocities.",
     "ablation": "Its authors say that it is a variant made for comparison.",
     "reported only": "Nobody has verified it in this season: the figures are its authors', of the public cases.",

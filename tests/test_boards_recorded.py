@@ -1,0 +1,95 @@
+"""Boards whose people were recorded."""
+
+import shutil
+
+import numpy as np
+import pytest
+from boards import BOARD, SEASON, card, write_board
+from typer.testing import CliRunner
+
+from crowdbench.boards.board import read_board
+from crowdbench.boards.markdown import section
+from crowdbench.boards.season import read_season
+from crowdbench.boards.shipped import freeze_entries
+from crowdbench.boards.site import build_site
+from crowdbench.boards.standings import read_entries, standings
+from crowdbench.boards.submission import Submission, submit
+from crowdbench.boards.verification import verify
+from crowdbench.cli import app
+from crowdbench.errors import InputError
+from crowdbench.scenario.cases import Cases
+
+RECORDED = BOARD.replace("ranks_flagged = true", "ranks_flagged = true\nrecorded = true").replace(
+    "circle_crossing_5", "eth_reactive"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "data", "sentence"),
+    [
+        (RECORDED, None, "the people of the board small were recorded: give their tracks, --data DIR"),
+        (BOARD, "here", "--data does not go with the board small, whose people were not recorded"),
+        (RECORDED, "here", "there is no folder here with the recorded tracks of the scene eth"),
+    ],
+)
+def test_a_board_says_whether_it_needs_recorded_tracks(text, data, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    board = write_board(tmp_path, text=text)
+    with pytest.raises(InputError, match=sentence):
+        board.with_data(data and tmp_path.relative_to(tmp_path) / data)
+
+
+def test_what_ranks_does_not_change_the_digest(tmp_path):
+    board = write_board(tmp_path, text=RECORDED)
+    shown = write_board(tmp_path, text=RECORDED.replace("recorded = true", "recorded = true\nranked = false"))
+    assert board.digest == shown.digest
+
+
+def test_run_board_refuses_tracks_that_it_does_not_need(tmp_path):
+    done = CliRunner().invoke(app, ["run", "--board", "five", "--planner", "orca", "--data", str(tmp_path)])
+    assert "--data does not go with the board five" in str(done.exception)
+
+
+@pytest.fixture(scope="module")
+def root(shared, tmp_path_factory):
+    """A folder of boards with two verified entries of a board whose people were recorded."""
+    folder = tmp_path_factory.mktemp("recorded")
+    root, work = folder / "leaderboards", folder / "work"
+    board = write_board(root, text=RECORDED).with_data(shared / "data" / "eth_ucy")
+    (root / "season.toml").write_text(SEASON)
+    (folder / "card.toml").write_text(card())
+    for name in ("orca", "straight"):
+        submit(Submission(board, name, name, {}, [], folder / "card.toml", "Ada"), root, work)
+    season = freeze_entries(board, root)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+        for entry in read_entries(board, root):
+            assert verify(entry, board, by="the tests", work=work, season=season).verdict == "re-run"
+    return root
+
+
+@pytest.mark.slow
+def test_entries_are_ranked_by_blocks_of_time(root):
+    board = read_board(root / "small")
+    found = standings(board, read_entries(board, root), read_season(root).spec.name)
+    assert {one.entry.name for one in found.ranked} == {"orca", "straight"}
+    assert all(len(np.unique(one.blocks["eth_reactive"])) == 10 for one in found.ranked)
+    assert "10 cases in 10 blocks of recorded time" in section(found)
+
+
+@pytest.mark.slow
+def test_a_board_that_shows_has_no_ranks(root, tmp_path):
+    shutil.copytree(root, tmp_path / "boards")
+    write_board(tmp_path / "boards", text=RECORDED.replace("recorded = true", "recorded = true\nranked = false"))
+    board = read_board(tmp_path / "boards" / "small")
+    found = standings(board, read_entries(board, tmp_path / "boards"), "first")
+    assert [one.reason for one in found.others] == ["not ranked", "not ranked"]
+
+
+@pytest.mark.slow
+def test_pages_show_no_tracks(root, tmp_path):
+    build_site(root, tmp_path)
+    assert not list(tmp_path.rglob("*.rrd"))
+    text = (tmp_path / "small" / "entries" / "orca.html").read_text()
+    assert "the tracks are not ours to publish" in text
+    assert "<svg" not in text.split("Failures")[-1]
