@@ -154,7 +154,9 @@ def test_what_the_planner_saw_is_logged():
     obs = Observation(**vars(obs) | {"logs": logs})
     made = ValuePlanner(Forks(2), net)
     command, prediction = made.plan(obs), made.predictor.predict(obs, 1)
-    assert logs.keys() == {"predicted", "value", "attention"}
+    assert logs.keys() == {"predicted", "commands", "value", "attention"}
+    best = logs["commands"][..., 2].argmax(axis=1)
+    assert np.array_equal(logs["commands"][np.arange(len(obs)), best, :2], command)
     assert np.array_equal(logs["predicted"], prediction.position)
     seen = scene(obs, prediction)
     for w in range(len(obs)):

@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import subprocess
 import sys
@@ -15,8 +16,9 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
-from crowdbench.record import drawing, exact, plots, view
+from crowdbench.record import decisions, drawing, exact, plots, view, viewer
 from crowdbench.record.read import Recording, read
+from crowdbench.record.style import SCALE
 from crowdbench.record.write import Recorder
 from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome
@@ -106,10 +108,41 @@ def test_what_is_logged_now_and_then_is_drawn_without_the_gaps(driven):
     for values in logs.values():
         values[:, now_and_then] = 1.0
     logs["never"] = np.full(driven.gap.shape, np.nan)
-    chunks = list(plots.logs(dataclasses.replace(driven, logs=logs), 0))
-    moving = [chunk.to_record_batch() for chunk in chunks if not chunk.is_static]
-    asked = list(range(0, int(driven.steps[0]), 8))
-    assert [batch.column("step").to_pylist() for batch in moving] == [asked] * 3
+    said = dataclasses.replace(driven, logs=logs)
+    chunks = [*plots.logs(said, 0), *decisions.drawn(said, 0)]
+    moving = {chunk.entity_path: chunk.to_record_batch() for chunk in chunks if not chunk.is_static}
+    asked, steps = list(range(0, int(driven.steps[0]), 8)), list(range(int(driven.steps[0])))
+    shown = {path: batch.column("step").to_pylist() for path, batch in moving.items()}
+    assert shown == {
+        "/plots/planner/curve": asked,
+        "/world/planner/points": asked,
+        "/world/planner/lines/0": steps,
+        "/world/planner/lines/1": steps,
+        "/world/planner/lines/2": steps,
+    }
+
+
+def test_futures_are_shorter_as_they_come_true(driven):
+    """Of a future of 8 steps that is logged every 8th step, each step shows what is still to come."""
+    way = np.full((*driven.gap.shape, 8, 1, 2), np.nan)
+    way[:, ::8] = np.arange(8.0)[:, None, None]
+    said = dataclasses.replace(driven, logs={"way": way})
+    moving = [chunk.to_record_batch() for chunk in decisions.drawn(said, 0) if not chunk.is_static]
+    strips = [batch.column("LineStrips2D:strips").to_pylist() for batch in moving]
+    first = [min((x for strip in third[k] for x, _ in strip), default=np.inf) for k in range(8) for third in strips]
+    assert np.min(np.reshape(first, (8, 3)), axis=1).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, np.inf]
+
+
+def test_the_best_two_commands_are_marked(driven):
+    fan = np.full((*driven.gap.shape, 4, 3), np.nan)
+    fan[:, :] = [[1.0, 0.0, 0.3], [0.0, 1.0, 0.9], [-1.0, 0.0, -np.inf], [0.0, -1.0, 0.6]]
+    said = dataclasses.replace(driven, logs={"commands": fan})
+    moving = {chunk.entity_path: chunk for chunk in decisions.drawn(said, 0) if not chunk.is_static}
+    arrows = moving["/world/planner/commands"].to_record_batch().column("Arrows2D:vectors").to_pylist()
+    best = moving["/world/planner/commands/best"].to_record_batch().column("Arrows2D:vectors").to_pylist()
+    assert arrows[0] == [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
+    assert best[0] == [[0.0, -1.0], [0.0, 1.0]]
+    np.testing.assert_array_equal(decisions.shades(np.array([0.0, 1.0])), [SCALE[0], SCALE[-1]])
 
 
 def test_an_error_leaves_nothing_behind(driven, tmp_path):
@@ -161,14 +194,14 @@ def test_the_recordings_of_two_runs_do_not_mix(driven, tmp_path):
 def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
     shown = []
 
-    def viewer(command, **_):
+    def started(command, **_):
         if "rrd" in command:
             return run(command, **_)
-        shown.append(read(view.Path(command[-1])).trace.case.tolist())
+        shown.append(read(Path(command[-1])).trace.case.tolist())
         return subprocess.CompletedProcess(command, 0)
 
     run = subprocess.run
-    monkeypatch.setattr(view.subprocess, "run", viewer)
+    monkeypatch.setattr(viewer.subprocess, "run", started)
     monkeypatch.setenv("DISPLAY", ":0")
     view.view(recorded, 7)
     view.view(recorded)
@@ -181,6 +214,39 @@ def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_
         view.view(path, 3)
 
 
+class Drawing:
+    """A viewer whose picture changes twice before it is finished."""
+
+    def __init__(self):
+        self.pictures = iter([b"blank", b"half", b"whole", b"whole", b"never"])
+        self.asked = []
+
+    def save_screenshot(self, path):
+        Path(path).write_bytes(next(self.pictures))
+
+    def run_command(self, name):
+        assert name == "ui.zoom_in_ui"
+
+    def set_time(self, timeline, duration, play_state):
+        self.asked.append((timeline, duration, play_state))
+
+
+def test_a_picture_is_taken_when_nothing_in_it_changes_any_more(recorded, tmp_path, monkeypatch):
+    client = Drawing()
+    monkeypatch.setattr(viewer, "_connected", lambda *_: contextlib.nullcontext((None, client)))
+    view.view(recorded, 7, tmp_path / "a.png", seconds=2.5)
+    assert (tmp_path / "a.png").read_bytes() == b"whole"
+    assert client.asked == [("time", 2.5, "paused")]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_a_viewer_that_does_not_start_is_told_in_a_sentence(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr(viewer, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit(1)"])
+    with pytest.raises(InputError, match=r"a Vulkan driver \(Debian: mesa-vulkan-drivers\)"):
+        view.view(recorded, 7, tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
     hit = line(4, 3, Outcome.COLLISION, gap=[1, 1, 1, -0.1])
     hit.position[0, :, 2] = hit.position[0, :, 0] + [0.5, 0.0]
@@ -188,7 +254,7 @@ def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
 
 
 def test_without_a_display_a_picture_is_offered(recorded, tmp_path, monkeypatch):
-    monkeypatch.setattr(view.sys, "platform", "linux")
+    monkeypatch.setattr(viewer.sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(InputError, match="no display"):

@@ -117,7 +117,7 @@ def test_the_best_sequence_is_at_least_as_good_as_the_lookahead_s_and_as_any_con
         velocity=prediction.velocity.mean(axis=1, keepdims=True),
     )
     constant = lookahead.actions(obs.vehicle.preferred_speed)[:, :, None].repeat(5, axis=2)
-    others = np.concatenate([lookahead.follow(obs, mean)[:, None], constant], axis=1)
+    others = np.concatenate([lookahead.follow(obs, mean)[0][:, None], constant], axis=1)
     values = made.values(futures, others).max(axis=1)
     assert (best >= values - 1e-6).all()
     assert (best > values + 1e-3).any()

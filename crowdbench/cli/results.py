@@ -34,15 +34,56 @@ def compare(
 def view(
     run: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
     case: Annotated[int | None, typer.Option(help="Show only this case.")] = None,
+    worst: Annotated[
+        str | None, typer.Option(help="Show the recorded case with the worst value of this metric, such as jerk.")
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(min=0.0, help="Show this moment of the case first, in seconds, not its end.")
+    ] = None,
     screenshot: Annotated[
         Path | None,
-        typer.Option(help="Write a picture of the last state of --case to this .png file; no window opens."),
+        typer.Option(help="Write a picture of the case to this .png file; no window opens."),
     ] = None,
+    web: Annotated[bool, typer.Option("--web", help="Open it in a browser.")] = False,
 ) -> None:
     """Open a recording in the Rerun viewer."""
     from crowdbench.record import view as viewer
 
-    viewer.view(_recording(run), case, screenshot)
+    path = _recording(run)
+    if worst is not None:
+        if case is not None:
+            raise InputError("--worst chooses the case: leave out --case or --worst")
+        case = _worst(run, worst, viewer.recorded_cases(path))
+        print(f"case {case}")
+    viewer.view(path, case, screenshot, seconds=time, web=web)
+
+
+def _worst(run: Path, metric: str, recorded: list[int]) -> int:
+    """The recorded case of a run with the worst value of a metric.
+
+    Args:
+        run: The directory of the run.
+        metric: The metric's name.
+        recorded: The cases that are recorded.
+
+    Raises:
+        InputError: It is no directory of a run, or has no such metric, or none in a recorded case.
+    """
+    import numpy as np
+
+    from crowdbench.evaluate.metrics import MORE_IS_BETTER
+    from crowdbench.evaluate.results import EPISODES, Episodes
+
+    if not run.is_dir():
+        raise InputError(f"--worst needs the directory of a run, whose {EPISODES} has the metrics, not {run}")
+    episodes = Episodes.read(run / EPISODES)
+    if metric not in episodes.columns:
+        raise InputError(f"{run} has no metric {metric}; it has {', '.join(episodes.columns)}")
+    values = episodes.columns[metric].astype(float) * (-1.0 if metric in MORE_IS_BETTER else 1.0)
+    values[~np.isin(episodes.case, recorded)] = np.nan
+    if np.isnan(values).all():
+        raise InputError(f"{metric} is not defined in any recorded case of {run}")
+    return int(episodes.case[np.nanargmax(values)])
 
 
 def score(

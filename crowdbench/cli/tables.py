@@ -11,7 +11,7 @@ from rich.text import Text
 from crowdbench.bench.measurement import Measurement, VariantComparison
 from crowdbench.evaluate.check import Point
 from crowdbench.evaluate.compare import Comparison
-from crowdbench.evaluate.metrics import METRICS, Metric
+from crowdbench.evaluate.metrics import METRICS, Metric, unit_of
 from crowdbench.evaluate.prediction_errors import Errors
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.summary import Estimate
@@ -42,7 +42,7 @@ def result_table(title: str, result: Mapping[str, Any], metrics: Mapping[str, Me
     for name, estimate in result["metrics"].items():
         if estimate["n"]:
             share = name in result["rates"]
-            unit = "%" if share else _unit(metrics[name])
+            unit = "%" if share else unit_of(metrics[name])
             interval = f"{_number(estimate['low'], share)} to {_number(estimate['high'], share)}"
             largest = "" if share else _number(estimate["max"])
             table.add_row(name, f"{_number(estimate['mean'], share)} {unit}", interval, largest, str(estimate["n"]))
@@ -224,13 +224,6 @@ def _table(title: str, *columns: tuple[str, Any]) -> Table:
     for name, justify in columns:
         table.add_column(name, justify=justify)
     return table
-
-
-def _unit(metric: Metric) -> str:
-    """The unit in brackets at the end of the metric's first docstring line."""
-    first = str(metric.__doc__ or "").partition("\n")[0]
-    unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
-    return "" if unit == "1" else unit
 
 
 def _number(value: float, share: bool = False) -> str:

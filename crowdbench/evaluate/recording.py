@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Shaped
 
+from crowdbench.evaluate.metrics import Metric, unit_of
 from crowdbench.evaluate.results import Episodes
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -18,7 +20,9 @@ Keep = Callable[[Trace, Episodes], int]
 
 
 @contextlib.contextmanager
-def recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: Cases) -> Iterator[Keep]:
+def recorder(
+    record: str, path: Path, planner: str, scenario: Scenario, cases: Cases, metrics: Mapping[str, Metric]
+) -> Iterator[Keep]:
     """The recorder of a run: a function that records the wanted episodes of a batch and returns their number.
 
     Args:
@@ -27,6 +31,7 @@ def recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: C
         planner: The planner's name with its options.
         scenario: The scenario.
         cases: The cases of the whole run.
+        metrics: The metrics that are measured.
     """
     if record not in WITH_EPISODES:
         yield lambda trace, episodes: 0
@@ -44,10 +49,23 @@ def recorder(record: str, path: Path, planner: str, scenario: Scenario, cases: C
             wanted = failed & (failures + np.cumsum(failed) <= most) | (record == "all")
             wanted |= trace.case < cases.start + FIRST_RECORDED
             failures += int(failed.sum())
-            writer.add(trace, np.flatnonzero(wanted), episodes.columns)
+            writer.add(trace, np.flatnonzero(wanted), with_units(episodes.columns, metrics))
             return int(wanted.sum())
 
         yield keep
+
+
+def with_units(
+    columns: Mapping[str, Shaped[np.ndarray, "case"]], metrics: Mapping[str, Metric]
+) -> dict[str, Shaped[np.ndarray, "case"]]:
+    """The values of metrics by the names that people read, with units.
+
+    Args:
+        columns: The values by the metrics' names.
+        metrics: The metrics.
+    """
+    units = {name: unit_of(metrics[name]) for name in columns}
+    return {name.replace("_", " ") + (f", {units[name]}" if units[name] else ""): columns[name] for name in columns}
 
 
 def fewer_of_many(failures: int, pedestrians: int) -> int:

@@ -100,7 +100,7 @@ class Wanted:
         label = planner_label(self.driver.name, self.about.get("options", {}), self.replanning.settings)
         with Interrupts() as interrupts, new_directory(directory, overwrite=True) as folder:
             with (
-                recorder(self.record, folder / RECORDING, label, self.scenario, self.cases) as keep,
+                recorder(self.record, folder / RECORDING, label, self.scenario, self.cases, self.metrics) as keep,
                 command_writer(self.record, folder) as keep_commands,
             ):
 

@@ -14,13 +14,16 @@ from crowdbench.record.style import BACKGROUND, FAILURE, MUTED, VEHICLE, Color
 from crowdbench.types import DISCOMFORT_GAP
 
 
-def blueprint(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str], fastest: float) -> rrb.Blueprint:
+def blueprint(
+    extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str], fastest: float, *, has_menu: bool = True
+) -> rrb.Blueprint:
     """The viewer's layout: the plane on the left, text and plots on the right.
 
     Args:
         extents: Extent of each episode, see `drawing.extent`.
         plotted: Names of the planner's own curves.
         fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
+        has_menu: Whether the viewer's menu is shown.
     """
     low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
     start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
@@ -37,17 +40,30 @@ def blueprint(extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str
     plots = [
         _plot("gap", f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)", gap, (-0.2, 2.0)),
         _plot("speed", "speed, m/s (grey: preferred)", speed, (-0.1 * fastest, 1.5 * fastest)),
-        *(rrb.TimeSeriesView(name=name, origin=f"/{PLANNER_PLOTS}/{name}") for name in plotted),
+        *(_of_planner(name) for name in plotted),
     ]
-    text = rrb.TextDocumentView(name="episode", origin="/summary")
-    side = rrb.Vertical(text, *plots, row_shares=[3.0] + [1.0] * len(plots))
+    texts = rrb.Tabs(
+        rrb.TextDocumentView(name="episode", origin="/summary"),
+        rrb.TextDocumentView(name="metrics", origin="/metrics"),
+    )
+    side = rrb.Vertical(texts, *plots, row_shares=[2.0] + [1.0] * len(plots))
     return rrb.Blueprint(
         rrb.Horizontal(plane, side, column_shares=[3.0, 2.0]),
         # "following" opens at the last state, because one wants to see first how an episode ends.
         rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
         rrb.SelectionPanel(state="collapsed"),
+        rrb.TopPanel(state="expanded" if has_menu else "hidden"),
         # The panel that lists the recordings.
         rrb.BlueprintPanel(state="collapsed" if len(extents) == 1 else "expanded"),
+    )
+
+
+def _of_planner(name: str) -> rrb.TimeSeriesView:
+    """A view with what the planner logged by a name. Without a legend, which would cover the curves."""
+    return rrb.TimeSeriesView(
+        name=name.replace("_", " "),
+        origin=f"/{PLANNER_PLOTS}/{name}",
+        plot_legend=rrb.PlotLegend(visible=False),
     )
 
 

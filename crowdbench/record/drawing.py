@@ -16,7 +16,7 @@ from rerun.chunk import Chunk
 
 from crowdbench.dynamics import Holonomic, nose, outline, reach
 from crowdbench.geometry import nearest_in_step, polygons, turn
-from crowdbench.record import sight
+from crowdbench.record import decisions, sight
 from crowdbench.record.chunks import still, times
 from crowdbench.record.plots import logs, plots
 from crowdbench.record.style import ARROW, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
@@ -33,14 +33,14 @@ _ANGLE = np.linspace(0.0, 2.0 * np.pi, 49)
 CIRCLE: Float[np.ndarray, "49 2"] = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)
 
 
-def episode(trace: Trace, row: int, title: str, values: Mapping[str, float]) -> Iterator[Chunk]:
+def episode(trace: Trace, row: int, title: str, values: Mapping[str, float | bool]) -> Iterator[Chunk]:
     """All that is shown of one episode.
 
     Args:
         trace: The trace with the episode.
         row: Its row in the trace.
         title: Which run it belongs to.
-        values: Its metrics by name.
+        values: Its metrics by name, with units.
     """
     states, dt = int(trace.steps[row]) + 1, trace.rules.dt
     present = np.asarray(trace.present[row, :states].any(axis=0))
@@ -70,7 +70,9 @@ def episode(trace: Trace, row: int, title: str, values: Mapping[str, float]) -> 
     yield mark
     yield from plots(trace, row)
     yield from logs(trace, row)
-    yield still("summary", rr.TextDocument(_summary(trace, row, title, sentence, values), media_type="text/markdown"))
+    yield from decisions.drawn(trace, row)
+    yield _text("summary", _summary(trace, row, title, sentence))
+    yield _text("metrics", _metrics(values))
 
 
 def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
@@ -298,25 +300,41 @@ def _hit(trace: Trace, row: int) -> int:
     return int(np.argmin(gaps))
 
 
-def _summary(trace: Trace, row: int, title: str, sentence: str, values: Mapping[str, float]) -> str:
-    """The text beside the picture, in Markdown.
+def _text(entity: str, text: str) -> Chunk:
+    """A text in Markdown."""
+    return still(entity, rr.TextDocument(text, media_type="text/markdown"))
 
-    The metrics are in two columns, so that one need not scroll.
+
+def _summary(trace: Trace, row: int, title: str, sentence: str) -> str:
+    """The text beside the picture.
 
     Args:
         trace: The trace with the episode.
         row: Its row in the trace.
         title: Which run it belongs to.
         sentence: How it ended.
-        values: Its metrics by name.
     """
     lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize().replace('_', ' ')}: {sentence}"]
     lines += [f"{trace.split} case {trace.case[row]} · {title}", "", KEY, ""]
     lines += [] if trace.perceived is None else [sight.KEY, ""]
-    cells = [f"{name.replace('_', ' ')} | {value:.4g}" for name, value in values.items() if np.isfinite(value)]
-    cells += [" | "] * (len(cells) % 2)
-    if cells:
-        half = len(cells) // 2
-        lines += ["| metric | value | metric | value |", "|---|---:|---|---:|"]
-        lines += [f"| {left} | {right} |" for left, right in zip(cells[:half], cells[half:], strict=True)]
+    lines += [decisions.KEY, ""] if trace.logs else []
     return "\n".join(lines)
+
+
+def _metrics(values: Mapping[str, float | bool]) -> str:
+    """The metrics of an episode as a table in two columns; those that are undefined are left out.
+
+    Args:
+        values: By name, with units.
+    """
+    defined = {name: value for name, value in values.items() if np.isfinite(value)}
+    cells = [f"{name} | {_value(value)}" for name, value in defined.items()]
+    cells += [" | "] * (len(cells) % 2)
+    half = len(cells) // 2
+    lines = ["| metric | value | metric | value |", "|---|---:|---|---:|"]
+    lines += [f"| {left} | {right} |" for left, right in zip(cells[:half], cells[half:], strict=True)]
+    return "\n".join(lines)
+
+
+def _value(value: float | bool) -> str:
+    return ("yes" if value else "no") if isinstance(value, bool) else f"{value:.4g}"

@@ -12,7 +12,7 @@ from rerun.chunk import Chunk
 
 from crowdbench.geometry import norm
 from crowdbench.record.chunks import moments, still, times
-from crowdbench.record.style import CURVES, MUTED
+from crowdbench.record.style import CURVES
 from crowdbench.types import DISCOMFORT_GAP, Trace
 
 PLANNER_PLOTS = "plots/planner"
@@ -44,7 +44,7 @@ def _curves(entity: str, timelines: Sequence[rr.TimeColumn], values: Float[np.nd
 
 
 def logs(trace: Trace, row: int) -> Iterator[Chunk]:
-    """What the planner logged, see `Observation.log`. Each value is shown until the planner logs the next one.
+    """What the planner logged that is a curve, see `Observation.log`. A value holds until the next one is logged.
 
     Args:
         trace: The trace with the episode.
@@ -52,27 +52,19 @@ def logs(trace: Trace, row: int) -> Iterator[Chunk]:
     """
     end = int(trace.steps[row])
     for name, array in trace.logs.items():
-        entity = f"world/planner/{name}"
         # Steps without a value are left out, because Rerun draws no curve between values separated by NaN.
         logged_at = np.flatnonzero(~np.isnan(array[row, :end].reshape(end, -1)).all(axis=1))
-        logged, steps, timelines = array[row, logged_at], len(logged_at), moments(logged_at, trace.rules.dt)
-        if steps == 0:
+        if not is_curve(array) or not len(logged_at):
             continue
-        if is_curve(array):
-            curves = logged.reshape(steps, -1)
-            names = [f"{name} {n}" if curves.shape[1] > 1 else name for n in range(curves.shape[1])]
-            style = rr.SeriesLines(names=names, colors=list(itertools.islice(itertools.cycle(CURVES), len(names))))
-            yield still(f"{PLANNER_PLOTS}/{name}", style)
-            yield _curves(f"{PLANNER_PLOTS}/{name}", timelines, curves)
-        elif logged.shape[-1] == 2 and logged.ndim == 3:
-            points = rr.Points2D.columns(positions=logged.reshape(-1, 2))
-            yield still(entity, rr.Points2D.from_fields(colors=[MUTED], radii=rr.Radius.ui_points(2)))
-            yield Chunk.from_columns(entity, timelines, points.partition([logged[0].size // 2] * steps))
-        elif logged.shape[-1] == 2:
-            strips = logged.swapaxes(-3, -2).reshape(-1, logged.shape[-3], 2)
-            lines = rr.LineStrips2D.columns(strips=strips)
-            yield still(entity, rr.LineStrips2D.from_fields(colors=[MUTED], radii=rr.Radius.ui_points(0.75)))
-            yield Chunk.from_columns(entity, timelines, lines.partition([len(strips) // steps] * steps))
+        curves = array[row, logged_at].reshape(len(logged_at), -1)
+        names = [f"{name} {n}" if curves.shape[1] > 1 else name for n in range(curves.shape[1])]
+        style = rr.SeriesLines(
+            names=names,
+            colors=list(itertools.islice(itertools.cycle(CURVES), len(names))),
+            interpolation_mode=rr.components.InterpolationMode.StepAfter,
+        )
+        yield still(f"{PLANNER_PLOTS}/{name}", style)
+        yield _curves(f"{PLANNER_PLOTS}/{name}", moments(logged_at, trace.rules.dt), curves)
 
 
 def is_curve(logged: np.ndarray) -> bool:

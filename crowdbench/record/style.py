@@ -18,5 +18,10 @@ GRID: Color = (33, 36, 43)
 WALL: Color = (150, 156, 168)
 BACKGROUND: Color = (17, 19, 24)
 
+ATTENTION: Color = (204, 121, 167)
+
+SCALE: tuple[Color, ...] = ((62, 44, 112), (38, 118, 142), (160, 228, 130))
+"""From small to large values, dark to light."""
+
 CURVES: tuple[Color, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0))
 """Colours of a planner's own curves, which colour-blind readers can tell apart (Okabe and Ito 2008)."""

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from rerun.chunk import LazyChunkStream, RrdReader
+from rerun.chunk import LazyChunkStream, RrdReader, StoreEntry
 
 from crowdbench.errors import InputError
-from crowdbench.record import drawing, exact, rrd
+from crowdbench.record import drawing, exact, rrd, viewer
 from crowdbench.record.blueprint import blueprint
 from crowdbench.record.plots import PLANNER_PLOTS
 
@@ -21,46 +18,62 @@ NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+")
 """The name of an episode's recording in the viewer: split, case, outcome."""
 
 
-def view(path: Path, case: int | None = None, screenshot: Path | None = None) -> None:
+def view(
+    path: Path,
+    case: int | None = None,
+    screenshot: Path | None = None,
+    *,
+    seconds: float | None = None,
+    web: bool = False,
+) -> None:
     """Open a recording in the Rerun viewer and wait until it is closed.
 
     Args:
         path: The recording.
         case: Number of the only case to show.
-        screenshot: Path of a .png file: write a picture of the last state of the case instead of opening a window. On
-            a busy machine the viewer may take it before it has drawn everything.
+        screenshot: Path of a .png file: write a picture of the case instead of opening a window.
+        seconds: The time in the case that is shown first; its end if None.
+        web: Whether to open it in a browser instead of a window.
 
     Raises:
         InputError: The file or the case does not exist, or the viewer does not start.
     """
     if screenshot is not None and (case is None or screenshot.suffix != ".png" or not screenshot.parent.is_dir()):
         raise InputError(f"a picture shows one case (--case 37) and goes to a .png file in a folder, not {screenshot}")
+    if seconds is not None and (case is None or web):
+        raise InputError("--time shows a moment of one case (--case 37), in a window or a picture, not with --web")
     with tempfile.TemporaryDirectory() as folder:
-        shown = _extract(path, case, Path(folder))
-        if screenshot is None and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
-            raise InputError("there is no display for a window: take a picture with --case 37 --screenshot case.png")
-        command = [sys.executable, "-m", "rerun_cli", "--port", "auto", str(shown)]
+        shown = _extract(path, case, Path(folder), is_picture=screenshot is not None)
         if screenshot is None:
-            ended = subprocess.run(command)
+            viewer.show(shown, seconds, web=web)
         else:
-            screenshot.unlink(missing_ok=True)
-            command += ["--headless", "--window-size", "1400x800", "--screenshot-to", str(screenshot.resolve())]
-            # Without logs, because the viewer would show them across the picture.
-            ended = subprocess.run(command, env={**os.environ, "RUST_LOG": "off"}, capture_output=True)
-    if ended.returncode or (screenshot is not None and not screenshot.exists()):
-        raise InputError(
-            f"the Rerun viewer failed on {path}: it needs a display or, for a screenshot, a Vulkan driver "
-            "(Debian: mesa-vulkan-drivers)"
-        )
+            viewer.picture(shown, screenshot, seconds)
 
 
-def _extract(path: Path, case: int | None, folder: Path) -> Path:
+def recorded_cases(path: Path) -> list[int]:
+    """The numbers of the cases in a recording. Raises InputError where it cannot be read, or is none of crowdbench."""
+    return sorted(_entries(path)[1])
+
+
+def _entries(path: Path) -> tuple[RrdReader, dict[int, StoreEntry]]:
+    """A recording, and the recording of each case in it."""
+    with rrd.opening(path):
+        reader = RrdReader(path)
+        named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
+    entries = {int(match[1]): entry for match, entry in named if match}
+    if not entries:
+        raise rrd.foreign(path)
+    return reader, entries
+
+
+def _extract(path: Path, case: int | None, folder: Path, *, is_picture: bool) -> Path:
     """Make a file of one case with its own blueprint.
 
     Args:
         path: The recording.
         case: Number of the case; None for the whole recording.
         folder: Where to write the file.
+        is_picture: Whether it is for a picture, which needs no menu.
 
     Returns:
         The file; the recording itself where `case` is None.
@@ -68,12 +81,7 @@ def _extract(path: Path, case: int | None, folder: Path) -> Path:
     Raises:
         InputError: The recording cannot be read, has no such case, or the file cannot be written.
     """
-    with rrd.opening(path):
-        reader = RrdReader(path)
-        named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
-    entries = {int(match[1]): entry for match, entry in named if match}
-    if not entries:
-        raise rrd.foreign(path)
+    reader, entries = _entries(path)
     if case is None:
         return path.resolve()
     if case not in entries:
@@ -87,7 +95,8 @@ def _extract(path: Path, case: int | None, folder: Path) -> Path:
     trace = exact.trace([episode], exact.facts_of(episode))
     own = f"/{PLANNER_PLOTS}/"
     plotted = {chunk.entity_path.removeprefix(own) for chunk in chunks if chunk.entity_path.startswith(own)}
-    shown = blueprint([drawing.extent(trace, 0)], sorted(plotted), float(trace.preferred_speed[0, 0]))
+    fastest = float(trace.preferred_speed[0, 0])
+    shown = blueprint([drawing.extent(trace, 0)], sorted(plotted), fastest, has_menu=not is_picture)
     with rrd.writing(f"a copy of case {case} in {folder}"):
         LazyChunkStream.from_iter(chunks).write_rrd(
             folder / "case.rrd", application_id=entry.application_id, recording_id=entry.recording_id

@@ -59,7 +59,7 @@ class Recorder:
         Args:
             trace: The trace with the episodes.
             rows: Their rows in the trace.
-            values: Metrics of all episodes of the trace by name, shown as text.
+            values: Metrics of all episodes of the trace, by the names with units that are shown.
 
         Raises:
             InputError: They cannot be written.
@@ -67,8 +67,7 @@ class Recorder:
         for row in rows.tolist():
             label = Outcome(int(trace.outcome[row])).label
             title = f"planner {self._run['planner']} · scenario {self._run['scenario']}"
-            # Metrics that are true or false repeat the outcome.
-            shown = {name: float(column[row]) for name, column in values.items() if column.dtype != bool}
+            shown = {name: column[row].item() for name, column in values.items()}
             chunks = [
                 still("__properties", rr.archetypes.RecordingInfo(name=f"case {trace.case[row]} · {label}")),
                 *exact.chunks(trace, row, self._run),

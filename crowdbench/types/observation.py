@@ -216,8 +216,10 @@ class Observation:
 
         Args:
             name: Letters, digits and underscores, a letter first.
-            values: `[world]` or `[world, n]` become curves over time, `[world, n, 2]` points, and
-                `[world, ..., time, n, 2]` lines over time.
+            values: `[world]` or `[world, n]` become curves over time, `[world, n, 2]` points in metres, `[world, n, 3]`
+                commands, each a velocity in m/s and its value, as arrows from the vehicle, and
+                `[world, ..., time, n, 2]` lines over time, in metres, from the next step on; with a third number, the
+                line's weight, `[world, ..., time, n, 3]`, they are coloured by it.
 
         Raises:
             InputError: The name has other characters, or the values are no numbers with one entry per world.

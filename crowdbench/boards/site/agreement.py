@@ -1,9 +1,9 @@
-"""Whether boards that differ only in the pedestrians rank planners alike: Kendall's tau."""
+"""Whether boards rank planners alike: Kendall's tau."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from crowdbench.boards.site.rows import is_measured
@@ -11,6 +11,9 @@ from crowdbench.boards.standings import Standing, Standings
 
 SAME_BUT_PEDESTRIANS = ("five", "visible", "gaussian", "social_force", "square")
 """The boards with five pedestrians each, who move by another model, other parameters, or between other places."""
+
+SUITE = "suite"
+"""The only family of the boards of the suite."""
 
 FEWEST = 4
 """With fewer entries in common, a correlation of ranks says nothing."""
@@ -36,23 +39,54 @@ class Agreement:
         return math.isfinite(self.tau)
 
 
-def agreements(
-    each: Sequence[Standings],
-) -> tuple[list[Standings], dict[tuple[str, str], Agreement]]:
-    """The boards that differ only in the pedestrians, and the agreement of each two of them.
+@dataclass(frozen=True)
+class Group:
+    """Boards that are compared with each other.
+
+    Attributes:
+        question: What the comparison asks.
+        boards: The boards.
+        taus: Kendall's tau by the names of two boards, in both orders.
+    """
+
+    question: str
+    boards: Sequence[Standings]
+    taus: Mapping[tuple[str, str], Agreement]
+
+    @property
+    def known(self) -> Sequence[float]:
+        """The taus of all pairs of boards for which there is one."""
+        return [one.tau for (a, b), one in self.taus.items() if a < b and one.is_known]
+
+    @property
+    def mean(self) -> float:
+        """Their mean; NaN where there is none."""
+        return sum(self.known) / len(self.known) if self.known else math.nan
+
+
+def groups(each: Sequence[Standings]) -> list[Group]:
+    """The boards that differ only in the pedestrians, and those of the suite, with the agreement of each two.
 
     Args:
         each: The standings of all boards.
 
     Returns:
-        The boards, and Kendall's tau by the names of two boards, in both orders.
+        Both groups.
     """
-    boards = [found for found in each if found.board.name in SAME_BUT_PEDESTRIANS]
-    boards.sort(key=lambda found: SAME_BUT_PEDESTRIANS.index(found.board.name))
+    same = [found for found in each if found.board.name in SAME_BUT_PEDESTRIANS]
+    same.sort(key=lambda found: SAME_BUT_PEDESTRIANS.index(found.board.name))
+    suite = [found for found in each if list(found.board.spec.families) == [SUITE]]
+    return [
+        _group("Do rankings agree across pedestrian models?", same),
+        _group("Do rankings agree across the suite?", suite),
+    ]
+
+
+def _group(question: str, boards: Sequence[Standings]) -> Group:
     pairs = {
         (a.board.name, b.board.name): _agreement(a, b) for a in boards for b in boards if a.board.name != b.board.name
     }
-    return boards, pairs
+    return Group(question, boards, pairs)
 
 
 def _agreement(a: Standings, b: Standings) -> Agreement:

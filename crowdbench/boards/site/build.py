@@ -12,7 +12,7 @@ import jinja2
 from crowdbench.boards.board import Board, read_boards
 from crowdbench.boards.ranking import ALPHA
 from crowdbench.boards.season import SEASON, Season, read_season
-from crowdbench.boards.site.agreement import agreements
+from crowdbench.boards.site.agreement import groups
 from crowdbench.boards.site.cases import case_table
 from crowdbench.boards.site.failures import failures
 from crowdbench.boards.site.output import INDEX, site_folder
@@ -90,7 +90,6 @@ def _seed(season: Season | None, board: str) -> int | None:
 
 
 def _write_index(templates: jinja2.Environment, folder: Path, boards: list[Shown], season: Season | None) -> None:
-    compared, taus = agreements([shown.standings for shown in boards])
     write_page(
         templates,
         "index.html",
@@ -98,9 +97,7 @@ def _write_index(templates: jinja2.Environment, folder: Path, boards: list[Shown
         top="",
         boards=boards,
         season=season,
-        compared=compared,
-        taus=taus,
-        is_any_known=any(one.is_known for one in taus.values()),
+        groups=groups([shown.standings for shown in boards]),
     )
 
 

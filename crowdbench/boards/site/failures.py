@@ -17,6 +17,7 @@ from crowdbench.boards.entry import PUBLIC, Entry
 from crowdbench.boards.site.trajectories import picture
 from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import Metric
+from crowdbench.evaluate.recording import with_units
 from crowdbench.evaluate.replay import RunFiles, traces
 from crowdbench.evaluate.results import EPISODES, Episodes
 from crowdbench.record.write import Recorder
@@ -162,7 +163,7 @@ def _recorded(
         cases=sum(map(len, parts)),
     ) as recorder:
         for part in parts:
-            recorder.add(part, np.arange(len(part)), Episodes.of(part, metrics).columns)
+            recorder.add(part, np.arange(len(part)), with_units(Episodes.of(part, metrics).columns, metrics))
     if path.exists() and path.stat().st_size <= LARGEST:
         return [path.name]
     with contextlib.suppress(FileNotFoundError):

@@ -125,5 +125,27 @@ OVER_ALL = frozenset(
 )
 """Metrics that count failures. Two planners are compared in all cases, not only in those that both solve."""
 
+MORE_IS_BETTER = frozenset(
+    {
+        "success_rate",
+        "spl",
+        "sct",
+        "minimum_gap",
+        "clearing_distance",
+        "personal_space_compliance",
+        "social_distance",
+        "time_to_collision",
+        "discounted_return",
+    }
+)
+"""Metrics whose smallest value is the worst; of the others it is the largest."""
+
 POOLED = frozenset({"discomfort_frequency"})
 """Metrics that are averaged over the steps of all episodes, not over episodes."""
+
+
+def unit_of(metric: Metric) -> str:
+    """The unit of a metric, in brackets at the end of its docstring's first line; empty where it has none."""
+    first = str(metric.__doc__ or "").partition("\n")[0]
+    unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
+    return "" if unit == "1" else unit

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -35,6 +36,18 @@ Shaping = Callable[
     Float[np.ndarray, "row mode"],
 ]
 Explore = Callable[[Scene, Float[np.ndarray, "world 2"]], Float[np.ndarray, "world action 2"]]
+
+
+class Considered(NamedTuple):
+    """Commands that were considered, and what each is worth: minus infinity where the limits exclude it."""
+
+    commands: Float[np.ndarray, "world action 2"]
+    values: Float[np.ndarray, "world action"]
+
+    def best(self) -> tuple[Float[np.ndarray, "world 2"], Float[np.ndarray, "world"]]:
+        """The best command of each world, and its value."""
+        world, best = np.arange(len(self.values)), self.values.argmax(axis=1)
+        return self.commands[world, best], self.values[world, best]
 
 
 class ValuePlanner(Planner):
@@ -104,11 +117,13 @@ class ValuePlanner(Planner):
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""
         prediction = checked(self.predictor.predict(obs, steps), type(self.predictor).__name__, obs, steps)
-        commands = self.follow(obs, prediction)
-        self._log(obs, prediction, scene_of(obs, prediction, 0, obs.vehicle), commands[:, 0])
+        commands, first = self.follow(obs, prediction)
+        self._log(obs, prediction, scene_of(obs, prediction, 0, obs.vehicle), commands[:, 0], first)
         return commands
 
-    def follow(self, obs: Observation, prediction: Prediction) -> Float[np.ndarray, "world time 2"]:
+    def follow(
+        self, obs: Observation, prediction: Prediction
+    ) -> tuple[Float[np.ndarray, "world time 2"], list[Considered]]:
         """The commands for the steps of a prediction, each decided where the earlier ones have led.
 
         Args:
@@ -116,24 +131,32 @@ class ValuePlanner(Planner):
             prediction: What the pedestrians do in the meantime.
 
         Returns:
-            The commands.
+            The commands, and what was considered for the first of them.
         """
         steps = prediction.position.shape[2]
         commands = np.empty((len(obs), steps, 2))
         vehicle = obs.vehicle
+        first: list[Considered] = []
         for step in range(steps):
-            command = commands[:, step] = self.decide(scene_of(obs, prediction, step, vehicle))
+            command, considered = self._chosen(scene_of(obs, prediction, step, vehicle))
+            commands[:, step] = command
+            first = first or considered
             vehicle = moved(vehicle, command, obs)
-        return commands
+        return commands, first
 
     def decide(self, scene: Scene) -> Float[np.ndarray, "world 2"]:
         """The command for each world."""
-        offered = self.commands(scene.state, scene.dynamics, scene.preferred_speed, scene.dt)
-        command, value = self._best_of(scene, offered)
-        if self.explore is not None:
-            finer, finer_value = self._best_of(scene, self.explore(scene, command))
-            command = np.where((finer_value > value)[:, None], finer, command)
-        return command
+        return self._chosen(scene)[0]
+
+    def _chosen(self, scene: Scene) -> tuple[Float[np.ndarray, "world 2"], list[Considered]]:
+        """The command for each world, and what was considered for it."""
+        offered = self._valued(scene, self.commands(scene.state, scene.dynamics, scene.preferred_speed, scene.dt))
+        command, value = offered.best()
+        if self.explore is None:
+            return command, [offered]
+        finer = self._valued(scene, self.explore(scene, command))
+        finer_command, finer_value = finer.best()
+        return np.where((finer_value > value)[:, None], finer_command, command), [offered, finer]
 
     def commands(
         self, state: State, dynamics: Dynamics, preferred_speed: Float[np.ndarray, "world"], dt: float
@@ -158,15 +181,11 @@ class ValuePlanner(Planner):
         brake = dynamics.follow(state, self.limits.brake(state.velocity, dt), preferred_speed, dt)
         return np.concatenate([commands, brake[:, None]], axis=1)
 
-    def _best_of(
-        self, scene: Scene, commands: Float[np.ndarray, "world action 2"]
-    ) -> tuple[Float[np.ndarray, "world 2"], Float[np.ndarray, "world"]]:
-        """The best of some commands for each world, and its value."""
+    def _valued(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> Considered:
+        """Some commands with their values, or those of them that are on the shortlist."""
         if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.shape[1] > 1:
             commands = self._shortlisted(scene, commands, self.shortlist)
-        values = self.values(scene, commands)
-        world, best = np.arange(len(values)), values.argmax(axis=1)
-        return commands[world, best], values[world, best]
+        return Considered(commands, self.values(scene, commands))
 
     def _shortlisted(
         self, scene: Scene, commands: Float[np.ndarray, "world action 2"], number: int
@@ -215,11 +234,18 @@ class ValuePlanner(Planner):
         return self.aggregate.combine(now + np.where(tried.outcome == Outcome.RUNNING, factor * later, 0.0))
 
     def _log(
-        self, obs: Observation, prediction: Prediction, scene: Scene, command: Float[np.ndarray, "world 2"]
+        self,
+        obs: Observation,
+        prediction: Prediction,
+        scene: Scene,
+        command: Float[np.ndarray, "world 2"],
+        considered: Sequence[Considered],
     ) -> None:
-        """Log the predicted crowd, the value of the state after the command, and the network's attention."""
+        """Log the predicted crowd, all commands, the value of the state after the chosen one, and the attention."""
         if obs.logs is None:
             return
+        each = [np.dstack([scene.velocities(one.commands), one.values]) for one in considered]
+        obs.log("commands", np.concatenate(each, axis=1))
         world, arranged = np.arange(len(obs)), self.aggregate.arrange(scene)
         joint = try_commands(arranged, command, world).joint
         present = _present(arranged, world, joint.shape)

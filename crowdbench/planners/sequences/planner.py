@@ -107,7 +107,7 @@ class SequencePlanner(Planner):
         horizon = max(steps, self.horizon)
         predictor = self.lookahead.predictor
         prediction = checked(predictor.predict(obs, horizon), type(predictor).__name__, obs, horizon)
-        guess = self.lookahead.follow(obs, _mean(prediction))
+        guess, _ = self.lookahead.follow(obs, _mean(prediction))
         noise = self._noise(obs, horizon)
         best = np.empty((len(obs), horizon, 2))
 
