@@ -58,6 +58,21 @@ def trained(directory):
     return run
 
 
+def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_path, monkeypatch):
+    """Drawing the first cases alone takes longer than the time until the next validation."""
+    request = dataclasses.replace(REQUEST, steps=None, minutes=1.0)
+    training = TrainingRun.new(request, tmp_path / "run", "cpu").training
+    draw = training.ppo._setup_learn
+
+    def slowly(*arguments, **options):
+        training.seconds += 50.0
+        return draw(*arguments, **options)
+
+    monkeypatch.setattr(training.ppo, "_setup_learn", slowly)
+    training.run(ignore)
+    assert [point.steps for point in training.curve] == [0, 128, 256]
+
+
 @pytest.mark.slow
 def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
     one, two = (trained(tmp_path / name).training for name in ("a", "b"))

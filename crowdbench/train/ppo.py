@@ -228,6 +228,7 @@ class Training:
         start = time.perf_counter()  # training cases are drawn
         _, callback = self.ppo._setup_learn(self.ppo.num_timesteps, self.returns, reset_num_timesteps=False)
         self.seconds += time.perf_counter() - start
+        self._update(callback)  # in any case: where cases take long to draw, they alone may have taken until the goal
         while self.progress < min(goal, 1.0):
             self._update(callback)
 

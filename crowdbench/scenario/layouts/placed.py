@@ -173,10 +173,13 @@ class Placed:
         own = self.radius[len(self.start)]
         for _ in range(TRIES):
             x, y = rng.uniform(*area).tolist()
-            is_walled = self.walls is not None and self.walls.dwithin(shapely.Point(x, y), own + WALL_CLEARANCE)
-            if others.is_clear(x, y, own) and not is_walled:
+            if others.is_clear(x, y, own) and not self._is_walled(x, y, own + WALL_CLEARANCE):
                 return x, y
         return None
+
+    def _is_walled(self, x: float, y: float, distance: float) -> bool:
+        """Whether a position is nearer to an obstacle than a distance, all in metres."""
+        return self.walls is not None and bool(self.walls.dwithin(shapely.Point(x, y), distance))
 
     def start_is_clear(self, x: float, y: float) -> bool:
         """Whether a position in metres is far enough from all starts."""
