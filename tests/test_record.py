@@ -16,7 +16,7 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
-from crowdbench.record import decisions, drawing, exact, plots, view, viewer
+from crowdbench.record import approach, decisions, drawing, exact, plots, view, viewer
 from crowdbench.record.read import Recording, read
 from crowdbench.record.style import SCALE
 from crowdbench.record.write import Recorder
@@ -131,6 +131,21 @@ def test_futures_are_shorter_as_they_come_true(driven):
     strips = [batch.column("LineStrips2D:strips").to_pylist() for batch in moving]
     first = [min((x for strip in third[k] for x, _ in strip), default=np.inf) for k in range(8) for third in strips]
     assert np.min(np.reshape(first, (8, 3)), axis=1).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, np.inf]
+
+
+def test_the_closest_approach_ahead_is_shown():
+    """The vehicle drives up at 1 m/s, a pedestrian 3 m ahead comes from the right so that they pass 0.7 m apart."""
+    position, velocity = np.array([[3.0, 3.0]]), np.array([[-1.0, -1.5]])
+    when = approach.closest(position, velocity)[0]
+    assert when == pytest.approx((3.0 + 4.5) / 3.25)
+    assert np.linalg.norm(position + when * velocity) <= np.linalg.norm(position + (when + 0.01) * velocity)
+    assert approach.closest(position, -velocity)[0] == 0.0
+    steps = 4
+    still = trace(np.array([[[0.0, 0.25 * t], [1.0, 3.0]] for t in range(steps + 1)]), Outcome.SUCCESS)
+    still.velocity[0, :, 0] = [0.0, 1.0]
+    moving = [chunk.to_record_batch() for chunk in approach.drawn(still, 0, 0.5) if not chunk.is_static]
+    labels = [text[0] for text in moving[0].column("Points2D:labels").to_pylist()]
+    assert labels[0] == "0.40 m in 3.0 s"
 
 
 def test_the_best_two_commands_are_marked(driven):

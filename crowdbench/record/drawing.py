@@ -16,7 +16,7 @@ from rerun.chunk import Chunk
 
 from crowdbench.dynamics import Holonomic, nose, outline, reach
 from crowdbench.geometry import nearest_in_step, polygons, turn
-from crowdbench.record import decisions, sight
+from crowdbench.record import approach, decisions, sight
 from crowdbench.record.chunks import still, times
 from crowdbench.record.plots import logs, plots
 from crowdbench.record.style import ARROW, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
@@ -71,6 +71,7 @@ def episode(trace: Trace, row: int, title: str, values: Mapping[str, float | boo
     yield from plots(trace, row)
     yield from logs(trace, row)
     yield from decisions.drawn(trace, row)
+    yield from approach.drawn(trace, row, label)
     yield _text("summary", _summary(trace, row, title, sentence))
     yield _text("metrics", _metrics(values))
 
@@ -315,7 +316,7 @@ def _summary(trace: Trace, row: int, title: str, sentence: str) -> str:
         sentence: How it ended.
     """
     lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize().replace('_', ' ')}: {sentence}"]
-    lines += [f"{trace.split} case {trace.case[row]} · {title}", "", KEY, ""]
+    lines += [f"{trace.split} case {trace.case[row]} · {title}", "", KEY, "", approach.KEY, ""]
     lines += [] if trace.perceived is None else [sight.KEY, ""]
     lines += [decisions.KEY, ""] if trace.logs else []
     return "\n".join(lines)
