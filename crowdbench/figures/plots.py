@@ -1,0 +1,178 @@
+"""Figures of runs and trainings: success over time and over density, distributions of a metric, learning curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from crowdbench.errors import InputError
+from crowdbench.evaluate.metrics import METRICS, unit_of
+from crowdbench.evaluate.summary import bootstrap, rate
+from crowdbench.figures.series import Labelled, by_planner, runs, trainings
+from crowdbench.figures.style import COLOURS, DASHES, MARKERS, figure
+from crowdbench.types import Outcome
+
+MOST = len(COLOURS)
+"""The most series of a figure that can be told apart."""
+
+_POWERS = str.maketrans({"^": "", "2": "²", "3": "³"})
+
+MOMENTS = 60
+"""Times at which the interval of a curve of success is computed."""
+
+
+def success_over_time(directories: Sequence[Path], out: Path) -> None:
+    """The share of cases that are solved by a time, with 95 % intervals at each time.
+
+    Args:
+        directories: Those of the runs.
+        out: The figure's file.
+
+    Raises:
+        InputError: One of them is not a run, they are too many, or the file cannot be written.
+    """
+    shown = runs(directories)
+    _check_few(len(shown))
+    with figure(out) as axes:
+        for number, one in enumerate(shown):
+            dt, limit = (float(one.run.result["scenario"][key]) for key in ("dt", "time_limit"))
+            episodes = one.run.episodes
+            solved = np.where(episodes.outcome == Outcome.SUCCESS, episodes.steps * dt, np.inf)
+            moments = np.linspace(0.0, limit, MOMENTS + 1)
+            each = [rate(solved <= moment, episodes.block) for moment in moments]
+            low, high = ([100 * getattr(found, end) for found in each] for end in ("low", "high"))
+            times = np.unique(np.append(solved[np.isfinite(solved)], (0.0, limit)))
+            share = [100 * float((solved <= time).mean()) for time in times]
+            colour, dash = COLOURS[number], DASHES[number % len(DASHES)]
+            axes.fill_between(moments, low, high, color=colour, alpha=0.15, linewidth=0)
+            axes.plot(times, share, drawstyle="steps-post", color=colour, linestyle=dash, label=one.label)
+        axes.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, None))
+        axes.legend()
+
+
+def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
+    """A metric over the cases of runs: quartiles, 5th and 95th percentile, and the mean with its 95 % interval.
+
+    Args:
+        directories: Those of the runs.
+        metric: The metric's name.
+        out: The figure's file.
+
+    Raises:
+        InputError: One of them is not a run, or has no such metric, or the file cannot be written.
+    """
+    shown = runs(directories)
+    values = [_values(one, metric) for one in shown]
+    unit = unit_of(METRICS[metric]).translate(_POWERS) if metric in METRICS else ""
+    with figure(out, height=0.7 + 0.35 * len(shown)) as axes:
+        places = list(range(len(shown), 0, -1))
+        box = {"color": COLOURS[0]}
+        axes.boxplot(
+            [each[np.isfinite(each)] for each in values],
+            positions=places,
+            orientation="horizontal",
+            whis=(5.0, 95.0),
+            showfliers=False,
+            widths=0.5,
+            boxprops=box,
+            whiskerprops=box,
+            capprops=box,
+            medianprops={"color": "#000000"},
+        )
+        for place, each, one in zip(places, values, shown, strict=True):
+            mean = bootstrap(each, np.ones(len(each)), one.run.episodes.block)
+            ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
+            axes.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
+        axes.set_yticks(places, [one.label for one in shown])
+        axes.set(xlabel=metric.replace("_", " ") + (f", {unit}" if unit else ""))
+        axes.grid(visible=False, axis="y")
+
+
+def success_over_density(directories: Sequence[Path], out: Path) -> None:
+    """The success of planners over the number of pedestrians, with 95 % intervals.
+
+    Args:
+        directories: Those of the runs.
+        out: The figure's file.
+
+    Raises:
+        InputError: One of them is not a run or has recorded people, or the file cannot be written.
+    """
+    groups = by_planner(directories)
+    _check_few(len(groups))
+    with figure(out) as axes:
+        from matplotlib.ticker import MaxNLocator
+
+        for number, (label, each) in enumerate(groups.items()):
+            counts = [np.mean(run.result["scenario"]["pedestrians"].get("number", np.nan)) for run in each]
+            if np.isnan(counts).any():
+                raise InputError("runs among recorded people have no number of pedestrians: leave them out")
+            if len(set(counts)) < len(counts):
+                raise InputError(f"two runs of {label} have as many pedestrians: give runs that differ in their number")
+            order = np.argsort(counts, kind="stable")
+            found = [rate(each[i].episodes.outcome == Outcome.SUCCESS, each[i].episodes.block) for i in order]
+            means = [100 * one.mean for one in found]
+            ends = [[100 * (one.mean - one.low) for one in found], [100 * (one.high - one.mean) for one in found]]
+            axes.errorbar(
+                np.array(counts)[order],
+                means,
+                yerr=ends,
+                ms=3.5,
+                capsize=2,
+                label=label,
+                color=COLOURS[number],
+                marker=MARKERS[number],
+                linestyle=DASHES[number % len(DASHES)],
+            )
+        axes.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.legend()
+
+
+def learning_curves(directories: Sequence[Path], out: Path) -> None:
+    """The success of trainings on validation cases: a thin line for each, a thick one for the mean over seeds.
+
+    Args:
+        directories: Those of the trainings. Those of the same network in the same scenario belong together.
+        out: The figure's file.
+
+    Raises:
+        InputError: One of them is not a training, they are too many, or the file cannot be written.
+    """
+    groups = trainings(directories)
+    _check_few(len(groups))
+    with figure(out) as axes:
+        from matplotlib.ticker import EngFormatter
+
+        for number, (label, curves) in enumerate(groups.items()):
+            axis = next(iter(curves[0]))
+            end = min(float(curve[axis][-1]) for curve in curves)
+            along = np.linspace(0.0, end, 100)
+            mean = np.mean([np.interp(along, curve[axis], 100 * curve["success"]) for curve in curves], axis=0)
+            for curve in curves if len(curves) > 1 else []:
+                axes.plot(curve[axis], 100 * curve["success"], lw=0.5, alpha=0.5, color=COLOURS[number])
+            seeds = f", {len(curves)} seeds" if len(curves) > 1 else ""
+            axes.plot(along, mean, label=label + seeds, color=COLOURS[number], linestyle=DASHES[number % len(DASHES)])
+            axes.set_xlabel(axis)
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+        axes.set(ylabel="success on validation cases, %", ylim=(0, 102), xlim=(0, None))
+        axes.legend(loc="lower right")
+
+
+def _values(one: Labelled, metric: str) -> np.ndarray:
+    """The values of a metric in the cases of a run. Raises InputError where it has none."""
+    columns = one.run.episodes.columns
+    if metric not in columns:
+        raise InputError(f"the run of {one.label} has no metric {metric}; it has {', '.join(columns)}")
+    values = columns[metric].astype(float)
+    if not np.isfinite(values).any():
+        raise InputError(f"{metric} is not defined in any case of the run of {one.label}")
+    return values
+
+
+def _check_few(series: int) -> None:
+    """Raise InputError where there are more series than can be told apart."""
+    if series > MOST:
+        raise InputError(f"{series} series cannot be told apart in one figure: give {MOST} at most")

@@ -1,0 +1,76 @@
+"""The one style of all figures, for a column of a paper, and how a figure is written."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crowdbench import files
+from crowdbench.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#000000")
+"""Colours that colour-blind readers can tell apart (Okabe and Ito 2008), in the order of the series."""
+
+DASHES = ("-", "--", "-.", ":")
+"""Line styles in the order of the series, so that they can be told apart without colour."""
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+
+SUFFIXES = (".pdf", ".png", ".svg")
+
+WIDTH, HEIGHT = 3.5, 2.5
+"""Size of a figure in inches: a column of a paper of two."""
+
+_STYLE = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "crowdbench",
+    "pdf.fonttype": 42,
+    "savefig.dpi": 300,
+    "font.size": 8,
+    "text.parse_math": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 7,
+    "lines.linewidth": 1.2,
+}
+
+
+@contextlib.contextmanager
+def figure(out: Path, width: float = WIDTH, height: float = HEIGHT) -> Iterator[Axes]:
+    """Axes to draw on. The figure is written when the `with` statement ends without an error.
+
+    Args:
+        out: The file, whose ending says its format.
+        width: In inches.
+        height: In inches.
+
+    Raises:
+        InputError: The ending is another one, the folder does not exist, or Matplotlib is not installed.
+    """
+    if out.suffix not in SUFFIXES or not out.parent.is_dir():
+        raise InputError(f"a figure goes to a file in a folder that exists, with the ending {_listed()}, not {out}")
+    try:
+        import matplotlib.style
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise InputError("figures need Matplotlib: pip install 'crowdbench[plot]'") from None
+    with matplotlib.style.context(["default", _STYLE]):
+        drawn = Figure(figsize=(width, height), layout="constrained")
+        yield drawn.add_subplot()
+        stamp = {"Date": None} if out.suffix == ".svg" else {"CreationDate": None} if out.suffix == ".pdf" else {}
+        with files.whole(out) as partial:
+            drawn.savefig(partial, format=out.suffix[1:], metadata=stamp)
+
+
+def _listed() -> str:
+    return f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"

@@ -1,0 +1,85 @@
+"""`crowdbench plot`: figures of runs and trainings."""
+
+import re
+
+import pytest
+from typer.testing import CliRunner
+
+from crowdbench.cli import app
+from crowdbench.errors import InputError
+from crowdbench.figures import plots
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Runs of two planners among three and among five pedestrians."""
+    folder = tmp_path_factory.mktemp("runs")
+    for planner in ("orca", "straight"):
+        for number in (3, 5):
+            out = folder / f"{planner}-{number}"
+            given = ["--planner", planner, "--set", f"pedestrians.number={number}", "--cases", "30", "--out", str(out)]
+            assert CliRunner().invoke(app, ["run", *given, "--record", "none"]).exit_code == 0
+    return folder
+
+
+def words(figure):
+    """The texts of an SVG."""
+    return re.findall(r"<text[^>]*>([^<]+)</text>", figure.read_text())
+
+
+def test_success_over_time_ends_at_the_success_rate(made, tmp_path):
+    plots.success_over_time([made / "orca-5", made / "straight-5"], tmp_path / "a.svg")
+    assert {"orca", "straight", "time, s", "cases solved, %"} <= set(words(tmp_path / "a.svg"))
+
+
+def test_a_metric_has_its_unit_and_a_row_for_each_run(made, tmp_path):
+    plots.distribution([made / "orca-5", made / "straight-5"], "jerk", tmp_path / "a.svg")
+    assert {"orca", "straight", "jerk, m/s³"} <= set(words(tmp_path / "a.svg"))
+
+
+def test_runs_of_a_planner_are_joined_over_density(made, tmp_path):
+    plots.success_over_density(sorted(made.iterdir()), tmp_path / "a.svg")
+    said = words(tmp_path / "a.svg")
+    assert said.count("orca") == said.count("straight") == 1
+    assert "pedestrians" in said
+
+
+def test_learning_curves_are_joined_over_seeds(tmp_path):
+    for seed, success in ((0, 0.5), (1, 0.7)):
+        folder = tmp_path / f"s{seed}"
+        folder.mkdir()
+        (folder / "curve.csv").write_text(f"steps,seconds,success\n0,0,0\n1000,9,{success}\n")
+        (folder / "weights.json").write_text('{"network": "ppo", "training": {"scenario": {"name": "five"}}}')
+    plots.learning_curves([tmp_path / "s0", tmp_path / "s1"], tmp_path / "a.svg")
+    assert "ppo, five, 2 seeds" in words(tmp_path / "a.svg")
+
+
+@pytest.mark.parametrize("suffix", ["pdf", "png", "svg"])
+def test_the_same_figure_has_the_same_bytes(suffix, made, tmp_path):
+    one, two = tmp_path / f"a.{suffix}", tmp_path / f"b.{suffix}"
+    for out in (one, two):
+        plots.success_over_time([made / "orca-5"], out)
+    assert one.read_bytes() == two.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["success", "orca-5", "--out", "a.gif"], "with the ending .pdf, .png or .svg, not a.gif"),
+        (["success", "orca-5", "--out", "nowhere/a.pdf"], "in a folder that exists"),
+        (["success", "orca-5", "orca-3"], "orca-3 and another run are both of orca|orca-5 and another run"),
+        (["success", "nothing"], "nothing"),
+        (["metric", "orca-5"], "needs --metric NAME"),
+        (["success", "orca-5", "--metric", "jerk"], "no other one takes it"),
+        (["metric", "orca-5", "--metric", "jerkk"], "has no metric jerkk; it has success_rate"),
+        (["density", "orca-5", "orca-5"], "two runs of orca have as many pedestrians"),
+        (["training", "orca-5"], "orca-5 is no directory of a training: it has no curve.csv"),
+        (["success", *[f"orca-{n}" for n in (3, 5)] * 5], "both of orca|9 series"),
+    ],
+)
+def test_what_cannot_be_drawn_gets_one_sentence_and_leaves_no_file(arguments, sentence, made, monkeypatch):
+    monkeypatch.chdir(made)
+    before = sorted(made.iterdir())
+    with pytest.raises(InputError, match=sentence):
+        raise CliRunner().invoke(app, ["plot", *arguments]).exception
+    assert sorted(made.iterdir()) == before
