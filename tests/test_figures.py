@@ -1,8 +1,10 @@
-"""`crowdbench plot`: figures of runs and trainings."""
+"""`crowdbench plot` and `crowdbench render`: figures of runs, trainings and cases."""
 
 import re
+import shutil
 
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from crowdbench.cli import app
@@ -83,3 +85,55 @@ def test_what_cannot_be_drawn_gets_one_sentence_and_leaves_no_file(arguments, se
     with pytest.raises(InputError, match=sentence):
         raise CliRunner().invoke(app, ["plot", *arguments]).exception
     assert sorted(made.iterdir()) == before
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """A run with two recorded cases, in which the vehicle hits somebody."""
+    out = tmp_path_factory.mktemp("driven") / "run"
+    given = ["--planner", "straight", "--cases", "2", "--record", "all", "--out", str(out)]
+    assert CliRunner().invoke(app, ["run", *given]).exit_code == 0
+    return out
+
+
+def test_a_case_is_drawn_with_the_times_along_its_way(driven, tmp_path):
+    assert (
+        CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(tmp_path / "a.svg")]).exit_code == 0
+    )
+    assert {"0 s", "2 s", "1 m"} <= set(words(tmp_path / "a.svg"))
+
+
+def test_a_strip_shows_moments_up_to_the_end(driven, tmp_path):
+    given = ["render", str(driven), "--case", "1", "--strip", "3", "--out", str(tmp_path / "a.svg")]
+    assert CliRunner().invoke(app, given).exit_code == 0
+    times = [float(word[:-2]) for word in words(tmp_path / "a.svg") if re.fullmatch(r"[\d.]+ s", word)]
+    assert len(times) == 3
+    assert times[0] < times[1] < times[2]
+
+
+def test_a_film_has_a_picture_for_each_state_and_stays_at_the_end(driven, tmp_path):
+    assert (
+        CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(tmp_path / "a.gif")]).exit_code == 0
+    )
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.n_frames >= 5
+        film.seek(film.n_frames - 1)
+        shown = {colour for _, colour in film.convert("RGB").getcolors(1 << 20)}
+    assert any(red > 180 and green < 90 and blue < 90 for red, green, blue in shown)  # whom the vehicle hits
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--case", "7"], "case 7 is not recorded in"),
+        (["--case", "1", "--strip", "3", "--out", "a.gif"], "--strip draws a figure"),
+        (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png or .svg, not a.avi"),
+        (["--case", "1", "--out", "a.mp4"], "needs the program ffmpeg"),
+    ],
+)
+def test_a_case_that_cannot_be_drawn_gets_one_sentence(arguments, sentence, driven, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    with pytest.raises(InputError, match=sentence):
+        raise CliRunner().invoke(app, ["render", str(driven), *arguments]).exception
+    assert not list(tmp_path.iterdir())

@@ -16,7 +16,8 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
-from crowdbench.record import approach, decisions, drawing, exact, plots, view, viewer
+from crowdbench.record import approach, decisions, exact, plots, view, viewer
+from crowdbench.record.hit import pedestrian_hit
 from crowdbench.record.read import Recording, read
 from crowdbench.record.style import SCALE
 from crowdbench.record.write import Recorder
@@ -265,7 +266,7 @@ def test_a_viewer_that_does_not_start_is_told_in_a_sentence(recorded, tmp_path, 
 def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
     hit = line(4, 3, Outcome.COLLISION, gap=[1, 1, 1, -0.1])
     hit.position[0, :, 2] = hit.position[0, :, 0] + [0.5, 0.0]
-    assert drawing._hit(hit, 0) == 1
+    assert pedestrian_hit(hit, 0) == 1
 
 
 def test_without_a_display_a_picture_is_offered(recorded, tmp_path, monkeypatch):

@@ -45,6 +45,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "reproduce": study.reproduce,
     "view": results.view,
     "plot": figures.plot,
+    "render": figures.render,
     "score": results.score,
     "evaluate-predictor": evaluate_predictor.evaluate_predictor,
     "validity": validity.validity,

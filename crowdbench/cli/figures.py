@@ -47,3 +47,36 @@ def plot(
     else:
         plots.distribution(directories, str(metric), out)
     say(f"wrote {out}")
+
+
+def render(
+    run: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
+    case: Annotated[int, typer.Option(help="The recorded case.")],
+    strip: Annotated[
+        int | None, typer.Option(min=1, max=12, help="Draw so many moments side by side instead of the whole way.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(help="A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).")
+    ] = Path("case.png"),
+) -> None:
+    """Draw a recorded case from above, as a figure or a film. No viewer is needed."""
+    import numpy as np
+
+    from crowdbench.cli.console import say
+    from crowdbench.cli.results import recording_of
+    from crowdbench.figures import episode
+    from crowdbench.record.read import read
+
+    if strip is not None and out.suffix in episode.FILMS:
+        raise InputError("--strip draws a figure: leave it out, or give a .pdf, .svg or .png file with --out")
+    trace = read(recording_of(run)).trace
+    rows = np.flatnonzero(trace.case == case)
+    if not len(rows):
+        raise InputError(f"case {case} is not recorded in {run}: `crowdbench run --record all` keeps every case")
+    if out.suffix in episode.FILMS:
+        episode.film(trace, int(rows[0]), out)
+    elif strip is not None:
+        episode.strip(trace, int(rows[0]), strip, out)
+    else:
+        episode.trajectories(trace, int(rows[0]), out)
+    say(f"wrote {out}")

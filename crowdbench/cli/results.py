@@ -49,7 +49,7 @@ def view(
     """Open a recording in the Rerun viewer."""
     from crowdbench.record import view as viewer
 
-    path = _recording(run)
+    path = recording_of(run)
     if worst is not None:
         if case is not None:
             raise InputError("--worst chooses the case: leave out --case or --worst")
@@ -130,7 +130,7 @@ def score(
         for doubt in doubts(recording, (RECORDING,)):
             say(f"crowdbench: {doubt}")
     metrics = catalog.load_metrics(metric or [])
-    scored = measure(_recording(recording), metrics)
+    scored = measure(recording_of(recording), metrics)
     if as_json:
         print(json.dumps(scored.to_json(), indent=2))
     elif scored.complete:
@@ -162,7 +162,8 @@ def _replay(
         sys.exit(1)
 
 
-def _recording(path: Path) -> Path:
+def recording_of(path: Path) -> Path:
+    """The recording of a run, given by its directory or by the file itself."""
     from crowdbench.evaluate.results import RECORDING
 
     return path / RECORDING if path.is_dir() else path

@@ -11,7 +11,7 @@ from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import METRICS, unit_of
 from crowdbench.evaluate.summary import bootstrap, rate
 from crowdbench.figures.series import Labelled, by_planner, runs, trainings
-from crowdbench.figures.style import COLOURS, DASHES, MARKERS, figure
+from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
 from crowdbench.types import Outcome
 
 MOST = len(COLOURS)
@@ -35,7 +35,7 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     """
     shown = runs(directories)
     _check_few(len(shown))
-    with figure(out) as axes:
+    with axes(out) as drawn:
         for number, one in enumerate(shown):
             dt, limit = (float(one.run.result["scenario"][key]) for key in ("dt", "time_limit"))
             episodes = one.run.episodes
@@ -46,10 +46,10 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
             times = np.unique(np.append(solved[np.isfinite(solved)], (0.0, limit)))
             share = [100 * float((solved <= time).mean()) for time in times]
             colour, dash = COLOURS[number], DASHES[number % len(DASHES)]
-            axes.fill_between(moments, low, high, color=colour, alpha=0.15, linewidth=0)
-            axes.plot(times, share, drawstyle="steps-post", color=colour, linestyle=dash, label=one.label)
-        axes.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, None))
-        axes.legend()
+            drawn.fill_between(moments, low, high, color=colour, alpha=0.15, linewidth=0)
+            drawn.plot(times, share, drawstyle="steps-post", color=colour, linestyle=dash, label=one.label)
+        drawn.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, None))
+        drawn.legend()
 
 
 def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
@@ -66,10 +66,10 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     shown = runs(directories)
     values = [_values(one, metric) for one in shown]
     unit = unit_of(METRICS[metric]).translate(_POWERS) if metric in METRICS else ""
-    with figure(out, height=0.7 + 0.35 * len(shown)) as axes:
+    with axes(out, height=0.7 + 0.35 * len(shown)) as drawn:
         places = list(range(len(shown), 0, -1))
         box = {"color": COLOURS[0]}
-        axes.boxplot(
+        drawn.boxplot(
             [each[np.isfinite(each)] for each in values],
             positions=places,
             orientation="horizontal",
@@ -84,10 +84,10 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
         for place, each, one in zip(places, values, shown, strict=True):
             mean = bootstrap(each, np.ones(len(each)), one.run.episodes.block)
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
-            axes.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
-        axes.set_yticks(places, [one.label for one in shown])
-        axes.set(xlabel=metric.replace("_", " ") + (f", {unit}" if unit else ""))
-        axes.grid(visible=False, axis="y")
+            drawn.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
+        drawn.set_yticks(places, [one.label for one in shown])
+        drawn.set(xlabel=metric.replace("_", " ") + (f", {unit}" if unit else ""))
+        drawn.grid(visible=False, axis="y")
 
 
 def success_over_density(directories: Sequence[Path], out: Path) -> None:
@@ -102,7 +102,7 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
     """
     groups = by_planner(directories)
     _check_few(len(groups))
-    with figure(out) as axes:
+    with axes(out) as drawn:
         from matplotlib.ticker import MaxNLocator
 
         for number, (label, each) in enumerate(groups.items()):
@@ -115,7 +115,7 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
             found = [rate(each[i].episodes.outcome == Outcome.SUCCESS, each[i].episodes.block) for i in order]
             means = [100 * one.mean for one in found]
             ends = [[100 * (one.mean - one.low) for one in found], [100 * (one.high - one.mean) for one in found]]
-            axes.errorbar(
+            drawn.errorbar(
                 np.array(counts)[order],
                 means,
                 yerr=ends,
@@ -126,9 +126,9 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
                 marker=MARKERS[number],
                 linestyle=DASHES[number % len(DASHES)],
             )
-        axes.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.legend()
+        drawn.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
+        drawn.xaxis.set_major_locator(MaxNLocator(integer=True))
+        drawn.legend()
 
 
 def learning_curves(directories: Sequence[Path], out: Path) -> None:
@@ -143,7 +143,7 @@ def learning_curves(directories: Sequence[Path], out: Path) -> None:
     """
     groups = trainings(directories)
     _check_few(len(groups))
-    with figure(out) as axes:
+    with axes(out) as drawn:
         from matplotlib.ticker import EngFormatter
 
         for number, (label, curves) in enumerate(groups.items()):
@@ -152,13 +152,13 @@ def learning_curves(directories: Sequence[Path], out: Path) -> None:
             along = np.linspace(0.0, end, 100)
             mean = np.mean([np.interp(along, curve[axis], 100 * curve["success"]) for curve in curves], axis=0)
             for curve in curves if len(curves) > 1 else []:
-                axes.plot(curve[axis], 100 * curve["success"], lw=0.5, alpha=0.5, color=COLOURS[number])
+                drawn.plot(curve[axis], 100 * curve["success"], lw=0.5, alpha=0.5, color=COLOURS[number])
             seeds = f", {len(curves)} seeds" if len(curves) > 1 else ""
-            axes.plot(along, mean, label=label + seeds, color=COLOURS[number], linestyle=DASHES[number % len(DASHES)])
-            axes.set_xlabel(axis)
-        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-        axes.set(ylabel="success on validation cases, %", ylim=(0, 102), xlim=(0, None))
-        axes.legend(loc="lower right")
+            drawn.plot(along, mean, label=label + seeds, color=COLOURS[number], linestyle=DASHES[number % len(DASHES)])
+            drawn.set_xlabel(axis)
+        drawn.xaxis.set_major_formatter(EngFormatter(sep=""))
+        drawn.set(ylabel="success on validation cases, %", ylim=(0, 102), xlim=(0, None))
+        drawn.legend(loc="lower right")
 
 
 def _values(one: Labelled, metric: str) -> np.ndarray:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 from crowdbench import files
 from crowdbench.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#000000")
 """Colours that colour-blind readers can tell apart (Okabe and Ito 2008), in the order of the series."""
@@ -30,7 +31,6 @@ _STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "crowdbench",
     "pdf.fonttype": 42,
-    "savefig.dpi": 300,
     "font.size": 8,
     "text.parse_math": False,
     "axes.spines.top": False,
@@ -46,7 +46,7 @@ _STYLE = {
 
 
 @contextlib.contextmanager
-def figure(out: Path, width: float = WIDTH, height: float = HEIGHT) -> Iterator[Axes]:
+def axes(out: Path, width: float = WIDTH, height: float = HEIGHT) -> Iterator[Axes]:
     """Axes to draw on. The figure is written when the `with` statement ends without an error.
 
     Args:
@@ -57,19 +57,48 @@ def figure(out: Path, width: float = WIDTH, height: float = HEIGHT) -> Iterator[
     Raises:
         InputError: The ending is another one, the folder does not exist, or Matplotlib is not installed.
     """
-    if out.suffix not in SUFFIXES or not out.parent.is_dir():
+    with canvas(out, width, height) as figure:
+        yield figure.add_subplot()
+
+
+@contextlib.contextmanager
+def canvas(out: Path | None, width: float, height: float) -> Iterator[Figure]:
+    """A figure, written when the `with` statement ends without an error.
+
+    Args:
+        out: The file, whose ending says its format; None where the figure is not written.
+        width: In inches.
+        height: In inches.
+
+    Raises:
+        InputError: The ending is another one, the folder does not exist, or Matplotlib is not installed.
+    """
+    if out is not None and (out.suffix not in SUFFIXES or not out.parent.is_dir()):
         raise InputError(f"a figure goes to a file in a folder that exists, with the ending {_listed()}, not {out}")
     try:
         import matplotlib.style
-        from matplotlib.figure import Figure
+        from matplotlib.figure import Figure as Drawn
     except ImportError:
         raise InputError("figures need Matplotlib: pip install 'crowdbench[plot]'") from None
     with matplotlib.style.context(["default", _STYLE]):
-        drawn = Figure(figsize=(width, height), layout="constrained")
-        yield drawn.add_subplot()
-        stamp = {"Date": None} if out.suffix == ".svg" else {"CreationDate": None} if out.suffix == ".pdf" else {}
-        with files.whole(out) as partial:
-            drawn.savefig(partial, format=out.suffix[1:], metadata=stamp)
+        drawn = Drawn(figsize=(width, height), layout="constrained")
+        yield drawn
+        if out is not None:
+            with files.whole(out) as partial:
+                write(drawn, partial, out.suffix[1:])
+
+
+def write(figure: Figure, file: Path | BinaryIO, kind: str, dpi: float = 300.0) -> None:
+    """Write a figure, without the time at which it is made: the same figure has the same bytes.
+
+    Args:
+        figure: The figure.
+        file: Where to.
+        kind: Its format.
+        dpi: Pixels per inch.
+    """
+    stamp = {"Date": None} if kind == "svg" else {"CreationDate": None} if kind == "pdf" else {}
+    figure.savefig(file, format=kind, metadata=stamp, dpi=dpi)
 
 
 def _listed() -> str:

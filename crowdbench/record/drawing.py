@@ -15,14 +15,13 @@ from jaxtyping import Bool, Float, Int
 from rerun.chunk import Chunk
 
 from crowdbench.dynamics import Holonomic, nose, outline, reach
-from crowdbench.geometry import nearest_in_step, polygons, turn
+from crowdbench.geometry import polygons
 from crowdbench.record import approach, decisions, sight
 from crowdbench.record.chunks import still, times
+from crowdbench.record.hit import pedestrian_hit
 from crowdbench.record.plots import logs, plots
 from crowdbench.record.style import ARROW, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
 from crowdbench.record.walls import drawn
-from crowdbench.sim.episode import swept_motion
-from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.types import Outcome, Trace
 
 KEY = "*yellow: vehicle, blue: pedestrians, small dots: their goals · arrow: the way of 1 s · grid: 1 m*"
@@ -263,7 +262,7 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
     if outcome is Outcome.TIMEOUT:
         sentence = "runs out of time"
     elif outcome is Outcome.COLLISION:
-        hit = _hit(trace, row)
+        hit = pedestrian_hit(trace, row)
         sentence, involved = f"hits pedestrian {hit}", [0, hit + 1]
     elif outcome is Outcome.WALL_COLLISION:
         sentence = "hits an obstacle"
@@ -283,22 +282,6 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
     return f"{sentence} after {steps * dt:g} s", Chunk.from_columns(
         "world/ending", times(steps, steps + 1, dt), columns
     )
-
-
-def _hit(trace: Trace, row: int) -> int:
-    """Number of the pedestrian nearest to the vehicle in the last step, by the rule of the collision check."""
-    last = row, trace.steps[row] - 1
-    position, radius, present = trace.position[last], trace.radius[last], trace.present[last]
-    motion = swept_motion(position, trace.position[row, trace.steps[row]], trace.velocity[last], trace.rules)
-    if isinstance(trace.rules.dynamics, Holonomic):
-        return int(nearest_in_step(0, position, motion, radius, present)[1]) - 1
-    heading = trace.heading[row, trace.steps[row] - 1 : trace.steps[row] + 1]
-    speed, rules = float(np.hypot(*trace.velocity[row, trace.steps[row], 0])), trace.rules
-    drive = heading[0], speed, turn(*heading) / rules.dt, rules.dt
-    here = np.nan_to_num(position), np.nan_to_num(motion), radius
-    each = [present & (np.arange(len(present)) == agent) for agent in range(1, len(present))]
-    gaps = [gaps_on_arc(np.array(rules.body), *drive, *here, only, trace.obstacles[row, :0])[0] for only in each]
-    return int(np.argmin(gaps))
 
 
 def _text(entity: str, text: str) -> Chunk:

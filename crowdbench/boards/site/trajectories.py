@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon
 
 from crowdbench.boards.site.svg import COLOURS, axes, to_svg
-from crowdbench.geometry import norm, polygons
+from crowdbench.geometry import polygons
+from crowdbench.record.hit import pedestrian_hit
 from crowdbench.types import Outcome, Trace
 
 EVERY = 1.0
@@ -27,7 +28,7 @@ def picture(trace: Trace, row: int, label: str) -> Markup:
     last = int(trace.steps[row])
     position, radius = trace.position[row, : last + 1], trace.radius[row, last]
     present = [agent for agent in range(position.shape[1]) if trace.present[row, : last + 1, agent].any()]
-    hit = _hit(trace, row) if trace.outcome[row] == Outcome.COLLISION else None
+    hit = 1 + pedestrian_hit(trace, row) if trace.outcome[row] == Outcome.COLLISION else None
     with axes(4.4, 4.4) as drawn:
         for agent in sorted(present, key=lambda agent: (agent == 0, agent == hit, agent)):
             every = round(EVERY / trace.rules.dt) if agent in (0, hit) else 0
@@ -51,14 +52,6 @@ def _style(agent: int, hit: int | None) -> tuple[str, float]:
     if agent == 0:
         return COLOURS["accent"], 2.4
     return (COLOURS["bad"], 1.8) if agent == hit else (COLOURS["muted"], 1.0)
-
-
-def _hit(trace: Trace, row: int) -> int:
-    """The pedestrian that the vehicle ran into: the one whose rim is nearest at the end."""
-    last = int(trace.steps[row])
-    position, radius = trace.position[row, last], trace.radius[row, last]
-    gap = norm(position[1:] - position[0]) - radius[1:] - radius[0]
-    return 1 + int(np.nanargmin(gap))
 
 
 def _way(
