@@ -1,5 +1,7 @@
-"""`crowdbench plot` and `crowdbench render`: figures of runs, trainings and cases."""
+"""`crowdbench table`, `plot` and `render`: tables and figures of runs, trainings and cases."""
 
+import csv
+import json
 import re
 import shutil
 
@@ -85,6 +87,44 @@ def test_what_cannot_be_drawn_gets_one_sentence_and_leaves_no_file(arguments, se
     with pytest.raises(InputError, match=sentence):
         raise CliRunner().invoke(app, ["plot", *arguments]).exception
     assert sorted(made.iterdir()) == before
+
+
+def printed(*arguments):
+    done = CliRunner().invoke(app, ["table", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_a_table_has_a_row_for_each_run(made):
+    head, _, *rows = printed(
+        made / "orca-5", made / "straight-5", "--metric", "success_rate", "--metric", "jerk"
+    ).splitlines()
+    assert head == "| planner | success, % | jerk, m/s^3 |"
+    found = {cells[0]: cells[1:] for cells in ([cell.strip() for cell in row.strip("|").split("|")] for row in rows)}
+    result = json.loads((made / "orca-5" / "result.json").read_text())["metrics"]["success_rate"]
+    mean, low, high = (f"{100 * result[key]:.1f}" for key in ("mean", "low", "high"))
+    assert found["orca"][0] == f"{mean} ({low} to {high})"
+    assert found.keys() == {"orca", "straight"}
+
+
+def test_a_table_in_latex_is_escaped_and_has_rules(made):
+    text = printed(made / "orca-5", made / "straight-5", "--format", "latex")
+    assert text.startswith("\\begin{tabular}{lrrrrrr}\n\\toprule\nplanner & success, \\% & ")
+    assert "jerk, m/s$^3$" in text
+    assert text.count("\\\\\n") == 3
+    assert not re.search(r"(?<!\\)[%_]", text)
+
+
+def test_csv_and_json_have_the_same_numbers(made):
+    head, row = csv.reader(printed(made / "orca-5", "--metric", "jerk", "--format", "csv").splitlines())
+    found = json.loads(printed(made / "orca-5", "--metric", "jerk", "--format", "json"))["orca"]["jerk"]
+    assert head == ["planner", "jerk", "jerk_low", "jerk_high", "jerk_n"]
+    assert [float(value) for value in row[1:]] == [found["mean"], found["low"], found["high"], found["n"]]
+
+
+def test_a_table_refuses_a_metric_that_there_is_not(made):
+    with pytest.raises(InputError, match=r"the run of orca has no metric jerkk; it has success_rate"):
+        raise CliRunner().invoke(app, ["table", str(made / "orca-5"), "--metric", "jerkk"]).exception
 
 
 @pytest.fixture(scope="module")

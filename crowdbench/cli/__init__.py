@@ -44,6 +44,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "study": study.study,
     "reproduce": study.reproduce,
     "view": results.view,
+    "table": figures.table,
     "plot": figures.plot,
     "render": figures.render,
     "score": results.score,

@@ -1,4 +1,4 @@
-"""The commands that draw figures for papers."""
+"""The commands that make figures and tables for papers."""
 
 from __future__ import annotations
 
@@ -18,6 +18,28 @@ class Kind(StrEnum):
     METRIC = "metric"
     DENSITY = "density"
     TRAINING = "training"
+
+
+class Format(StrEnum):
+    """How a table is written."""
+
+    MARKDOWN = "markdown"
+    LATEX = "latex"
+    CSV = "csv"
+    JSON = "json"
+
+
+def table(
+    directories: Annotated[list[Path], typer.Argument(help="Directories of runs.")],
+    metric: Annotated[
+        list[str] | None, typer.Option(help="A metric, as a column. Repeatable; else those that most papers have.")
+    ] = None,
+    kind: Annotated[Format, typer.Option("--format", help="latex needs the package booktabs.")] = Format.MARKDOWN,
+) -> None:
+    """Print a table of runs: the means of metrics with 95 % intervals."""
+    from crowdbench.figures.table import table as made
+
+    print(made(directories, metric or [], kind.value))
 
 
 def plot(

@@ -1,1 +1,1 @@
-"""Figures of runs for papers, drawn by Matplotlib."""
+"""Figures and tables of runs for papers."""
