@@ -60,7 +60,7 @@ def trained(directory):
 
 def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_path, monkeypatch):
     """Drawing the first cases alone takes longer than the time until the next validation."""
-    request = dataclasses.replace(REQUEST, steps=None, minutes=100.0)
+    request = dataclasses.replace(REQUEST, minutes=100.0)
     training = TrainingRun.new(request, tmp_path / "run", "cpu").training
     draw = training.ppo._setup_learn
 
