@@ -168,6 +168,10 @@ def test_a_film_has_a_picture_for_each_state_and_stays_at_the_end(driven, tmp_pa
         (["--case", "7"], "case 7 is not recorded in"),
         (["--case", "1", "--strip", "3", "--out", "a.gif"], "--strip draws a figure"),
         (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png or .svg, not a.avi"),
+        (
+            ["--case", "1", "--out", "nowhere/a.gif"],
+            "in a folder that exists, with the ending .gif or .mp4, not nowhere",
+        ),
         (["--case", "1", "--out", "a.mp4"], "needs the program ffmpeg"),
     ],
 )

@@ -135,7 +135,7 @@ def test_futures_are_shorter_as_they_come_true(driven):
 
 
 def test_the_closest_approach_ahead_is_shown():
-    """The vehicle drives up at 1 m/s, a pedestrian 3 m ahead comes from the right so that they pass 0.7 m apart."""
+    """The vehicle drives up at 1 m/s, past somebody who stands 1 m beside its way, 3 m ahead."""
     position, velocity = np.array([[3.0, 3.0]]), np.array([[-1.0, -1.5]])
     when = approach.closest(position, velocity)[0]
     assert when == pytest.approx((3.0 + 4.5) / 3.25)

@@ -159,6 +159,8 @@ class Board:
             raise InputError(f"the people of the board {self.name} were recorded: give their tracks, --data DIR")
         if data is not None and not self.spec.recorded:
             raise InputError(f"--data does not go with the board {self.name}, whose people were not recorded")
+        if data is None:
+            return self
         board = dataclasses.replace(self, data=data)
         for _ in board.load(None):
             pass
@@ -186,7 +188,8 @@ def read_board(folder: Path) -> Board:
     board = Board(folder.name, spec)
     if not spec.recorded:
         with file.at("families").named():
-            board.with_data(None)
+            for _ in board.load(None):
+                pass
     return board
 
 

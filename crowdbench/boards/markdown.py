@@ -26,8 +26,7 @@ together by Holm's method); in brackets are the ranks that the data allow. Succe
 completion time) have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world, on one
 core of the machine of reference. "method" is the mean success over networks that were trained with other seeds, with an
 interval for other networks and other cases. "imposed delay" is the time that all pedestrians of a case together lose to
-the vehicle, where they see it. An asterisk marks the Pareto set: no ranked entry succeeds more often and
-is quicker.
+the vehicle, where they see it. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
 """
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from crowdbench import files
 from crowdbench.dynamics import Holonomic, nose, outline
 from crowdbench.errors import InputError
-from crowdbench.figures.style import canvas, write
+from crowdbench.figures.style import canvas, check_file, write
 from crowdbench.geometry import polygons
 from crowdbench.record.hit import pedestrian_hit
 from crowdbench.types import Outcome, Trace
@@ -31,9 +31,6 @@ SIDE = 3.5
 
 MARKED = 2.0
 """Seconds between the discs along the vehicle's way in a figure of a whole episode."""
-
-SLOWER = 1.0
-"""How many seconds of a film one second of an episode takes."""
 
 FILMS = (".gif", ".mp4")
 
@@ -97,9 +94,10 @@ def film(trace: Trace, row: int, out: Path) -> None:
     Raises:
         InputError: The file cannot be written, or ffmpeg is missing.
     """
+    check_file(out, FILMS)
     if out.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"a film {out.name} needs the program ffmpeg (Debian: ffmpeg); a .gif file does not")
-    seconds = SLOWER * trace.rules.dt
+    seconds = trace.rules.dt
     with files.whole(out) as partial:
         if out.suffix == ".gif":
             first, *others = _frames(trace, row)

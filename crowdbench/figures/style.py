@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -73,8 +73,8 @@ def canvas(out: Path | None, width: float, height: float) -> Iterator[Figure]:
     Raises:
         InputError: The ending is another one, the folder does not exist, or Matplotlib is not installed.
     """
-    if out is not None and (out.suffix not in SUFFIXES or not out.parent.is_dir()):
-        raise InputError(f"a figure goes to a file in a folder that exists, with the ending {_listed()}, not {out}")
+    if out is not None:
+        check_file(out, SUFFIXES)
     try:
         import matplotlib.style
         from matplotlib.figure import Figure as Drawn
@@ -101,5 +101,16 @@ def write(figure: Figure, file: Path | BinaryIO, kind: str, dpi: float = 300.0) 
     figure.savefig(file, format=kind, metadata=stamp, dpi=dpi)
 
 
-def _listed() -> str:
-    return f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+def check_file(out: Path, endings: Sequence[str]) -> None:
+    """Refuse a file that a figure or a film cannot be written to.
+
+    Args:
+        out: The file.
+        endings: The endings that it may have.
+
+    Raises:
+        InputError: It has another ending, or its folder does not exist.
+    """
+    if out.suffix not in endings or not out.parent.is_dir():
+        listed = f"{', '.join(endings[:-1])} or {endings[-1]}"
+        raise InputError(f"a picture goes to a file in a folder that exists, with the ending {listed}, not {out}")
