@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import rerun as rr
 from helpers import drive, same, trace
+from rerun.chunk import RrdReader
 
 from crowdbench.catalog import load_scenario
 from crowdbench.errors import InputError
@@ -16,7 +17,7 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
-from crowdbench.record import approach, decisions, exact, plots, view, viewer
+from crowdbench.record import approach, decisions, exact, plots, rrd, view, viewer
 from crowdbench.record.hit import pedestrian_hit
 from crowdbench.record.read import Recording, read
 from crowdbench.record.style import SCALE
@@ -113,7 +114,7 @@ def test_what_is_logged_now_and_then_is_drawn_without_the_gaps(driven):
     chunks = [*plots.logs(said, 0), *decisions.drawn(said, 0)]
     moving = {chunk.entity_path: chunk.to_record_batch() for chunk in chunks if not chunk.is_static}
     asked, steps = list(range(0, int(driven.steps[0]), 8)), list(range(int(driven.steps[0])))
-    shown = {path: batch.column("step").to_pylist() for path, batch in moving.items()}
+    shown = {path: (batch.column("time").cast("int64").to_numpy() / 0.25e9).tolist() for path, batch in moving.items()}
     assert shown == {
         "/plots/planner/curve": asked,
         "/world/planner/points": asked,
@@ -290,6 +291,60 @@ def test_a_recording_of_the_first_format_is_still_read():
     assert expected.columns.keys() <= found.columns.keys()
     for name, values in expected.columns.items():
         np.testing.assert_array_equal(found.columns[name], values, err_msg=name)
+
+
+def test_a_recording_of_the_third_format_is_still_read():
+    """It had all agents in one entity; this one has obstacles and limited sight."""
+    old = read(FIXTURES / "format3.rrd").trace
+    driven = drive("orca", "val:1", "blocks_12")
+    assert old.perceived is not None
+    assert old.obstacles.shape[1] > 0
+    assert same(old, driven)
+
+
+def test_a_table_of_many_recordings_shows_what_each_is_of(driven, tmp_path):
+    one, other = tmp_path / "one.rrd", tmp_path / "other.rrd"
+    for path, identity in ((one, "aaaa"), (other, "bbbb")):
+        with Recorder(path, **RUN, options={"margin": 0.1}, identity=identity) as recorder:
+            recorder.add(driven, np.arange(3), {"jerk": np.arange(len(driven)) * 0.5})
+    pytest.importorskip("datafusion")
+    with rr.server.Server(host="127.0.0.1", datasets={"runs": [one, other]}) as server:
+        dataset = server.client().get_dataset("runs")
+        table = dataset.segment_table().to_pandas()
+        states = dataset.filter_contents(["/exact/pedestrian_2"]).reader(index="time").to_pandas()
+    assert len(table) == len(set(table["rerun_segment_id"])) == 6
+    about = {name.removeprefix("property:crowdbench:"): table[name].str[0] for name in table if "crowdbench" in name}
+    assert set(about["planner"]) == {"orca"}
+    assert set(about["options"]) == {'{"margin": 0.1}'}
+    assert sorted(about["case"]) == [0, 0, 1, 1, 2, 2]
+    assert sorted(metrics["jerk"] for metrics in about["metrics"]) == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
+    first = states[states["rerun_segment_id"] == min(states["rerun_segment_id"])].sort_values("time")
+    walked = np.stack(first["/exact/pedestrian_2:position"].tolist())
+    np.testing.assert_array_equal(walked, driven.position[0, : driven.steps[0] + 1, 3])
+
+
+def test_a_merged_file_is_read_or_refused(driven, recorded, tmp_path):
+    merged = tmp_path / "merged.rrd"
+    subprocess.run(["rerun", "rrd", "merge", recorded, recorded, "-o", merged], check=True, capture_output=True)
+    assert same(read(merged).trace, driven)
+    again = write(tmp_path / "again.rrd", driven)
+    subprocess.run(["rerun", "rrd", "merge", recorded, again, "-o", merged], check=True, capture_output=True)
+    with pytest.raises(InputError, match="twice"):
+        read(merged)
+
+
+def test_decisions_are_kept_of_failures_and_where_they_were_asked_for(driven, tmp_path):
+    logs = {"value": np.zeros(driven.gap.shape), "commands": np.ones((*driven.gap.shape, 4, 3))}
+    said = dataclasses.replace(driven, logs=logs)
+    success, failure = (int(np.flatnonzero((driven.outcome == Outcome.SUCCESS) == wanted)[0]) for wanted in (1, 0))
+    for everything in (False, True):
+        with Recorder(tmp_path / "run.rrd", **RUN, all_decisions=everything) as recorder:
+            recorder.add(said, np.array([success, failure]), {})
+        reader = RrdReader(tmp_path / "run.rrd")
+        for entry in reader.recordings():
+            paths = {chunk.entity_path for chunk in rrd.chunks_of(reader, entry, "/**")}
+            assert "/plots/planner/value" in paths
+            assert ("/world/planner/commands" in paths) == (everything or not entry.recording_id.endswith("success"))
 
 
 def test_a_recording_of_a_later_format_is_refused(recorded, monkeypatch):

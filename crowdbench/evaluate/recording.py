@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Shaped
 
 from crowdbench.evaluate.metrics import Metric, unit_of
 from crowdbench.evaluate.results import Episodes
@@ -21,7 +21,15 @@ Keep = Callable[[Trace, Episodes], int]
 
 @contextlib.contextmanager
 def recorder(
-    record: str, path: Path, planner: str, scenario: Scenario, cases: Cases, metrics: Mapping[str, Metric]
+    record: str,
+    path: Path,
+    planner: str,
+    scenario: Scenario,
+    cases: Cases,
+    metrics: Mapping[str, Metric],
+    *,
+    options: Mapping[str, Any],
+    identity: str,
 ) -> Iterator[Keep]:
     """The recorder of a run: a function that records the wanted episodes of a batch and returns their number.
 
@@ -32,6 +40,8 @@ def recorder(
         scenario: The scenario.
         cases: The cases of the whole run.
         metrics: The metrics that are measured.
+        options: The planner's options.
+        identity: What tells the run from others.
     """
     if record not in WITH_EPISODES:
         yield lambda trace, episodes: 0
@@ -39,7 +49,15 @@ def recorder(
     from crowdbench.record.write import Recorder
 
     with Recorder(
-        path, planner=planner, scenario=scenario.name, scenario_digest=scenario.digest, cases=len(cases)
+        path,
+        planner=planner,
+        scenario=scenario.name,
+        scenario_digest=scenario.digest,
+        cases=len(cases),
+        options=options,
+        units=units_of(metrics),
+        identity=identity,
+        all_decisions=record == "all",
     ) as writer:
         failures, most = 0, fewer_of_many(MOST_FAILURES, scenario.number[1])
 
@@ -49,23 +67,15 @@ def recorder(
             wanted = failed & (failures + np.cumsum(failed) <= most) | (record == "all")
             wanted |= trace.case < cases.start + FIRST_RECORDED
             failures += int(failed.sum())
-            writer.add(trace, np.flatnonzero(wanted), with_units(episodes.columns, metrics))
+            writer.add(trace, np.flatnonzero(wanted), episodes.columns)
             return int(wanted.sum())
 
         yield keep
 
 
-def with_units(
-    columns: Mapping[str, Shaped[np.ndarray, "case"]], metrics: Mapping[str, Metric]
-) -> dict[str, Shaped[np.ndarray, "case"]]:
-    """The values of metrics by the names that people read, with units.
-
-    Args:
-        columns: The values by the metrics' names.
-        metrics: The metrics.
-    """
-    units = {name: unit_of(metrics[name]) for name in columns}
-    return {name.replace("_", " ") + (f", {units[name]}" if units[name] else ""): columns[name] for name in columns}
+def units_of(metrics: Mapping[str, Metric]) -> dict[str, str]:
+    """The unit of each metric that has one."""
+    return {name: unit for name, metric in metrics.items() if (unit := unit_of(metric))}
 
 
 def fewer_of_many(failures: int, pedestrians: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import json
 import platform
@@ -80,6 +81,11 @@ class Wanted:
         about = {key: value for key, value in self.about.items() if key != "isolation"}
         return {**planner, **self.request, **about, "scenario": self.scenario.digest, "code": code()}
 
+    @property
+    def identity(self) -> str:
+        """What tells the run from others, whoever makes it and where: a digest of what the figures depend on."""
+        return hashlib.sha256(json.dumps(self.depends, sort_keys=True).encode()).hexdigest()[:8]
+
     def drive(self, part: Cases, directory: Path, progress: Callable[[float], None] | None = None) -> bool:
         """Make the run of some of the cases.
 
@@ -100,7 +106,16 @@ class Wanted:
         label = planner_label(self.driver.name, self.about.get("options", {}), self.replanning.settings)
         with Interrupts() as interrupts, new_directory(directory, overwrite=True) as folder:
             with (
-                recorder(self.record, folder / RECORDING, label, self.scenario, self.cases, self.metrics) as keep,
+                recorder(
+                    self.record,
+                    folder / RECORDING,
+                    label,
+                    self.scenario,
+                    self.cases,
+                    self.metrics,
+                    options=self.about.get("options", {}),
+                    identity=self.identity,
+                ) as keep,
                 command_writer(self.record, folder) as keep_commands,
             ):
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,37 +11,37 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from crowdbench.record.plots import PLANNER_PLOTS
-from crowdbench.record.style import BACKGROUND, FAILURE, MUTED, VEHICLE, Color
+from crowdbench.record.style import BACKGROUND, CURVES, FAILURE, MUTED, VEHICLE, Color
 from crowdbench.types import DISCOMFORT_GAP
 
 
 def blueprint(
-    extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Sequence[str], fastest: float, *, has_menu: bool = True
+    extents: Sequence[Float[np.ndarray, "2 2"]], plotted: Mapping[str, int], fastest: float, *, has_menu: bool = True
 ) -> rrb.Blueprint:
     """The viewer's layout: the plane on the left, text and plots on the right.
 
     Args:
         extents: Extent of each episode, see `drawing.extent`.
-        plotted: Names of the planner's own curves.
+        plotted: What the planner logged that is shown as curves, and how many it is.
         fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
         has_menu: Whether the viewer's menu is shown.
     """
     low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
     start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
-    so_far = [rrb.VisibleTimeRange(timeline, start=start, end=end) for timeline in ("time", "step")]
+    so_far = rrb.VisibleTimeRange("time", start=start, end=end)
     plane = rrb.Spatial2DView(
         name="top view",
         contents="/world/**",
         background=[*BACKGROUND],
         visual_bounds=rrb.VisualBounds2D(x_range=[low[0], high[0]], y_range=[-high[1], -low[1]]),
-        overrides={"/world/trails": rrb.VisibleTimeRanges(so_far)},
+        overrides={"/world/trails": rrb.VisibleTimeRanges([so_far])},
     )
     gap = {"gap": VEHICLE, "discomfort": MUTED, "contact": FAILURE}
     speed = {"speed": VEHICLE, "preferred": MUTED}
     plots = [
         _plot("gap", f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)", gap, (-0.2, 2.0)),
         _plot("speed", "speed, m/s (grey: preferred)", speed, (-0.1 * fastest, 1.5 * fastest)),
-        *(_of_planner(name) for name in plotted),
+        *(_of_planner(name, count) for name, count in plotted.items()),
     ]
     texts = rrb.Tabs(
         rrb.TextDocumentView(name="episode", origin="/summary"),
@@ -58,13 +59,17 @@ def blueprint(
     )
 
 
-def _of_planner(name: str) -> rrb.TimeSeriesView:
-    """A view with what the planner logged by a name. Without a legend, which would cover the curves."""
-    return rrb.TimeSeriesView(
-        name=name.replace("_", " "),
-        origin=f"/{PLANNER_PLOTS}/{name}",
-        plot_legend=rrb.PlotLegend(visible=False),
+def _of_planner(name: str, count: int) -> rrb.TimeSeriesView:
+    """A view with what the planner logged by a name. A value holds until the next one is logged."""
+    style = rr.SeriesLines(
+        names=[f"{name} {n}" if count > 1 else name for n in range(count)],
+        colors=list(itertools.islice(itertools.cycle(CURVES), count)),
+        interpolation_mode=rr.components.InterpolationMode.StepAfter,
     )
+    origin = f"/{PLANNER_PLOTS}/{name}"
+    # Without a legend, which would cover the curves.
+    legend = rrb.PlotLegend(visible=False)
+    return rrb.TimeSeriesView(name=name.replace("_", " "), origin=origin, plot_legend=legend, overrides={origin: style})
 
 
 def _plot(name: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float]) -> rrb.TimeSeriesView:

@@ -17,12 +17,6 @@ from crowdbench.types import Trace
 ATTENTION_LOG = "attention"
 """The log `[world, pedestrian]` that is drawn as lines from the vehicle to the pedestrians, besides its curves."""
 
-KEY = (
-    "*arrows from the vehicle: the commands that it could give, dark to light by their value; yellow: the best one, "
-    "brown: the next · grey lines: predicted ways, fainter the further ahead · violet: whom it attends to*"
-)
-"""What the marks of a decision mean, as text beside the picture."""
-
 _FADES = (255, 130, 60)
 """Opacity of the first, second and last third of a future."""
 
@@ -45,7 +39,7 @@ def drawn(trace: Trace, row: int) -> Iterator[Chunk]:
             continue
         if name == ATTENTION_LOG and logged.shape[1:] == trace.position[row, 0, 1:, 0].shape:
             yield from _attention(trace, row, logged_at, logged)
-        if logged.ndim == 3 and logged.shape[-1] == 3:
+        if _is_fan(logged[0]):
             yield from _fan(entity, logged, trace.position[row, logged_at, 0], logged_at, dt)
         elif logged.ndim == 3 and logged.shape[-1] == 2:
             points = rr.Points2D.columns(positions=logged.reshape(-1, 2))
@@ -53,6 +47,27 @@ def drawn(trace: Trace, row: int) -> Iterator[Chunk]:
             yield Chunk.from_columns(entity, moments(logged_at, dt), points.partition([logged.shape[1]] * len(logged)))
         elif logged.ndim > 3:
             yield from _lines(entity, logged, logged_at, end, dt)
+
+
+def key(trace: Trace) -> str:
+    """What the marks of its decisions mean, as text beside the picture; empty where there are none."""
+    marks = []
+    logged = list(trace.logs.values())
+    if any(_is_fan(array[0, 0]) for array in logged):
+        marks.append(
+            "arrows from the vehicle: the commands that it could give, dark to light by their value; yellow: the best "
+            "one, brown: the next"
+        )
+    if any(array[0, 0].ndim > 2 for array in logged):
+        marks.append("grey lines: predicted ways, fainter the further ahead")
+    if ATTENTION_LOG in trace.logs:
+        marks.append("violet: whom it attends to")
+    return f"*{' · '.join(marks)}*" if marks else ""
+
+
+def _is_fan(logged: Float[np.ndarray, "*_"]) -> bool:
+    """Whether what is logged in one decision, or row by row, are commands with values `[..., command, 3]`."""
+    return logged.ndim == 2 and logged.shape[-1] == 3
 
 
 def shades(value: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape 3"]:

@@ -270,11 +270,9 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
     middle, ring = centers.mean(0), 3.0 * trace.radius[row, 0, 0]
     color = SUCCESS if outcome is Outcome.SUCCESS else FAILURE
     sizes = [*trace.radius[row, steps, involved], ring]
-    rims = rr.Ellipses2D.columns(
-        half_sizes=[(size, size) for size in sizes],
-        centers=[*centers, middle],
+    rims = rr.LineStrips2D.columns(
+        strips=[center + size * CIRCLE for center, size in zip([*centers, middle], sizes, strict=True)],
         colors=[color] * len(sizes),
-        line_radii=[rr.Radius.ui_points(2)] * len(sizes),
     )
     above = middle + np.array([0.0, ring + label])
     text = rr.Points2D.columns(positions=[above], labels=[sentence], colors=[color], radii=[rr.Radius.ui_points(0)])
@@ -301,7 +299,7 @@ def _summary(trace: Trace, row: int, title: str, sentence: str) -> str:
     lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize().replace('_', ' ')}: {sentence}"]
     lines += [f"{trace.split} case {trace.case[row]} · {title}", "", KEY, "", approach.KEY, ""]
     lines += [] if trace.perceived is None else [sight.KEY, ""]
-    lines += [decisions.KEY, ""] if trace.logs else []
+    lines += [key, ""] if (key := decisions.key(trace)) else []
     return "\n".join(lines)
 
 

@@ -1,12 +1,12 @@
 """The part of a recording that is read back: episodes in full precision, under `/exact`, which no view shows.
 
-`/exact/states` has a row per state, with what changes in the episode; a quantity of a step is in the row of the state
-that the step leads to. `/exact/episode` has one row with the rest.
+`/exact/vehicle`, `/exact/pedestrian_0`, ... have a row per state, with what changes in the episode; a quantity of a
+step is in the row of the state that the step leads to. `/exact/episode` has one row with what does not change.
 
-Format 1 had no heading, command, gap to obstacles, person and sight. When it is read, the heading is computed from the
-velocities, the command is the vehicle's velocity, and the rest has the only value that was possible then. Format 2 had
-no route and obstacles, because there were none. What the vehicle perceived is there where its sight was limited, groups
-where the scenario has them.
+Formats 1 to 3 had all agents in one entity, `/exact/states`. Format 1 had no heading, command, gap to obstacles, person
+and sight. When it is read, the heading is computed from the velocities, the command is the vehicle's velocity, and the
+rest has the only value that was possible then. Format 2 had no route and obstacles, because there were none. What the
+vehicle perceived is there where its sight was limited, groups where the scenario has them.
 
 `write` and `read` use this module; `drawing` makes what the viewer shows.
 """
@@ -14,6 +14,7 @@ where the scenario has them.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -22,19 +23,26 @@ import pyarrow as pa
 from jaxtyping import Float, Shaped
 from rerun.chunk import Chunk
 
+from crowdbench.errors import InputError
 from crowdbench.geometry import heading_of
 from crowdbench.record.chunks import times
 from crowdbench.types import Rules, Trace
 
-FORMAT = 3
+FORMAT = 4
 """Version of what is under `/exact`."""
 
-READABLE = (1, 2, 3)
+READABLE = (1, 2, 3, 4)
 """Versions that `trace` can read."""
 
 OF_STATES = ("position", "velocity", "heading", "goal", "radius", "present", "person", "seen")
 OF_STEPS = ("command", "gap", "wall_gap")
 OPTIONAL = ("undisturbed", "perceived", "age", "group")
+
+OF_VEHICLE = ("heading", *OF_STEPS)
+"""What only the vehicle has."""
+
+OF_PEDESTRIANS = ("person", "seen", *OPTIONAL)
+"""What only pedestrians have."""
 
 Episode = dict[str, np.ndarray]
 """Arrays of one episode by name, each with one axis."""
@@ -49,7 +57,7 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
         run: Facts about the whole run, of types that JSON has.
 
     Yields:
-        The chunks of `/exact/states` and `/exact/episode`.
+        The chunks of the agents and of `/exact/episode`.
     """
     steps, dt = int(trace.steps[row]), trace.rules.dt
     arrays = {name: getattr(trace, name)[row, : steps + 1] for name in OF_STATES}
@@ -57,14 +65,16 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     for name in OPTIONAL:
         if getattr(trace, name) is not None:
             arrays[name] = getattr(trace, name)[row, : steps + 1]
-    # The position always changes, or else `/exact/states` could have no columns.
+    # The position always changes, or else agents could have no columns.
     still = {name: array[:1] for name, array in arrays.items() if name != "position" and (array == array[:1]).all()}
     moving = {name: _of_states(array, steps + 1) for name, array in arrays.items() if name not in still}
-    columns = {moment.timeline_name(): moment.as_arrow_array() for moment in times(0, steps + 1, dt)}
-    columns |= {name: _lists(array) for name, array in moving.items()}
-    yield from Chunk.from_record_batch(pa.record_batch(columns), index=["time", "step"], entity_path="/exact/states")
+    timelines = {moment.timeline_name(): moment.as_arrow_array() for moment in times(0, steps + 1, dt)}
+    for agent in range(trace.position.shape[2]):
+        columns = timelines | {name: _lists(array) for name, array in _of_agent(moving, agent)}
+        yield from Chunk.from_record_batch(
+            pa.record_batch(columns), index=[*timelines], entity_path=f"/exact/{_agent_name(agent)}"
+        )
     still["preferred_speed"] = trace.preferred_speed[row : row + 1]
-    # In one column, because each column needs one or two kilobytes in the file's index.
     still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
     if trace.block is not None:
         still["block"] = trace.block[row : row + 1]
@@ -73,10 +83,30 @@ def chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     if trace.obstacles.shape[1]:
         still["obstacles"] = trace.obstacles[row : row + 1]
         still["corners"] = np.array([[trace.obstacles.shape[2]]])
-    columns = {name: _lists(array) for name, array in still.items()}
     facts = {**run, "format": FORMAT, "split": trace.split, "rules": trace.rules.to_table()}
-    columns["facts"] = pa.array([[json.dumps(facts)]])
-    yield from Chunk.from_record_batch(pa.record_batch(columns), index=None, entity_path="/exact/episode")
+    fields = {name: _lists(array) for name, array in still.items()} | {"facts": pa.array([[json.dumps(facts)]])}
+    # In one column, because each column needs one or two kilobytes in the file's index.
+    constants = pa.ListArray.from_arrays([0, 1], pa.StructArray.from_arrays([*fields.values()], names=[*fields]))
+    batch = pa.record_batch({"constants": constants})
+    yield from Chunk.from_record_batch(batch, index=None, entity_path="/exact/episode")
+
+
+def _agent_name(agent: int) -> str:
+    return "vehicle" if agent == 0 else f"pedestrian_{agent - 1}"
+
+
+def _of_agent(
+    arrays: Mapping[str, Shaped[np.ndarray, "states *_"]], agent: int
+) -> Iterator[tuple[str, Shaped[np.ndarray, "states *_"]]]:
+    """What the arrays of an episode say of one agent: the name and the array of each."""
+    for name, array in arrays.items():
+        if name in OF_VEHICLE:
+            if agent == 0:
+                yield name, array
+        elif name not in OF_PEDESTRIANS:
+            yield name, array[:, agent]
+        elif agent > 0:
+            yield name, array[:, agent - 1]
 
 
 def _of_states(array: Shaped[np.ndarray, "time *values"], states: int) -> Shaped[np.ndarray, "states *values"]:
@@ -102,14 +132,43 @@ def _lists(array: Shaped[np.ndarray, "row *values"]) -> pa.ListArray:
 
 
 def episode(found: Sequence[Chunk]) -> Episode:
-    """The arrays of an episode from the chunks of its recording; empty if it has no chunks under `/exact`."""
-    columns = [
-        (name, batch.column(name))
-        for batch in (chunk.to_record_batch() for chunk in found if chunk.entity_path.startswith("/exact/"))
-        for name in batch.schema.names
-    ]
-    # Columns that are not lists are Rerun's own.
-    return {name: column.flatten().to_numpy(False) for name, column in columns if pa.types.is_list(column.type)}
+    """The arrays of an episode from the chunks of its recording; empty if it has no chunks under `/exact`.
+
+    Raises InputError where a part of it is there twice, as where recordings of one name were merged.
+    """
+    entities: dict[str, Episode] = {}
+    for chunk in found:
+        if not chunk.entity_path.startswith("/exact/"):
+            continue
+        batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix("/exact/")
+        if name in entities:
+            raise InputError(f"a recording has {name} twice: give the run.rrd of one run, not a file merged of several")
+        # Columns that are not lists are Rerun's own.
+        columns = {name: column for name in batch.schema.names if pa.types.is_list((column := batch[name]).type)}
+        if "constants" in columns:
+            constants = columns.pop("constants").flatten()
+            columns |= {field.name: constants.field(field.name) for field in constants.type}
+        entities[name] = {name: column.flatten().to_numpy(False) for name, column in columns.items()}
+    agents = sorted((name for name in entities if _AGENT.fullmatch(name)), key=_number_of)
+    moving: dict[str, list[np.ndarray]] = {}
+    for agent in agents:
+        for name, values in entities.pop(agent).items():
+            moving.setdefault(name, []).append(values)
+    together = {name: _together(values, len(moving["position"][0]) // 2) for name, values in moving.items()}
+    return {name: values for entity in (*entities.values(), together) for name, values in entity.items()}
+
+
+_AGENT = re.compile(r"vehicle|pedestrian_(\d+)")
+
+
+def _number_of(agent: str) -> int:
+    """The index of an agent in a trace, by its name."""
+    return 0 if agent == "vehicle" else 1 + int(agent.removeprefix("pedestrian_"))
+
+
+def _together(each: Sequence[Shaped[np.ndarray, "_"]], states: int) -> Shaped[np.ndarray, "_"]:
+    """What several agents have by one name, each `[states * values]`, as formats 1 to 3 had it: state by state."""
+    return np.stack([values.reshape(states, -1) for values in each], axis=1).ravel()
 
 
 def facts_of(episode: Episode) -> dict[str, Any]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import rerun as rr
@@ -11,8 +10,7 @@ from jaxtyping import Float
 from rerun.chunk import Chunk
 
 from crowdbench.geometry import norm
-from crowdbench.record.chunks import moments, still, times
-from crowdbench.record.style import CURVES
+from crowdbench.record.chunks import moments, times
 from crowdbench.types import DISCOMFORT_GAP, Trace
 
 PLANNER_PLOTS = "plots/planner"
@@ -44,7 +42,7 @@ def _curves(entity: str, timelines: Sequence[rr.TimeColumn], values: Float[np.nd
 
 
 def logs(trace: Trace, row: int) -> Iterator[Chunk]:
-    """What the planner logged that is a curve, see `Observation.log`. A value holds until the next one is logged.
+    """What the planner logged that is a curve, see `Observation.log`. How it is drawn is in the blueprint.
 
     Args:
         trace: The trace with the episode.
@@ -57,14 +55,17 @@ def logs(trace: Trace, row: int) -> Iterator[Chunk]:
         if not is_curve(array) or not len(logged_at):
             continue
         curves = array[row, logged_at].reshape(len(logged_at), -1)
-        names = [f"{name} {n}" if curves.shape[1] > 1 else name for n in range(curves.shape[1])]
-        style = rr.SeriesLines(
-            names=names,
-            colors=list(itertools.islice(itertools.cycle(CURVES), len(names))),
-            interpolation_mode=rr.components.InterpolationMode.StepAfter,
-        )
-        yield still(f"{PLANNER_PLOTS}/{name}", style)
         yield _curves(f"{PLANNER_PLOTS}/{name}", moments(logged_at, trace.rules.dt), curves)
+
+
+def logged_curves(chunks: Iterable[Chunk]) -> dict[str, int]:
+    """The curves of `logs` in the chunks of a recording: how many there are by each name, in order."""
+    found = {}
+    for chunk in chunks:
+        name = chunk.entity_path.removeprefix(f"/{PLANNER_PLOTS}/")
+        if name != chunk.entity_path and not chunk.is_static and chunk.num_rows:
+            found[name] = len(chunk.to_record_batch().column("Scalars:scalars")[0])
+    return dict(sorted(found.items()))
 
 
 def is_curve(logged: np.ndarray) -> bool:

@@ -30,6 +30,8 @@ def errors_as(sentence: str) -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Rerun warns of a missing end before it raises an error for it
             yield
+    except InputError:
+        raise
     except ERRORS as error:
         raise InputError(sentence) from error
 

@@ -12,10 +12,10 @@ from rerun.chunk import LazyChunkStream, RrdReader, StoreEntry
 from crowdbench.errors import InputError
 from crowdbench.record import drawing, exact, rrd, viewer
 from crowdbench.record.blueprint import blueprint
-from crowdbench.record.plots import PLANNER_PLOTS
+from crowdbench.record.plots import logged_curves
 
-NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+")
-"""The name of an episode's recording in the viewer: split, case, outcome."""
+NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+(-[0-9a-f]+)?")
+"""The name of an episode's recording in the viewer: split, case, outcome, and what tells the run from others."""
 
 
 def view(
@@ -93,10 +93,8 @@ def _extract(path: Path, case: int | None, folder: Path, *, is_picture: bool) ->
         chunks = rrd.chunks_of(reader, entries[case], "/**")
     episode, entry = exact.episode(chunks), entries[case]
     trace = exact.trace([episode], exact.facts_of(episode))
-    own = f"/{PLANNER_PLOTS}/"
-    plotted = {chunk.entity_path.removeprefix(own) for chunk in chunks if chunk.entity_path.startswith(own)}
     fastest = float(trace.preferred_speed[0, 0])
-    shown = blueprint([drawing.extent(trace, 0)], sorted(plotted), fastest, has_menu=not is_picture)
+    shown = blueprint([drawing.extent(trace, 0)], logged_curves(chunks), fastest, has_menu=not is_picture)
     with rrd.writing(f"a copy of case {case} in {folder}"):
         LazyChunkStream.from_iter(chunks).write_rrd(
             folder / "case.rrd", application_id=entry.application_id, recording_id=entry.recording_id

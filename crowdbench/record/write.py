@@ -6,13 +6,18 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import importlib.metadata
+import json
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 from jaxtyping import Float, Int, Shaped
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
@@ -20,8 +25,11 @@ from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 from crowdbench.record import drawing, exact, rrd
 from crowdbench.record.blueprint import blueprint
 from crowdbench.record.chunks import still
-from crowdbench.record.plots import PLANNER_PLOTS, is_curve
+from crowdbench.record.plots import is_curve, logged_curves
 from crowdbench.types import Outcome, Trace
+
+PROPERTIES = "crowdbench"
+"""What the properties of a recording are called together."""
 
 
 class Recorder:
@@ -35,15 +43,34 @@ class Recorder:
         scenario: The scenario's name.
         scenario_digest: The scenario's digest.
         cases: How many cases the whole run has, recorded or not.
+        options: The planner's options.
+        units: Units of metrics, where they have any.
+        identity: What tells the run from others. It ends the names of its recordings, because Rerun takes recordings
+            of one name for one recording, wherever they are.
+        all_decisions: Whether what planners considered in each decision is kept of successes too, not of failures only.
     """
 
-    def __init__(self, path: Path, *, planner: str, scenario: str, scenario_digest: str, cases: int) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        planner: str,
+        scenario: str,
+        scenario_digest: str,
+        cases: int,
+        options: Mapping[str, Any] | None = None,
+        units: Mapping[str, str] | None = None,
+        identity: str = "",
+        all_decisions: bool = True,
+    ) -> None:
         self._path = path
+        self._options, self._units, self._all_decisions = options or {}, units or {}, all_decisions
+        self._suffix = f"-{identity}" if identity else ""
         self._run = {"planner": planner, "scenario": scenario, "scenario_digest": scenario_digest, "cases": cases}
         # The viewer lists the file by this name, and warns of other characters.
         self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{planner} on {scenario}")
         self._extents: list[Float[np.ndarray, "2 2"]] = []
-        self._plotted: dict[str, None] = {}
+        self._plotted: dict[str, int] = {}
         self._fastest = 0.0
 
     def __enter__(self) -> Recorder:
@@ -59,23 +86,56 @@ class Recorder:
         Args:
             trace: The trace with the episodes.
             rows: Their rows in the trace.
-            values: Metrics of all episodes of the trace, by the names with units that are shown.
+            values: Metrics of all episodes of the trace, by name.
 
         Raises:
             InputError: They cannot be written.
         """
         for row in rows.tolist():
-            label = Outcome(int(trace.outcome[row])).label
+            outcome = Outcome(int(trace.outcome[row]))
             title = f"planner {self._run['planner']} · scenario {self._run['scenario']}"
-            shown = {name: column[row].item() for name, column in values.items()}
+            measured = {name: column[row].item() for name, column in values.items()}
+            drawn = trace
+            if outcome is Outcome.SUCCESS and not self._all_decisions and not all(map(is_curve, trace.logs.values())):
+                kept = {name: logged for name, logged in trace.logs.items() if is_curve(logged)}
+                drawn, title = dataclasses.replace(trace, logs=kept), f"{title} · *its decisions: `--record all`*"
             chunks = [
-                still("__properties", rr.archetypes.RecordingInfo(name=f"case {trace.case[row]} · {label}")),
+                *self._properties(trace, row, measured),
                 *exact.chunks(trace, row, self._run),
-                *drawing.episode(trace, row, title, shown),
+                *drawing.episode(drawn, row, title, self._with_units(measured)),
             ]
-            name = f"{trace.split}-{trace.case[row]:04d}-{label}"
+            name = f"{trace.split}-{trace.case[row]:04d}-{outcome.label}{self._suffix}"
             self._keep(chunks, name, trace, row)
-        self._plotted |= dict.fromkeys(name for name, logged in trace.logs.items() if is_curve(logged))
+        self._plot({name: logged[0, 0].size for name, logged in trace.logs.items() if is_curve(logged)})
+
+    def _plot(self, curves: Mapping[str, int]) -> None:
+        """Remember what planners logged as curves and, as crowds differ, the most that there were by each name."""
+        self._plotted |= {name: max(count, self._plotted.get(name, 0)) for name, count in curves.items()}
+
+    def _properties(self, trace: Trace, row: int, measured: Mapping[str, float | bool]) -> Iterator[Chunk]:
+        """What tables of many recordings show of one episode.
+
+        Args:
+            trace: The trace with the episode.
+            row: Its row in the trace.
+            measured: Its metrics by name.
+        """
+        case, outcome = int(trace.case[row]), Outcome(int(trace.outcome[row])).label
+        yield still("__properties", rr.archetypes.RecordingInfo(name=f"case {case} · {outcome}"))
+        # In one column, because each column needs one or two kilobytes in the file's index.
+        metrics = pa.StructArray.from_arrays([pa.array([value]) for value in measured.values()], names=[*measured])
+        about = {name: value for name, value in self._run.items() if name != "cases"}
+        about |= {"options": json.dumps(self._options), "split": trace.split, "case": case, "outcome": outcome}
+        about |= {"version": importlib.metadata.version("crowdbench"), "metrics": metrics}
+        yield Chunk.from_property(PROPERTIES, rr.AnyValues(**about))
+
+    def _with_units(self, measured: Mapping[str, float | bool]) -> dict[str, float | bool]:
+        """Metrics by the names that people read, with units."""
+        units = self._units
+        return {
+            name.replace("_", " ") + (f", {units[name]}" if units.get(name) else ""): value
+            for name, value in measured.items()
+        }
 
     def copy(self, path: Path) -> int:
         """Record the episodes of another recording, one of a part of the same run.
@@ -98,9 +158,7 @@ class Recorder:
                 episode = exact.episode(chunks)
                 trace = exact.trace([episode], exact.facts_of(episode))
             self._keep(chunks, entry.recording_id, trace, 0)
-            paths = {chunk.entity_path.removeprefix("/") for chunk in chunks}
-            plotted = sorted(each for each in paths if each.startswith(f"{PLANNER_PLOTS}/"))
-            self._plotted |= dict.fromkeys(each.removeprefix(f"{PLANNER_PLOTS}/") for each in plotted)
+            self._plot(logged_curves(chunks))
         return len(entries)
 
     def _keep(self, chunks: Sequence[Chunk], name: str, trace: Trace, row: int) -> None:
@@ -117,7 +175,7 @@ class Recorder:
         with self._folder as folder:
             if kind is None and self._extents:
                 parts = [f"{part}.rrd" for part in range(len(self._extents))]
-                shown = blueprint(self._extents, list(self._plotted), self._fastest)
+                shown = blueprint(self._extents, self._plotted, self._fastest)
                 with self._writing():
                     rrd.join(Path(folder), parts, self._application, shown).replace(self._path)
 

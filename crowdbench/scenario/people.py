@@ -101,8 +101,8 @@ class Kinds:
 
     @property
     def stands(self) -> Bool[np.ndarray, "policy"]:
-        """Whether the pedestrians of each policy stand."""
-        return np.array([name in self.standing for name in self.shares])
+        """Whether the pedestrians of each policy stand. Recorded cars have a policy that nobody is drawn for."""
+        return np.array([name in self.standing for name in self.parameters])
 
     def walking(self) -> Kinds:
         """Those who walk: who replace others that have arrived."""

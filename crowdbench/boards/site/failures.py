@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from crowdbench.boards.entry import PUBLIC, Entry
 from crowdbench.boards.site.trajectories import picture
 from crowdbench.errors import InputError
 from crowdbench.evaluate.metrics import Metric
-from crowdbench.evaluate.recording import with_units
+from crowdbench.evaluate.recording import units_of
 from crowdbench.evaluate.replay import RunFiles, traces
 from crowdbench.evaluate.results import EPISODES, Episodes
 from crowdbench.record.write import Recorder
@@ -161,9 +162,11 @@ def _recorded(
         scenario=scenario.name,
         scenario_digest=scenario.digest,
         cases=sum(map(len, parts)),
+        units=units_of(metrics),
+        identity=hashlib.sha256(f"{planner} {scenario.digest}".encode()).hexdigest()[:8],
     ) as recorder:
         for part in parts:
-            recorder.add(part, np.arange(len(part)), with_units(Episodes.of(part, metrics).columns, metrics))
+            recorder.add(part, np.arange(len(part)), Episodes.of(part, metrics).columns)
     if path.exists() and path.stat().st_size <= LARGEST:
         return [path.name]
     with contextlib.suppress(FileNotFoundError):
