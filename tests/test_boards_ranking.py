@@ -8,13 +8,13 @@ from crowdbench.boards.ranking import (
     ALPHA,
     CRITERIA,
     compare_all,
-    holm,
     p_value,
     pareto,
     ranks,
     smallest_difference,
 )
 from crowdbench.errors import InputError
+from crowdbench.evaluate.compare import holm
 
 CASES = 500
 

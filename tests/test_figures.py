@@ -5,12 +5,14 @@ import json
 import re
 import shutil
 
+import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
 from crowdbench.cli import app
 from crowdbench.errors import InputError
+from crowdbench.evaluate.compare import compare, holm
 from crowdbench.figures import plots
 
 
@@ -117,9 +119,30 @@ def test_a_table_in_latex_is_escaped_and_has_rules(made):
 
 def test_csv_and_json_have_the_same_numbers(made):
     head, row = csv.reader(printed(made / "orca-5", "--metric", "jerk", "--format", "csv").splitlines())
-    found = json.loads(printed(made / "orca-5", "--metric", "jerk", "--format", "json"))["orca"]["jerk"]
-    assert head == ["planner", "jerk", "jerk_low", "jerk_high", "jerk_n"]
-    assert [float(value) for value in row[1:]] == [found["mean"], found["low"], found["high"], found["n"]]
+    (found,) = json.loads(printed(made / "orca-5", "--metric", "jerk", "--format", "json"))
+    assert found["planner"] == row[0] == "orca"
+    assert head == ["planner", *(f"jerk.{name}" for name in found["jerk"])]
+    assert [float(value) for value in row[1:]] == list(found["jerk"].values())
+
+
+def test_runs_are_compared_with_one_and_corrected_for_their_number(made, tmp_path):
+    runs = [made / "orca-5", made / "straight-5", tmp_path / "force"]
+    given = ["--planner", "social_force", "--cases", "30", "--record", "none", "--out", str(runs[2])]
+    assert CliRunner().invoke(app, ["run", *given]).exit_code == 0
+    alone = {other.name: compare(runs[0], other).rows["success_rate"].p for other in runs[1:]}
+    assert len(set(alone.values())) == 2
+    done = CliRunner().invoke(app, ["compare", *map(str, runs), "--metric", "success_rate", "--format", "json"])
+    corrected = [row["p"] for row in json.loads(done.stdout)]
+    np.testing.assert_allclose(corrected, holm(np.array(list(alone.values()))))
+    shown = CliRunner().invoke(app, ["compare", *map(str, runs)]).stdout
+    assert "corrected for the number of runs, 2 (Holm 1979)" in shown
+    assert re.search(r"jerk, m/s\^3 +social_force +[\d.]+ +[\d.]+ +-?[\d.]+ \(", shown)
+
+
+def test_a_comparison_refuses_a_metric_that_there_is_not(made):
+    given = ["compare", str(made / "orca-5"), str(made / "straight-5"), "--metric", "jerkk"]
+    with pytest.raises(InputError, match="not all runs have a metric jerkk; they have success_rate"):
+        raise CliRunner().invoke(app, given).exception
 
 
 def test_a_table_refuses_a_metric_that_there_is_not(made):

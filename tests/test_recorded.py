@@ -401,6 +401,7 @@ def test_every_scene_of_eth_ucy_and_dut_can_be_driven_in(shared):
     reactive = load_scenario("dut_reactive", data=shared / "data" / "dut").draw("test", np.arange(21))
     assert list(reactive.parameters) == ["social_force", "recorded"]
     assert set(reactive.policy[reactive.present[:, 1:]]) == {0, 1}, "some are people, some are cars"
+    assert [place.tracks.most_cases(split) for split in ("train", "val", "test")] == [None, 3, 21]
 
 
 def test_a_run_on_eth_uses_the_network_that_has_not_seen_it(shared):

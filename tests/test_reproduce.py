@@ -107,7 +107,7 @@ def test_what_was_interrupted_goes_on_and_repeats_nothing(tiny, capsys):
     )
     # Once for all tables.
     assert printed.out.count("Figures are means over the networks") == 1
-    reproduce("--json")
+    reproduce("--format", "json")
     found = json.loads(capsys.readouterr().out)
     assert found["quick"] is False
     assert [table["title"] for table in found["tables"]] == ["Table 1: first", "Table 2: second"]

@@ -1,3 +1,4 @@
+import csv
 import importlib.metadata
 import json
 import os
@@ -164,7 +165,7 @@ def test_a_killed_study_goes_on_where_it_stopped(number, capsys):
 def test_json_has_the_numbers_of_the_tables(capsys):
     study(NETWORKS + CROWDS)
     printed = capsys.readouterr().out
-    study(NETWORKS + CROWDS, "--json")
+    study(NETWORKS + CROWDS, "--format", "json")
     found = json.loads(capsys.readouterr().out)
     assert found["study"] == "tiny"
     networks, crowds = found["tables"]
@@ -176,6 +177,12 @@ def test_json_has_the_numbers_of_the_tables(capsys):
     gap = crowds["crowds"][1]["planners"][1]["over_solved"]["minimum_gap"]
     assert "{mean:.3f} m ({low:.3f} to {high:.3f})".format_map(gap) in printed
     assert crowds["crowds"][0]["pairs"][0]["first"] == "orca"
+    study(NETWORKS + CROWDS, "--format", "csv")
+    records = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert [record["planner"] for record in records] == ["mine", "orca", "orca_margin", "orca", "orca_margin"]
+    assert float(records[0]["measured.success_rate.mean"]) == success["mean"]
+    study(NETWORKS + CROWDS, "--format", "latex")
+    assert capsys.readouterr().out.count("\\toprule") == 3
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ piece of work, the calibration kernel, that is timed on the same core.
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
 import numpy as np
@@ -24,7 +25,7 @@ REFERENCE_MS = 25.0
 """What the kernel takes on the machine of reference, by definition: about one core of a rented server of 2026."""
 
 CASES = Cases("val", 0, 11)
-"""The cases that are timed, see `decision_seconds`."""
+"""The cases that are timed, see `decision_seconds`; as many of them as there are where cars were recorded."""
 
 
 def decision_time(planner: Planner, name: str, scenario: Scenario, replanning: Replanning) -> DecisionTime:
@@ -42,8 +43,10 @@ def decision_time(planner: Planner, name: str, scenario: Scenario, replanning: R
     Raises:
         InputError: See `decision_seconds`.
     """
+    most = scenario.tracks.most_cases(CASES.split) if scenario.tracks else None
+    cases = CASES if most is None else dataclasses.replace(CASES, stop=min(CASES.stop, most))
     before = kernel_seconds()
-    seconds = decision_seconds(planner, name, scenario, replanning, CASES)
+    seconds = decision_seconds(planner, name, scenario, replanning, cases)
     kernel_ms = 1e3 * (before + kernel_seconds()) / 2.0
     p99 = 1e3 * float(np.percentile(seconds, 99))
     calibrated = p99 * REFERENCE_MS / kernel_ms

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.errors import InputError
-from crowdbench.evaluate.compare import mcnemar
+from crowdbench.evaluate.compare import holm, mcnemar
 
 ALPHA = 0.05
 """The probability, over all comparisons of a board, with which any of them finds a difference that is none."""
@@ -161,18 +161,6 @@ def p_value(
     if error == 0.0:
         return 0.0
     return float(2.0 * student.sf(abs(mean) / error, n - 1))
-
-
-def holm(p: Float[np.ndarray, "test"]) -> Float[np.ndarray, "test"]:
-    """The p-values corrected by Holm (1979) for the number of tests.
-
-    Each of them below `ALPHA` is significant.
-    """
-    order = np.argsort(p, kind="stable")
-    factors = len(p) - np.arange(len(p))
-    corrected = np.empty_like(p)
-    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
-    return corrected
 
 
 def ranks(entries: int, comparisons: Sequence[Comparison]) -> list[Rank]:

@@ -8,7 +8,9 @@ from typing import Annotated
 
 import typer
 
+from crowdbench.cli.options import FormatOption
 from crowdbench.errors import InputError
+from crowdbench.evaluate.formats import Format, written
 
 
 class Kind(StrEnum):
@@ -20,26 +22,17 @@ class Kind(StrEnum):
     TRAINING = "training"
 
 
-class Format(StrEnum):
-    """How a table is written."""
-
-    MARKDOWN = "markdown"
-    LATEX = "latex"
-    CSV = "csv"
-    JSON = "json"
-
-
 def table(
     directories: Annotated[list[Path], typer.Argument(help="Directories of runs.")],
     metric: Annotated[
         list[str] | None, typer.Option(help="A metric, as a column. Repeatable; else those that most papers have.")
     ] = None,
-    kind: Annotated[Format, typer.Option("--format", help="latex needs the package booktabs.")] = Format.MARKDOWN,
+    format: FormatOption = Format.MARKDOWN,
 ) -> None:
     """Print a table of runs: the means of metrics with 95 % intervals."""
     from crowdbench.figures.table import table as made
 
-    print(made(directories, metric or [], kind.value))
+    print(written([made(directories, metric or [])], format))
 
 
 def plot(

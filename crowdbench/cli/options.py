@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from crowdbench.errors import InputError
+from crowdbench.evaluate.formats import Format
 
 INTERRUPTED = 130
 """The exit status after Ctrl-C."""
@@ -60,6 +61,7 @@ OnOption = Annotated[
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
+FormatOption = Annotated[Format, typer.Option(help="How the table is written; latex needs the package booktabs.")]
 
 
 def is_on_ray(on: str | None) -> bool:

@@ -11,24 +11,44 @@ import typer
 
 from crowdbench.cli.options import DataOption, JsonOption, MetricOption, print_table
 from crowdbench.errors import InputError
+from crowdbench.evaluate.formats import Format, written
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(help="Directory of a run.")],
-    b: Annotated[Path, typer.Argument(help="Directory of another run on the same scenario and cases.")],
+    reference: Annotated[Path, typer.Argument(help="Directory of the run that others are compared with.")],
+    others: Annotated[list[Path], typer.Argument(help="Directories of other runs on the same scenario and cases.")],
+    metric: Annotated[
+        list[str] | None, typer.Option(help="A metric. Repeatable; else all for two runs, some for more.")
+    ] = None,
+    format: Annotated[
+        Format | None, typer.Option(help="Write the comparison alone, as a table; latex needs the package booktabs.")
+    ] = None,
 ) -> None:
-    """Compare two runs, paired by case."""
+    """Compare runs with one of them, paired by case."""
     from crowdbench.cli.console import say
-    from crowdbench.cli.tables import changed_cases, comparison_table
-    from crowdbench.evaluate.compare import compare as pair
+    from crowdbench.cli.tables import changed_cases, comparison_table, grid_table
+    from crowdbench.evaluate.compare import compare_to
+    from crowdbench.figures.table import comparison
 
-    found = pair(a, b)
-    for doubt in found.doubts:
+    found = compare_to(reference, others)
+    for doubt in dict.fromkeys(doubt for one in found for doubt in one.doubts):
         say(f"crowdbench: {doubt}")
-    print_table(comparison_table(found))
+    if format is not None:
+        print(written([comparison(found, metric or [])], format))
+        return
+    if len(found) == 1 and not metric:
+        print_table(comparison_table(found[0]))
+    else:
+        cases = ", ".join(dict.fromkeys(str(one.cases) for one in found))
+        print_table(
+            grid_table(f"Compared with {found[0].names[0]}: {cases} shared cases", comparison(found, metric or []))
+        )
     print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
     print("over the cases that both runs solve. Intervals are of the paired difference.")
-    print(changed_cases(found) or "No case ends differently.")
+    if len(found) > 1:
+        print(f"The p-values of a metric are corrected for the number of runs, {len(found)} (Holm 1979).")
+    for one in found:
+        print(changed_cases(one) or f"No case ends differently in {one.names[1]}.")
 
 
 def view(

@@ -70,9 +70,9 @@ def run_board(
     from crowdbench.boards.standings import board_figures, estimates
     from crowdbench.cli.console import announce_compilation
     from crowdbench.cli.tables import board_table
+    from crowdbench.evaluate.formats import plain
     from crowdbench.scenario.cases import Cases
     from crowdbench.study.planned import PlannedRun
-    from crowdbench.study.tables import plain
 
     board = find_board(name, ROOT).with_data(data)
     wanted = Cases.parse(cases) if cases else board.public_cases

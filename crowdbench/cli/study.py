@@ -10,10 +10,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.options import INTERRUPTED, DataOption, JsonOption, OnOption, ThreadsOption, is_on_ray, use_threads
+from crowdbench.cli.options import (
+    INTERRUPTED,
+    DataOption,
+    FormatOption,
+    OnOption,
+    ThreadsOption,
+    is_on_ray,
+    use_threads,
+)
+from crowdbench.evaluate.formats import Format
 
 if TYPE_CHECKING:
     from crowdbench.study.planned import PlannedRun
+    from crowdbench.study.tables import FilledTable
 
 ShardOption = Annotated[
     str | None,
@@ -30,21 +40,18 @@ def study(
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    as_json: JsonOption = False,
+    format: FormatOption = Format.MARKDOWN,
 ) -> None:
     """Make the runs of a study that are not there yet, and print its tables in Markdown."""
     use_threads(None if is_on_ray(on) else threads)
     from crowdbench.study.file import read_study
-    from crowdbench.study.tables import page, plain
+    from crowdbench.study.tables import page
 
     asked = read_study(file, data.absolute() if data else None)
     directory = out or Path("runs") / f"study-{asked.name}"
     _make(asked.runs, directory, shard, on, threads)
     tables = [table.fill(directory) for table in asked.tables]
-    if as_json:
-        print(json.dumps({"study": asked.name, "tables": plain(tables)}, indent=2))
-    else:
-        print(page(tables, asked.sources))
+    _print({"study": asked.name, "tables": tables}, tables, page(tables, asked.sources), format)
 
 
 def reproduce(
@@ -54,7 +61,7 @@ def reproduce(
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    as_json: JsonOption = False,
+    format: FormatOption = Format.MARKDOWN,
 ) -> None:
     """Make the tables of Li et al. (2020), measured beside reported, and say which of the paper's claims hold.
 
@@ -64,12 +71,30 @@ def reproduce(
     """
     use_threads(None if is_on_ray(on) else threads)
     from crowdbench.study import reproduction
-    from crowdbench.study.tables import plain
 
     asked = reproduction.tables(table, quick)
     _make([run for each in asked for run in each.runs], out, shard, on, threads)
     report = reproduction.report(asked, quick, out)
-    print(json.dumps(plain(report), indent=2) if as_json else report.markdown())
+    _print(report, report.tables, report.markdown(), format)
+
+
+def _print(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:
+    """Print what a study found.
+
+    Args:
+        found: All of it, as JSON.
+        tables: Its tables, for LaTeX and CSV.
+        page: The page, in Markdown.
+        format: How it is printed.
+    """
+    from crowdbench.evaluate.formats import plain, written
+
+    if format is Format.JSON:
+        print(json.dumps(plain(found), indent=2))
+    elif format is Format.MARKDOWN:
+        print(page)
+    else:
+        print(written([grid for table in tables for grid in table.grids()], format))
 
 
 def _make(runs: Sequence[PlannedRun], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:

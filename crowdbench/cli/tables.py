@@ -11,6 +11,7 @@ from rich.text import Text
 from crowdbench.bench.measurement import Measurement, VariantComparison
 from crowdbench.evaluate.check import Point
 from crowdbench.evaluate.compare import Comparison
+from crowdbench.evaluate.formats import Grid
 from crowdbench.evaluate.metrics import METRICS, Metric, unit_of
 from crowdbench.evaluate.prediction_errors import Errors
 from crowdbench.evaluate.results import Episodes
@@ -105,6 +106,19 @@ def comparison_table(found: Comparison) -> Table:
             p = "" if row.p is None else f"{row.p:.2g}"
             a, b = (_number(value, share) + (" %" if share else "") for value in (row.a, row.b))
             table.add_row(name, a, b, _number(row.difference.mean, share), f"{low} to {high}", p)
+    return table
+
+
+def grid_table(title: str, grid: Grid) -> Table:
+    """A table that is also written in other formats.
+
+    Args:
+        title: Title of the table.
+        grid: The table.
+    """
+    table = _table(title, *((name, "left" if column < 2 else "right") for column, name in enumerate(grid.header)))
+    for row in grid.rows:
+        table.add_row(*row)
     return table
 
 

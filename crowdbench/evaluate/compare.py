@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,6 +104,26 @@ def compare(a: Path, b: Path) -> Comparison:
     )
 
 
+def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
+    """Compare runs with one of them, case by case. The p-values of a metric are corrected for their number (`holm`).
+
+    Args:
+        reference: The directory of the run that the others are compared with.
+        others: The directories of the others.
+
+    Raises:
+        InputError: As `compare` raises it.
+    """
+    found = [compare(reference, other) for other in others]
+    names = [name for name, row in found[0].rows.items() if row.p is not None]
+    for name in names:
+        having = [one for one in found if name in one.rows]
+        corrected = holm(np.array([one.rows[name].p for one in having]))
+        for one, p in zip(having, corrected.tolist(), strict=True):
+            one.rows[name] = dataclasses.replace(one.rows[name], p=p)
+    return found
+
+
 def _doubts(manifests: tuple[Manifest | None, Manifest | None], a: Path, b: Path) -> list[str]:
     doubts = [uncheckable(path) for path, manifest in zip((a, b), manifests, strict=True) if manifest is None]
     doubts += [
@@ -166,6 +188,18 @@ def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
 
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     return float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0
+
+
+def holm(p: Float[np.ndarray, "test"]) -> Float[np.ndarray, "test"]:
+    """The p-values corrected by Holm (1979) for the number of tests.
+
+    Those below 0.05 are significant: with a probability of 0.95 or more, none of them is where there is no difference.
+    """
+    order = np.argsort(p, kind="stable")
+    factors = len(p) - np.arange(len(p))
+    corrected = np.empty_like(p)
+    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
+    return corrected
 
 
 def sign_test(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"], block: Int[np.ndarray, "case"]) -> float:

@@ -1,16 +1,14 @@
-"""A table of several runs for a paper: Markdown, LaTeX, CSV or JSON."""
+"""A table of several runs for a paper."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from crowdbench.errors import InputError
+from crowdbench.evaluate.compare import Comparison, MetricDifference
+from crowdbench.evaluate.formats import Grid
 from crowdbench.evaluate.metrics import METRICS, unit_of
 from crowdbench.evaluate.summary import Estimate
 from crowdbench.figures.series import Labelled, runs
@@ -18,19 +16,13 @@ from crowdbench.figures.series import Labelled, runs
 DEFAULT = ("success_rate", "collision_rate", "timeout_rate", "navigation_time", "minimum_gap", "jerk")
 """The metrics of a table where none are asked for."""
 
-Row = Mapping[str, Estimate]
 
-
-def table(directories: Sequence[Path], metrics: Sequence[str], kind: str) -> str:
+def table(directories: Sequence[Path], metrics: Sequence[str]) -> Grid:
     """The means of metrics of runs with 95 % intervals, a row for each run.
 
     Args:
         directories: Those of the runs.
         metrics: Names of metrics; the default ones if none are given.
-        kind: One of `KINDS`.
-
-    Returns:
-        The table.
 
     Raises:
         InputError: One of them is not a run, or has no such metric.
@@ -39,10 +31,52 @@ def table(directories: Sequence[Path], metrics: Sequence[str], kind: str) -> str
     names = list(metrics or DEFAULT)
     rows = {one.label: _row(one, names) for one in shown}
     rates = {name for name in names if all(name in one.run.episodes.rates for one in shown)}
-    return KINDS[kind](rows, names, rates)
+    return Grid(
+        "runs",
+        ["planner", *(heading(name, name in rates) for name in names)],
+        [[label, *_cells(row, rates)] for label, row in rows.items()],
+        [{"planner": label, **row} for label, row in rows.items()],
+    )
 
 
-def _row(one: Labelled, names: Sequence[str]) -> Row:
+def comparison(found: Sequence[Comparison], metrics: Sequence[str]) -> Grid:
+    """Runs beside the one that each was compared with, as `compare_to` does: a row for each metric and run.
+
+    Args:
+        found: What was found, of the same reference in each.
+        metrics: Names of metrics; the default ones that the runs have if none are given.
+
+    Raises:
+        InputError: A run has no such metric.
+    """
+    first, *others = [one.rows for one in found]
+    shared = [name for name in first if all(name in rows for rows in others)]
+    if lacking := [name for name in metrics if name not in shared]:
+        raise InputError(f"not all runs have a metric {lacking[0]}; they have {', '.join(shared)}")
+    rows, records = [], []
+    for name in metrics or [name for name in DEFAULT if name in shared]:
+        is_rate = first[name].p is not None
+        for one in found:
+            row = one.rows[name]
+            rows.append([heading(name, is_rate), one.names[1], *_compared(row, is_rate)])
+            records.append(
+                {"metric": name, "reference": one.names[0], "run": one.names[1], "cases": one.cases, **vars(row)}
+            )
+    header = ["metric", "run", found[0].names[0], "the run", "difference (95 % interval)", "p"]
+    return Grid("comparison", header, rows, records)
+
+
+def _compared(row: MetricDifference, is_rate: bool) -> list[str]:
+    """Both means, the difference with its interval, and the p-value."""
+    factor, digits = (100.0, 1) if is_rate else (1.0, 3)
+    values = (row.a, row.b, row.difference.mean, row.difference.low, row.difference.high)
+    a, b, mean, low, high = (f"{factor * value:.{digits}f}" for value in values)
+    if not row.difference.n:
+        return ["", "", "", ""]
+    return [a, b, f"{mean} ({low} to {high})", "" if row.p is None else f"{row.p:.2g}"]
+
+
+def _row(one: Labelled, names: Sequence[str]) -> dict[str, Estimate]:
     """The estimates of a run. Raises InputError where it lacks a metric."""
     found = one.run.episodes.summary()
     if lacking := [name for name in names if name not in found]:
@@ -50,62 +84,19 @@ def _row(one: Labelled, names: Sequence[str]) -> Row:
     return {name: found[name] for name in names}
 
 
-def _markdown(rows: Mapping[str, Row], names: Sequence[str], rates: set[str]) -> str:
-    lines = [["planner", *(_heading(name, name in rates) for name in names)], ["---"] + ["---:"] * len(names)]
-    lines += [[label, *_cells(row, rates)] for label, row in rows.items()]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+def heading(name: str, is_rate: bool) -> str:
+    """What the column of a metric is called, with its unit.
 
-
-def _latex(rows: Mapping[str, Row], names: Sequence[str], rates: set[str]) -> str:
-    """With the rules of the package booktabs."""
-    head = ["planner", *(_heading(name, name in rates) for name in names)]
-    body = [[label, *_cells(row, rates)] for label, row in rows.items()]
-    first, *others = (" & ".join(map(_escaped, cells)) + r" \\" for cells in (head, *body))
-    lines = [rf"\begin{{tabular}}{{l{'r' * len(names)}}}", r"\toprule", first, r"\midrule", *others]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
-
-
-def _csv(rows: Mapping[str, Row], names: Sequence[str], rates: set[str]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["planner", *(f"{name}{end}" for name in names for end in ("", "_low", "_high", "_n"))])
-    for label, row in rows.items():
-        each = ((row[name].mean, row[name].low, row[name].high, row[name].n) for name in names)
-        writer.writerow([label, *(value for values in each for value in values)])
-    return text.getvalue().rstrip("\n")
-
-
-def _json(rows: Mapping[str, Row], names: Sequence[str], rates: set[str]) -> str:
-    def plain(value: float) -> float | None:
-        return None if math.isnan(value) else value
-
-    found = {
-        label: {
-            name: {"mean": plain(one.mean), "low": plain(one.low), "high": plain(one.high), "n": one.n}
-            for name, one in row.items()
-        }
-        for label, row in rows.items()
-    }
-    return json.dumps(found, indent=2)
-
-
-KINDS: Mapping[str, Callable[[Mapping[str, Row], Sequence[str], set[str]], str]] = {
-    "markdown": _markdown,
-    "latex": _latex,
-    "csv": _csv,
-    "json": _json,
-}
-"""The formats of a table by name."""
-
-
-def _heading(name: str, is_rate: bool) -> str:
-    """What a column is called, with its unit."""
+    Args:
+        name: The metric's name.
+        is_rate: Whether it is a rate.
+    """
     unit = "%" if is_rate else unit_of(METRICS[name]) if name in METRICS else ""
     words = name.removesuffix("_rate").replace("_", " ")
     return f"{words}, {unit}" if unit else words
 
 
-def _cells(row: Row, rates: set[str]) -> list[str]:
+def _cells(row: Mapping[str, Estimate], rates: set[str]) -> list[str]:
     """The cells of a row."""
     cells = []
     for name, one in row.items():
@@ -113,8 +104,3 @@ def _cells(row: Row, rates: set[str]) -> list[str]:
         mean, low, high = (f"{factor * value:.{digits}f}" for value in (one.mean, one.low, one.high))
         cells.append("" if math.isnan(one.mean) else f"{mean} ({low} to {high})")
     return cells
-
-
-def _escaped(text: str) -> str:
-    """A text as LaTeX writes it."""
-    return re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text))

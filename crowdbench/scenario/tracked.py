@@ -94,6 +94,10 @@ class TrackedCrowd:
     def _all(self) -> list[Excerpt]:
         return [window for windows in self.windows.values() for window in windows]
 
+    def most_cases(self, split: str) -> int | None:
+        """How many cases a split has at most; None where the windows start again with other draws."""
+        return len(self.windows[split]) if self.has_cars and split != "train" else None
+
     def window(self, split: str, case: int) -> Excerpt:
         """The window of a case: they follow each other, and start again after the last one with other draws.
 
@@ -101,7 +105,8 @@ class TrackedCrowd:
         drawn, it has no more cases than windows; only training repeats them.
         """
         windows = self.windows[split]
-        if not windows or (self.has_cars and case >= len(windows) and split != "train"):
+        most = self.most_cases(split)
+        if not windows or (most is not None and case >= most):
             numbers = ", ".join(f"{name}:{len(each)}" for name, each in self.windows.items())
             raise InputError(
                 f"there is no case {split}:{case}: the scene {self.scene} has no more windows of time than {numbers}"

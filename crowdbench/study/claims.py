@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.evaluate.formats import markdown
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.summary import Estimate
 from crowdbench.study.intervals import difference_over_networks, reduction_over_networks
 from crowdbench.study.measures import LEAST_SHARED, PLANNER_MEASURES, SUCCESS, Measure
 from crowdbench.study.schema import ClaimSpec
-from crowdbench.study.tables import grid
 from crowdbench.toml_file import Location
 
 POINTS = dataclasses.replace(SUCCESS, unit="points")
@@ -177,7 +177,7 @@ def verdict(figure: Estimate, bound: float) -> Verdict:
 def claims_grid(claims: Sequence[Assessment]) -> str:
     """The claims in a Markdown table."""
     header = ["claim", "figure", "claimed", "measured", "networks", "cases", "verdict"]
-    return grid(header, [claim.cells() for claim in claims])
+    return markdown(header, [claim.cells() for claim in claims])
 
 
 def tally(claims: Sequence[Assessment]) -> str:

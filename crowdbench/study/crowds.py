@@ -10,13 +10,14 @@ import numpy as np
 
 from crowdbench import catalog
 from crowdbench.evaluate.compare import mcnemar, sign_test
+from crowdbench.evaluate.formats import Grid, markdown
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.summary import CONFIDENCE, Estimate, bootstrap, rate
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.measures import DISCOMFORT, GAP, JERK, LEAST_SHARED, SUCCESS, TIME
 from crowdbench.study.planned import PlannedRun
 from crowdbench.study.schema import CrowdsSpec
-from crowdbench.study.tables import PRIVILEGED, FilledTable, PlannedTable, grid, marked
+from crowdbench.study.tables import PRIVILEGED, FilledTable, PlannedTable, marked
 from crowdbench.toml_file import Location
 
 OVER_SOLVED = (TIME, DISCOMFORT, JERK, GAP)
@@ -186,14 +187,19 @@ class FilledCrowd:
 
     def markdown(self) -> str:
         """Its two tables under its heading: what was measured, and in what each pair differs."""
-        walls = any(row.wall_collision_rate > 0.0 for row in self.planners)
-        failures = ["collision", *(["with a wall"] if walls else []), "time-out"]
-        header = ["planner", "success", *failures, *(each.word for each in OVER_SOLVED)]
-        tables = [grid(header, [row.cells(walls) for row in self.planners])]
+        planners = self.grid()
+        tables = [markdown(planners.header, planners.rows)]
         if self.pairs:
             tables.append(self._matrix())
         of_time = "" if self.blocks is None else f", {self.blocks} blocks of time"
         return "\n\n".join([f"### {self.scenario}{of_time}", *tables])
+
+    def grid(self) -> Grid:
+        """What was measured."""
+        walls = any(row.wall_collision_rate > 0.0 for row in self.planners)
+        failures = ["collision", *(["with a wall"] if walls else []), "time-out"]
+        header = ["planner", "success", *failures, *(each.word for each in OVER_SOLVED)]
+        return Grid(self.scenario, header, [row.cells(walls) for row in self.planners], self.planners)
 
     def _matrix(self) -> str:
         names = [row.name for row in self.planners]
@@ -202,7 +208,7 @@ class FilledCrowd:
             [row.name] + [cells.get((row.planner, column.planner), "") for column in self.planners[:-1]]
             for row in self.planners[1:]
         ]
-        return grid(["significantly better or worse than", *names[:-1]], rows)
+        return markdown(["significantly better or worse than", *names[:-1]], rows)
 
 
 @dataclass(frozen=True)
@@ -216,6 +222,10 @@ class FilledCrowdsTable(FilledTable):
     def markdown(self) -> str:
         """See `FilledTable`."""
         return "\n\n".join([f"## {self.title}", f"Cases {self.cases}.", *(crowd.markdown() for crowd in self.crowds)])
+
+    def grids(self) -> list[Grid]:
+        """See `FilledTable`."""
+        return [crowd.grid() for crowd in self.crowds]
 
     def notes(self) -> list[str]:
         """See `FilledTable`."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from crowdbench.evaluate.formats import Grid, markdown
 from crowdbench.evaluate.summary import Estimate
 from crowdbench.study.claims import NOTES as CLAIM_NOTES
 from crowdbench.study.claims import Assessment, claims_grid
 from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, TIME
-from crowdbench.study.tables import PRIVILEGED, FilledTable, grid, marked
+from crowdbench.study.tables import PRIVILEGED, FilledTable, marked
 
 NOTES = (
     "Figures are means over the networks of a row, which all drive the same cases. Their 95 % intervals are for other "
@@ -97,14 +98,20 @@ class FilledPlannerTable(FilledTable):
 
     def markdown(self) -> str:
         """See `FilledTable`."""
-        columns = list(zip(*self._columns(), strict=True))
+        (planners,) = self.grids()
         every = "".join(f", {key}={value}" for key, value in self.replanning.items())
-        parts = [f"## {self.title}", f"On {self.scenario}{every}, cases {self.cases}.", grid(columns[0], columns[1:])]
+        on = f"On {self.scenario}{every}, cases {self.cases}."
+        parts = [f"## {self.title}", on, markdown(planners.header, planners.rows)]
         if each := [row.each_network() for row in self.rows if len(row.weights) > 1]:
             parts += ["Success of each network:", "\n".join(each)]
         if again := [line for row in self.rows for line in row.read_again(self.cases)]:
             parts += ["Second reading, of the first network on other cases:", "\n".join(again)]
         return "\n\n".join([*parts, claims_grid(self.claims)] if self.claims else parts)
+
+    def grids(self) -> list[Grid]:
+        """See `FilledTable`."""
+        header, *rows = zip(*self._columns(), strict=True)
+        return [Grid(self.title, header, rows, self.rows)]
 
     def notes(self) -> list[str]:
         """See `FilledTable`."""

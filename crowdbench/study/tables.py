@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import abc
-import dataclasses
-import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from crowdbench.evaluate.formats import Grid
 from crowdbench.study.planned import PlannedRun
 
 
 class FilledTable(abc.ABC):
-    """A table with its figures. A dataclass, whose fields are what `--json` prints."""
+    """A table with its figures. A dataclass, whose fields are what `--format json` prints."""
 
     @abc.abstractmethod
     def markdown(self) -> str:
         """The table as GitHub shows it, under its heading."""
+
+    @abc.abstractmethod
+    def grids(self) -> list[Grid]:
+        """The parts of it that have a row for each planner."""
 
     @abc.abstractmethod
     def notes(self) -> list[str]:
@@ -71,28 +73,3 @@ def marked(planner: str, privileged: bool) -> str:
         The name, with an asterisk where it is.
     """
     return f"{planner} *" if privileged else planner
-
-
-def grid(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Write a table in Markdown.
-
-    Args:
-        header: The headings of the columns.
-        rows: The cells of each row.
-
-    Returns:
-        The table in Markdown.
-    """
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
-
-
-def plain(value: Any) -> Any:
-    """A dataclass and what is in it as JSON knows it: undefined numbers become null."""
-    if dataclasses.is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [plain(item) for item in value]
-    return None if isinstance(value, float) and math.isnan(value) else value

@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Shaped
 
+from crowdbench.evaluate.formats import markdown
 from crowdbench.study.intervals import mean_over_networks
 from crowdbench.study.measures import Measure
-from crowdbench.study.tables import grid
 from crowdbench.study.validity import door, texts
 from crowdbench.study.validity.measure import Left, Setting, Walked
 from crowdbench.study.validity.people import EVERYBODY, People
@@ -85,7 +85,7 @@ def _speeds(found: Found, policies: Sequence[str], experiment: str, people: Peop
         row = [f"{setting.at:g}", SPEED.number(published_speed(setting))]
         rows.append(row + [text for each in cells for text in (estimated(SPEED, each.speed), _mean(each.overlapping))])
     header = [heading for policy in policies for heading in (policy, "overlapping")]
-    return f"{people.title}:\n\n" + grid([at, "published", *header], rows)
+    return f"{people.title}:\n\n" + markdown([at, "published", *header], rows)
 
 
 def _lanes(found: Found, policy: str) -> str:
@@ -98,7 +98,7 @@ def _lanes(found: Found, policy: str) -> str:
         found_of = [estimated(SHARE, walked.order), *speeds, _count(walked.stuck)]
         rows.append([setting.people.title, f"{setting.at:g}", *found_of])
     header = ["people", "per m²", "order of lanes", "speed", "speed in one direction", "worlds stuck"]
-    return f"{policy}:\n\n" + grid(header, rows)
+    return f"{policy}:\n\n" + markdown(header, rows)
 
 
 def _doors(found: Found, policy: str) -> str:
@@ -109,7 +109,7 @@ def _doors(found: Found, policy: str) -> str:
         flow = [reported, estimated(FLOW, left.flow), _mean(left.share), _count(left.blocked)]
         rows.append([setting.people.title, f"{setting.at:g} m", *flow])
     header = ["people", "width", "published", "specific flow", f"through in {door.TIME:g} s", "doors blocked"]
-    return f"{policy}:\n\n" + grid(header, rows)
+    return f"{policy}:\n\n" + markdown(header, rows)
 
 
 def _of(
