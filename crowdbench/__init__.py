@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from crowdbench.errors import InputError
     from crowdbench.evaluate.driver import Driver
     from crowdbench.evaluate.metrics import METRICS
+    from crowdbench.evaluate.results import Episodes
     from crowdbench.evaluate.rollout import rollout
+    from crowdbench.notebook import Result, run
     from crowdbench.planners.base import OneWorldPlanner, Planner
     from crowdbench.planners.lookahead import ValuePlanner
     from crowdbench.predict import Prediction, Predictor
@@ -34,6 +36,7 @@ registration.register()
 _HOMES = {
     "Cases": "scenario.cases",
     "Driver": "evaluate.driver",
+    "Episodes": "evaluate.results",
     "InputError": "errors",
     "METRICS": "evaluate.metrics",
     "Observation": "types",
@@ -44,6 +47,7 @@ _HOMES = {
     "PolicyWithMemory": "sim.pedestrians",
     "Prediction": "predict",
     "Predictor": "predict",
+    "Result": "notebook",
     "Rules": "types",
     "Scenario": "scenario.scenario",
     "Trace": "types",
@@ -56,12 +60,14 @@ _HOMES = {
     "load_scenario": "catalog",
     "parallel_env": "envs.parallel",
     "rollout": "evaluate.rollout",
+    "run": "notebook",
 }
 
 __all__ = [
     "METRICS",
     "Cases",
     "Driver",
+    "Episodes",
     "InputError",
     "Observation",
     "OneWorldPlanner",
@@ -71,6 +77,7 @@ __all__ = [
     "PolicyWithMemory",
     "Prediction",
     "Predictor",
+    "Result",
     "Rules",
     "Scenario",
     "Trace",
@@ -83,6 +90,7 @@ __all__ = [
     "load_scenario",
     "parallel_env",
     "rollout",
+    "run",
 ]
 
 

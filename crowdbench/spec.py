@@ -13,6 +13,7 @@ from crowdbench.errors import plugin_errors
 from crowdbench.evaluate.driver import Driver
 from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
 from crowdbench.evaluate.wanted import Wanted
+from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.settings import BATCH, DECISION_LIMIT, RECORD
@@ -72,28 +73,41 @@ class RunSpec:
         limits, scenario = Limits(decision=self.decision_limit), self._scenario()
         scene = scenario.tracks.scene if scenario.tracks else None
         with contextlib.closing(IsolatedPlanner(self.planner, self.options, limits, scene=scene)) as apart:
-            yield self._wanted(Driver(apart, apart.name, self.decision_limit), scenario, {"isolation": apart.usage})
+            about = {"planner_files": self._files, "isolation": apart.usage}
+            yield self._wanted(Driver(apart, apart.name, self.decision_limit), scenario, about)
 
-    def load(self) -> Wanted:
-        """Load the run with its planner in this process. Raises InputError as `loaded` does."""
+    def load(self, made: Planner | None = None) -> Wanted:
+        """Load the run with its planner in this process.
+
+        Args:
+            made: The planner where it was made in Python, and the spec only says what it is called.
+
+        Raises:
+            InputError: As `loaded` raises it.
+        """
         scenario = self._scenario()
-        name, planner = catalog.load_planner(self.planner, self.options)
+        name, planner = (self.planner, made) if made else catalog.load_planner(self.planner, self.options)
         if scenario.tracks:
             with plugin_errors(f"planner {name} raised", " in unseen()"):
                 planner = planner.unseen(scenario.tracks.scene)
-        return self._wanted(Driver(planner, name, self.decision_limit), scenario, {})
+        files = {} if made else self._files
+        return self._wanted(Driver(planner, name, self.decision_limit), scenario, {"planner_files": files})
 
     def _scenario(self) -> Scenario:
         return catalog.load_scenario(self.scenario, self.overrides, self.pedestrians, self.data)
 
+    @property
+    def _files(self) -> dict[str, dict[str, str]]:
+        """The files of the planner, see `catalog.planner_files`."""
+        return catalog.planner_files(self.planner, self.options)
+
     def _wanted(self, driver: Driver, scenario: Scenario, more: Mapping[str, Any]) -> Wanted:
-        files = catalog.planner_files(self.planner, self.options)
         return Wanted(
             driver,
             scenario,
             self.cases,
             catalog.load_metrics(self.metrics),
-            about={"options": self.options, "planner_files": files, **more, "overrides": self.changes},
+            about={"options": self.options, **more, "overrides": self.changes},
             asked={
                 "planner": self.planner,
                 "scenario": self.scenario,

@@ -7,6 +7,7 @@ NAMES = [
     "METRICS",
     "Cases",
     "Driver",
+    "Episodes",
     "InputError",
     "Observation",
     "OneWorldPlanner",
@@ -16,6 +17,7 @@ NAMES = [
     "PolicyWithMemory",
     "Prediction",
     "Predictor",
+    "Result",
     "Rules",
     "Scenario",
     "Trace",
@@ -28,6 +30,7 @@ NAMES = [
     "load_scenario",
     "parallel_env",
     "rollout",
+    "run",
 ]
 
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Int, Shaped
@@ -22,6 +22,9 @@ from crowdbench.evaluate.summary import Estimate, summarize
 from crowdbench.numbers import is_integer, is_number
 from crowdbench.scenario.cases import Cases
 from crowdbench.types import Outcome, Trace
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 RESULT = "result.json"
 EPISODES = "episodes.csv"
@@ -105,6 +108,20 @@ class Episodes:
     def counts(self) -> dict[str, int]:
         """How many episodes ended in each outcome, by its label."""
         return {outcome.label: int((self.outcome == outcome).sum()) for outcome in list(Outcome)[1:]}
+
+    def to_arrow(self) -> pa.Table:
+        """A table of Arrow with a row per episode: case, outcome, steps, and all metrics; undefined values are null."""
+        import pyarrow as pa
+
+        labels = [Outcome(outcome).label for outcome in self.outcome]
+        blocks = {} if self.block is None else {BLOCK: self.block}
+        first = {"case": self.case, "outcome": labels, "steps": self.steps, **blocks}
+        columns = {name: pa.array(values, from_pandas=True) for name, values in self.columns.items()}
+        return pa.table({**first, **columns})
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """How pandas, polars and others take the table, see Arrow's PyCapsule interface."""
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
 
     def write(self, path: Path) -> None:
         """Write as CSV. Numbers read back to the last bit."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from crowdbench.errors import InputError
 from crowdbench.evaluate.compare import Comparison, MetricDifference
 from crowdbench.evaluate.formats import Grid
-from crowdbench.evaluate.metrics import METRICS, unit_of
+from crowdbench.evaluate.metrics import heading
 from crowdbench.evaluate.summary import Estimate
 from crowdbench.figures.series import Labelled, runs
 
@@ -82,18 +82,6 @@ def _row(one: Labelled, names: Sequence[str]) -> dict[str, Estimate]:
     if lacking := [name for name in names if name not in found]:
         raise InputError(f"the run of {one.label} has no metric {lacking[0]}; it has {', '.join(found)}")
     return {name: found[name] for name in names}
-
-
-def heading(name: str, is_rate: bool) -> str:
-    """What the column of a metric is called, with its unit.
-
-    Args:
-        name: The metric's name.
-        is_rate: Whether it is a rate.
-    """
-    unit = "%" if is_rate else unit_of(METRICS[name]) if name in METRICS else ""
-    words = name.removesuffix("_rate").replace("_", " ")
-    return f"{words}, {unit}" if unit else words
 
 
 def _cells(row: Mapping[str, Estimate], rates: set[str]) -> list[str]:

@@ -149,3 +149,15 @@ def unit_of(metric: Metric) -> str:
     first = str(metric.__doc__ or "").partition("\n")[0]
     unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
     return "" if unit == "1" else unit
+
+
+def heading(name: str, is_rate: bool) -> str:
+    """What the column of a metric is called, with its unit.
+
+    Args:
+        name: The metric's name.
+        is_rate: Whether it is a rate.
+    """
+    unit = "%" if is_rate else unit_of(METRICS[name]) if name in METRICS else ""
+    words = name.removesuffix("_rate").replace("_", " ")
+    return f"{words}, {unit}" if unit else words
