@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from crowdbench.cli import app
 from crowdbench.errors import InputError
 from crowdbench.evaluate.results import EPISODES, Episodes
-from crowdbench.record import view
+from crowdbench.record import rrd, view, viewer
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +53,43 @@ def test_a_case_that_cannot_be_chosen_gets_one_sentence(arguments, sentence, run
 def test_the_worst_of_a_file_alone_is_not_known(run, shown):
     with pytest.raises(InputError, match=r"--worst needs the directory of a run, whose episodes.csv has the metrics"):
         raise CliRunner().invoke(app, ["view", str(run / "run.rrd"), "--worst", "jerk"]).exception
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    """A run of another planner on the same cases."""
+    out = tmp_path_factory.mktemp("other") / "run"
+    given = ["run", "--planner", "straight", "--cases", "12", "--record", "all", "--out", str(out)]
+    assert CliRunner().invoke(app, given).exit_code == 0
+    return out
+
+
+def test_two_runs_are_shown_side_by_side_in_one_case(run, other, monkeypatch):
+    found = []
+
+    def show(path, seconds, *, web):
+        (entry,) = RrdReader(path).recordings()
+        paths = {chunk.entity_path for chunk in rrd.chunks_of(RrdReader(path), entry, "/**")}
+        found.append((entry.recording_id, entry.application_id, paths, seconds, web))
+
+    monkeypatch.setattr(viewer, "show", show)
+    done = CliRunner().invoke(app, ["view", str(run), str(other), "--worst", "jerk", "--time", "2"])
+    assert done.exit_code == 0, done.output
+    ((name, title, paths, seconds, web),) = found
+    assert name == f"test-{int(done.stdout.removeprefix('case ')):04d}"
+    assert (title, seconds, web) == (f"case {int(name[5:])} of 2 planners", 2.0, False)
+    assert {"/0/world/agents", "/1/world/agents", "/0/plots/speed", "/1/plots/speed"} <= paths
+    assert all(path.startswith(("/0/", "/1/")) for path in paths)
+
+
+def test_runs_that_are_not_of_one_case_are_not_shown_side_by_side(run, other, tmp_path):
+    elsewhere = tmp_path / "run"
+    given = ["run", "--planner", "orca", "--scenario", "square_crossing_5", "--cases", "12", "--out", str(elsewhere)]
+    assert CliRunner().invoke(app, given).exit_code == 0
+    for arguments, sentence in (
+        ([run, other], "give --case 37 or --worst METRIC"),
+        ([run, elsewhere, "--case", "1"], r"case 1 starts otherwise in .* give runs of one scenario"),
+        ([run, other, "--case", "300"], "case 300 is not recorded"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            raise CliRunner().invoke(app, ["view", *map(str, arguments)]).exception

@@ -52,10 +52,14 @@ def compare(
 
 
 def view(
-    run: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Directory of a run, or an .rrd file; several show one case of each, side by side."),
+    ],
     case: Annotated[int | None, typer.Option(help="Show only this case.")] = None,
     worst: Annotated[
-        str | None, typer.Option(help="Show the recorded case with the worst value of this metric, such as jerk.")
+        str | None,
+        typer.Option(help="Show the recorded case in which this metric, such as jerk, is worst in the (first) run."),
     ] = None,
     time: Annotated[
         float | None, typer.Option(min=0.0, help="Show this moment of the case first, in seconds, not its end.")
@@ -66,16 +70,22 @@ def view(
     ] = None,
     web: Annotated[bool, typer.Option("--web", help="Open it in a browser.")] = False,
 ) -> None:
-    """Open a recording in the Rerun viewer."""
+    """Open a recording in the Rerun viewer, or the same case of several."""
     from crowdbench.record import view as viewer
 
-    path = recording_of(run)
+    paths = [recording_of(run) for run in runs]
     if worst is not None:
         if case is not None:
             raise InputError("--worst chooses the case: leave out --case or --worst")
-        case = _worst(run, worst, viewer.recorded_cases(path))
+        shared = set.intersection(*(set(viewer.recorded_cases(path)) for path in paths))
+        case = _worst(runs[0], worst, sorted(shared))
         print(f"case {case}")
-    viewer.view(path, case, screenshot, seconds=time, web=web)
+    if len(paths) == 1:
+        viewer.view(paths[0], case, screenshot, seconds=time, web=web)
+    elif case is None:
+        raise InputError("several runs are shown side by side in one case: give --case 37 or --worst METRIC")
+    else:
+        viewer.view_beside(paths, case, screenshot, seconds=time, web=web)
 
 
 def _worst(run: Path, metric: str, recorded: list[int]) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -26,37 +27,83 @@ def blueprint(
         fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
         has_menu: Whether the viewer's menu is shown.
     """
-    low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
-    start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
-    so_far = rrb.VisibleTimeRange("time", start=start, end=end)
-    plane = rrb.Spatial2DView(
-        name="top view",
-        contents="/world/**",
-        background=[*BACKGROUND],
-        visual_bounds=rrb.VisualBounds2D(x_range=[low[0], high[0]], y_range=[-high[1], -low[1]]),
-        overrides={"/world/trails": rrb.VisibleTimeRanges([so_far])},
-    )
-    gap = {"gap": VEHICLE, "discomfort": MUTED, "contact": FAILURE}
-    speed = {"speed": VEHICLE, "preferred": MUTED}
-    plots = [
-        _plot("gap", f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)", gap, (-0.2, 2.0)),
-        _plot("speed", "speed, m/s (grey: preferred)", speed, (-0.1 * fastest, 1.5 * fastest)),
-        *(_of_planner(name, count) for name, count in plotted.items()),
-    ]
+    plots = [*_plots(fastest), *(_of_planner(name, count) for name, count in plotted.items())]
     texts = rrb.Tabs(
         rrb.TextDocumentView(name="episode", origin="/summary"),
         rrb.TextDocumentView(name="metrics", origin="/metrics"),
     )
     side = rrb.Vertical(texts, *plots, row_shares=[2.0] + [1.0] * len(plots))
     return rrb.Blueprint(
-        rrb.Horizontal(plane, side, column_shares=[3.0, 2.0]),
+        rrb.Horizontal(_plane("top view", extents), side, column_shares=[3.0, 2.0]),
+        *_panels(has_menu=has_menu, lists=len(extents) > 1),
+    )
+
+
+def side_by_side(
+    names: Sequence[str], extents: Sequence[Float[np.ndarray, "2 2"]], fastest: float, *, has_menu: bool
+) -> rrb.Blueprint:
+    """The viewer's layout for the same case of several planners, whose entities are under `/0`, `/1`, ...
+
+    Args:
+        names: What they are called.
+        extents: Extent of each episode, see `drawing.extent`.
+        fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
+        has_menu: Whether the viewer's menu is shown.
+    """
+    columns = [
+        rrb.Vertical(_plane(name, extents, f"/{n}"), *_plots(fastest, f"/{n}"), row_shares=[4.0, 1.0, 1.0])
+        for n, name in enumerate(names)
+    ]
+    return rrb.Blueprint(rrb.Horizontal(*columns), *_panels(has_menu=has_menu, lists=False))
+
+
+def _panels(*, has_menu: bool, lists: bool) -> list[Any]:
+    """Which of the viewer's panels are shown; `lists` is whether there are several recordings to list."""
+    return [
         # "following" opens at the last state, because one wants to see first how an episode ends.
         rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TopPanel(state="expanded" if has_menu else "hidden"),
         # The panel that lists the recordings.
-        rrb.BlueprintPanel(state="collapsed" if len(extents) == 1 else "expanded"),
+        rrb.BlueprintPanel(state="expanded" if lists else "collapsed"),
+    ]
+
+
+def _plane(name: str, extents: Sequence[Float[np.ndarray, "2 2"]], root: str = "") -> rrb.Spatial2DView:
+    """The view of the plane.
+
+    Args:
+        name: Its title.
+        extents: Extent of each episode that it shows.
+        root: Path of the entity under which the episode is.
+    """
+    low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
+    so_far = rrb.VisibleTimeRange(
+        "time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
+    return rrb.Spatial2DView(
+        name=name,
+        contents=f"{root}/world/**",
+        background=[*BACKGROUND],
+        visual_bounds=rrb.VisualBounds2D(x_range=[low[0], high[0]], y_range=[-high[1], -low[1]]),
+        overrides={f"{root}/world/trails": rrb.VisibleTimeRanges([so_far])},
+    )
+
+
+def _plots(fastest: float, root: str = "") -> list[rrb.TimeSeriesView]:
+    """The views of the gap and the speed.
+
+    Args:
+        fastest: The largest speed in m/s at which the vehicle may drive.
+        root: Path of the entity under which the episode is.
+    """
+    gap = {"gap": VEHICLE, "discomfort": MUTED, "contact": FAILURE}
+    speed = {"speed": VEHICLE, "preferred": MUTED}
+    title = f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)"
+    return [
+        _plot(f"{root}/plots/gap", title, gap, (-0.2, 2.0)),
+        _plot(f"{root}/plots/speed", "speed, m/s (grey: preferred)", speed, (-0.1 * fastest, 1.5 * fastest)),
+    ]
 
 
 def _of_planner(name: str, count: int) -> rrb.TimeSeriesView:
@@ -72,11 +119,11 @@ def _of_planner(name: str, count: int) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(name=name.replace("_", " "), origin=origin, plot_legend=legend, overrides={origin: style})
 
 
-def _plot(name: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float]) -> rrb.TimeSeriesView:
+def _plot(entity: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float]) -> rrb.TimeSeriesView:
     """A view with a plot. The title describes the curves, because a legend would cover them.
 
     Args:
-        name: The curves are those of the entity `/plots/<name>`.
+        entity: The curves are those of this entity.
         title: Title of the view.
         curves: Names and colours of the curves. The first one is drawn wide.
         extent: Range of the vertical axis.
@@ -84,8 +131,8 @@ def _plot(name: str, title: str, curves: Mapping[str, Color], extent: tuple[floa
     widths = [2.5] + [1.0] * (len(curves) - 1)
     return rrb.TimeSeriesView(
         name=title,
-        origin=f"/plots/{name}",
+        origin=entity,
         axis_y=rrb.ScalarAxis(range=extent),
         plot_legend=rrb.PlotLegend(visible=False),
-        overrides={f"/plots/{name}": rr.SeriesLines(names=list(curves), colors=list(curves.values()), widths=widths)},
+        overrides={entity: rr.SeriesLines(names=list(curves), colors=list(curves.values()), widths=widths)},
     )
