@@ -11,6 +11,7 @@ from helpers import drive
 from safetensors.torch import save_file
 
 from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.envs import render
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.errors import InputError
@@ -161,3 +162,27 @@ def test_stable_baselines_trains_on_it_and_its_policy_drives_as_a_planner(saved_
 def test_pictures_pass_at_the_pace_of_the_scenario():
     assert VehicleEnv("circle_crossing_5").metadata["render_fps"] == 4
     assert VehicleEnv(load_scenario("circle_crossing_5", {"dt": 0.1})).metadata["render_fps"] == 10
+
+
+def colors(picture):
+    return {tuple(color) for color in picture.reshape(-1, 3).tolist()}
+
+
+def test_a_picture_shows_trails_numbers_and_contact():
+    env = VehicleEnv("circle_crossing_5", render_mode="rgb_array")
+    env.reset(options={"case": "val:2"})
+    first = env.render()
+    assert render.NUMBER in colors(first)
+    assert render.CONTACT not in colors(first)
+    done = False
+    while not done:
+        before = colors(env.render())
+        _, _, done, _, info = env.step(np.array([0.0, 1.0], np.float32))
+    assert info["outcome"] == "collision"
+    assert render.CONTACT in colors(env.render()) - before
+    # Between its start and where it is, the vehicle has left nothing but its trail.
+    middle = env.render()[430, 296:306]
+    assert (np.abs(middle.astype(int) - render.VEHICLE).sum(axis=1) < 60).any()
+    assert not (np.abs(first[430, 296:306].astype(int) - render.VEHICLE).sum(axis=1) < 60).any()
+    env.reset(options={"case": "val:2"})
+    np.testing.assert_array_equal(env.render(), first)

@@ -32,6 +32,11 @@ WALL = (196, 196, 190)
 VEHICLE = (222, 122, 0)
 PEDESTRIAN = (38, 104, 178)
 HIDDEN = (160, 188, 218)
+CONTACT = (208, 32, 32)
+NUMBER = (255, 255, 255)
+
+CROWD = 100
+"""The trails and numbers of more agents than this would cover the picture: then they are left out."""
 
 
 class Renderer:
@@ -52,6 +57,7 @@ class Renderer:
         self._clock: Any = None
         self._half_width = 0.0
         self._middle = np.zeros(2)
+        self._shown: list[World] = []
 
     def show(self, world: World, case: str) -> None:
         """In mode `human`, draw the world in a window and wait for the time of a step.
@@ -66,6 +72,8 @@ class Renderer:
             walls = np.concatenate([np.zeros((1, 2)), *polygons(world.obstacles[0])])
             self._middle = (walls.min(axis=0) + walls.max(axis=0)) / 2
             self._half_width = float(np.abs(np.concatenate([agents, walls]) - self._middle).max()) + MARGIN
+        if self.mode is not None:
+            self._remember(world)
         if self.mode != "human":
             return
         pygame = importlib.import_module("pygame")
@@ -90,6 +98,7 @@ class Renderer:
             gymnasium.logger.warn("render() shows nothing, because the environment was made without a render_mode")
         if self.mode != "rgb_array":
             return None
+        self._remember(world)
         pygame = importlib.import_module("pygame")
         return np.ascontiguousarray(pygame.surfarray.array3d(self._draw(world, case)).swapaxes(0, 1))
 
@@ -98,6 +107,38 @@ class Renderer:
         if self._window is not None:
             importlib.import_module("pygame").display.quit()
             self._window = None
+
+    def _remember(self, world: World) -> None:
+        """Keep the states of an episode that were shown, for trails and for what happened in a step."""
+        if int(world.step[0]) == 0:
+            self._shown.clear()
+        if not self._shown or int(world.step[0]) > int(self._shown[-1].step[0]):
+            self._shown.append(world)
+
+    def _trail(self, agent: int) -> Float[np.ndarray, "time 2"]:
+        """Where the one who has the place of an agent now has been, in metres."""
+        last = self._shown[-1]
+        here = [one for one in self._shown if one.present[0, agent]]
+        if agent:
+            here = [one for one in here if one.person[0, agent - 1] == last.person[0, agent - 1]]
+        return np.array([one.position[0, agent] for one in here])
+
+    def _touched(self) -> set[int]:
+        """The pedestrians whom the vehicle has hit in the last step, as agents."""
+        if len(self._shown) < 2 or int(self._shown[-2].step[0]) + 1 != int(self._shown[-1].step[0]):
+            return set()
+        before, after = self._shown[-2:]
+        both = np.flatnonzero(before.present[0] & after.present[0])[1:]
+        found: set[int] = set()
+        for offset in before.rules.body:
+            parts = [one.position[0, 0] + offset * _direction(float(one.heading[0])) for one in (before, after)]
+            start = before.position[0, both] - parts[0]
+            motion = after.position[0, both] - parts[1] - start
+            squared = np.maximum((motion**2).sum(axis=1), 1e-12)
+            when = np.clip(-(start * motion).sum(axis=1) / squared, 0.0, 1.0)
+            apart = np.linalg.norm(start + when[:, None] * motion, axis=1)
+            found |= set(both[apart < before.radius[0, both] + before.radius[0, 0]].tolist())
+        return found
 
     def _draw(self, world: World, case: str) -> Any:
         pygame = importlib.import_module("pygame")
@@ -113,18 +154,31 @@ class Renderer:
         for agent, color in zip(agents, colors, strict=True):
             near = world.rules.goal_tolerance if agent == 0 else None
             canvas.goal(world.goal[0, agent], near or float(world.radius[0, agent]), color)
+        is_clear = len(agents) <= CROWD
+        for agent, color in zip(agents, colors, strict=True) if is_clear else ():
+            canvas.trail(self._trail(agent), color)
         # The vehicle is drawn last, so that nothing hides it.
         for agent, color in reversed(list(zip(agents, colors, strict=True))):
             canvas.agent(world.position[0, agent], world.velocity[0, agent], float(world.radius[0, agent]), color)
         if not isinstance(world.rules.dynamics, Holonomic):
             place = world.rules.body, world.position[0, 0], world.heading[0, ...], float(world.radius[0, 0])
             canvas.body(outline(*place), nose(*place))
+        if touched := self._touched():
+            for agent in (0, *touched):
+                canvas.rim(world.position[0, agent], float(world.radius[0, agent]))
+        pygame.font.init()
+        font = pygame.font.Font(None, 20 * SMOOTHING)
+        for agent in agents[1:] if is_clear else ():
+            canvas.number(world.position[0, agent], font.render(str(agent - 1), True, NUMBER))
         picture = pygame.transform.smoothscale(large, (SIZE, SIZE))
         seconds = float(world.step[0]) * world.rules.dt
-        pygame.font.init()
         font = pygame.font.Font(None, 24)
         picture.blit(font.render(f"{case}   {seconds:.2f} s", True, TEXT), (12, 10))
         return picture
+
+
+def _direction(heading: float) -> Float[np.ndarray, "2"]:
+    return np.array([np.cos(heading), np.sin(heading)])
 
 
 class _Canvas:
@@ -176,6 +230,19 @@ class _Canvas:
             color: Red, green and blue, 0 to 255.
         """
         self.draw.circle(self.surface, color, self.pixel(at), radius * self.scale, 2 * SMOOTHING)
+
+    def trail(self, points: Float[np.ndarray, "time 2"], color: tuple[int, int, int]) -> None:
+        """Draw a line through points in metres."""
+        if len(points) > 1:
+            self.draw.lines(self.surface, color, False, [self.pixel(point) for point in points], 2 * SMOOTHING)
+
+    def rim(self, at: Float[np.ndarray, "2"], radius: float) -> None:
+        """Draw a red rim around a disc with this centre and radius in metres."""
+        self.draw.circle(self.surface, CONTACT, self.pixel(at), radius * self.scale, 4 * SMOOTHING)
+
+    def number(self, at: Float[np.ndarray, "2"], text: Any) -> None:
+        """Put a text, as pygame's fonts render it, on a point in metres."""
+        self.surface.blit(text, text.get_rect(center=self.pixel(at)))
 
     def agent(
         self,
