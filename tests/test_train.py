@@ -110,7 +110,7 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     lines = (tmp_path / "run" / "curve.csv").read_text().splitlines()
     assert len(lines) == 1 + len(running.training.curve)
     curves = {str(chunk.entity_path) for chunk in RrdReader(tmp_path / "run" / "training.rrd").store().stream()}
-    assert {"/loss", "/success", "/navigation_time_or_limit"} <= curves
+    assert {"/loss", "/success", "/success/kept", "/navigation_time_or_limit"} <= curves
     assert {file.name for file in (tmp_path / "run").iterdir()} == {
         "weights.safetensors",
         "weights.json",

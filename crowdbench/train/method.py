@@ -189,6 +189,14 @@ class Training(Protocol):
         """The validations so far, dataclasses: the first field is the x axis, `str` gives a line for the user."""
 
     @property
+    def chosen(self) -> Any:
+        """The point of the curve whose network is `best`."""
+
+    @property
+    def validated_on(self) -> int:
+        """The number of cases, or of windows of tracks, of each validation."""
+
+    @property
     def progress(self) -> float:
         """The part of the training that is done, from 0 to 1."""
 

@@ -216,6 +216,11 @@ class Training:
         """The point of the curve with the smallest ADE; of equals the last."""
         return min(reversed(self.curve), key=lambda point: point.ade)
 
+    @property
+    def validated_on(self) -> int:
+        """The number of windows of each validation."""
+        return len(self.setup.validation)
+
     def state(self) -> State:
         """The state of the training, for a checkpoint."""
         tensors = {key: value for part in NETWORKS for key, value in tensors_of(part, getattr(self, part)).items()}

@@ -12,12 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from crowdbench.errors import InputError, described
+from crowdbench.evaluate.summary import wilson
 from crowdbench.files import whole
 from crowdbench.record import curves
 from crowdbench.train import checkpoint, directories, methods
+from crowdbench.train.choice import Validation
 from crowdbench.train.directories import CHECKPOINT, CURVE, RECORDING, WEIGHTS
 from crowdbench.train.method import Request, Training
 from crowdbench.weights.store import save_network
@@ -145,13 +148,24 @@ class TrainingRun:
                 "licence": "MIT",
             }
             with self._writing():
-                points = [dataclasses.asdict(point) for point in self.training.curve]
-                curves.write(self.directory / RECORDING, self.request.command, points)
+                self._write_recording()
                 card = save_network(self.training.best, self.request.network, weights, about)
                 with whole(weights.with_suffix(".md")) as partial:
                     partial.write_text(methods.markdown(card), encoding="utf-8")
                 (self.directory / CHECKPOINT).unlink()
         return weights
+
+    def _write_recording(self) -> None:
+        """Write the curve for the viewer: success with its interval, and which point was kept."""
+        curve, training = self.training.curve, self.training
+        intervals = {}
+        if isinstance(curve[0], Validation):
+            solved = [round(point.success * training.validated_on) for point in curve]
+            ranges = [wilson(np.arange(training.validated_on) < count) for count in solved]
+            intervals["success"] = [(one.low, one.high) for one in ranges]
+        points = [dataclasses.asdict(point) for point in curve]
+        kept = curve.index(training.chosen)
+        curves.write(self.directory / RECORDING, self.request.command, points, kept=kept, intervals=intervals)
 
     def _save(self) -> None:
         """Write a checkpoint, and the curve where it has points."""

@@ -274,7 +274,12 @@ class Training:
     @property
     def chosen(self) -> Validated:
         """The point of the curve whose network is `best`."""
-        return chosen(self.curve, len(VALIDATION_CASES) * len(self.setup.validation))
+        return chosen(self.curve, self.validated_on)
+
+    @property
+    def validated_on(self) -> int:
+        """The number of cases of each validation."""
+        return len(VALIDATION_CASES) * len(self.setup.validation)
 
     @property
     def best(self) -> ValueNetwork:
