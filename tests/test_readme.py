@@ -1,4 +1,4 @@
-"""What the README and CONTRIBUTING show works as it stands there."""
+"""What the README and the documentation show works as it stands there."""
 
 import re
 import sys
@@ -55,9 +55,9 @@ def test_the_environments_of_the_readme_start():
 
 
 @pytest.mark.parametrize(("name", "parameters"), [("stroll", {"pace": 0.5}), ("tired", {})])
-def test_the_policies_of_contributing_keep_the_contract(name, parameters, tmp_path):
+def test_the_policies_of_the_docs_keep_the_contract(name, parameters, tmp_path):
     path = tmp_path / f"{name}.py"
-    (text,) = [block for block in blocks("CONTRIBUTING.md") if f"class {name.title()}" in block]
+    (text,) = [block for block in blocks("docs/plugins.md") if f"class {name.title()}" in block]
     path.write_text(text)
     loaded, policy, _ = load_policy(str(path))
     assert (loaded, policy.parameters) == (name, parameters)
@@ -66,10 +66,24 @@ def test_the_policies_of_contributing_keep_the_contract(name, parameters, tmp_pa
     assert all(point.kept for point in points)
 
 
-def test_the_reward_of_contributing_pays(tmp_path):
+@pytest.mark.parametrize(
+    ("sign", "kind"),
+    [("class Waits", "planners"), ("def metric(", "metrics"), ("class Slows", "predictors")],
+)
+def test_the_plug_ins_of_the_docs_keep_the_contract(sign, kind, tmp_path, capsys):
+    path = tmp_path / "mine.py"
+    (text,) = [block for block in blocks("docs/plugins.md") if sign in block]
+    path.write_text(text)
+    app(["check", str(path), "--kind", kind, "--cases", "val:4"], standalone_mode=False)
+    said = capsys.readouterr().out
+    assert said.count("kept") > 5
+    assert "broken" not in said
+
+
+def test_the_reward_of_the_docs_pays(tmp_path):
     from crowdbench.envs.vector import VehicleVectorEnv
 
-    (text,) = [block for block in blocks("CONTRIBUTING.md") if "def reward(" in block]
+    (text,) = [block for block in blocks("docs/plugins.md") if "def reward(" in block]
     (tmp_path / "mine.py").write_text(text)
     mine, built_in = (VehicleVectorEnv(20, reward=reward) for reward in (str(tmp_path / "mine.py"), "progress"))
     for envs in (mine, built_in):
@@ -82,7 +96,7 @@ def test_the_reward_of_contributing_pays(tmp_path):
     assert difference > 0.0
 
 
-def test_the_policy_of_crowdnav_in_contributing_drives(tmp_path, monkeypatch):
+def test_the_policy_of_crowdnav_in_the_docs_drives(tmp_path, monkeypatch):
     class Sarl(Straight):
         query_env = True
 
@@ -102,7 +116,7 @@ def test_the_policy_of_crowdnav_in_contributing_drives(tmp_path, monkeypatch):
     (trained / "policy.config").write_text("[sarl]\ninputs = 3\n")
     network = torch.nn.Linear(3, 1)
     torch.save(network.state_dict(), trained / "rl_model.pth")
-    (text,) = [block for block in blocks("CONTRIBUTING.md") if "crowd_nav" in block]
+    (text,) = [block for block in blocks("docs/plugins.md") if "crowd_nav" in block]
     (tmp_path / "sarl.py").write_text(text)
     _, planner = load_planner(str(tmp_path / "sarl.py"))
     assert planner.facts == {"policy": "Sarl", "weights": digest(network)}
@@ -125,8 +139,8 @@ def test_the_runs_of_the_readme_run(command, monkeypatch, tmp_path, capsys):
     assert len(list(Path("runs").glob("*/episodes.csv"))) == 1
 
 
-def test_the_scenario_of_contributing_loads(tmp_path):
-    text = re.search(r"^```toml\n(.*?)^```", (ROOT / "CONTRIBUTING.md").read_text(), re.DOTALL | re.MULTILINE)[1]
+def test_the_scenario_of_the_docs_loads(tmp_path):
+    text = re.search(r"^```toml\n(.*?)^```", (ROOT / "docs/plugins.md").read_text(), re.DOTALL | re.MULTILINE)[1]
     (tmp_path / "mine.toml").write_text(text)
     place = load_scenario(str(tmp_path / "mine.toml"))
     assert place.number == (1, 8)

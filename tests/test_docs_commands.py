@@ -1,0 +1,146 @@
+"""Every command that the README and the documentation show is run, on few cases; every study and Python block too."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from crowdbench.cli import app
+from crowdbench.record import viewer
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+RUN_ELSEWHERE = {
+    "submit": ".ci/boards",
+    "verify": ".ci/boards",
+    "leaderboard": ".ci/boards",
+    "merge": ".ci/shapes",
+    "reproduce": ".ci/reproduce",
+    "validity": "tests/test_validity.py",
+    "bench": "tests/test_bench.py",
+    "certify": "tests/test_certify.py",
+}
+"""Commands that take long, or need what others have left, and where they are run."""
+
+
+def lines(page):
+    """The lines of the blocks marked sh, without comments, joined where they go on."""
+    for block in re.findall(r"^```sh\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE):
+        for line in re.sub(r"\\\n\s*", "", block).splitlines():
+            yield re.sub(r"\s+#.*", "", line.strip())
+
+
+def commands(page):
+    """The arguments of each call of crowdbench in the blocks of a page."""
+    return [shlex.split(line)[1:] for line in lines(page) if line.startswith("crowdbench ")]
+
+
+def inline(page):
+    """The arguments of each call of crowdbench within the text of a page, if it is a whole one."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.DOTALL | re.MULTILINE)
+    found = (one.replace("\n", " ") for one in re.findall(r"`crowdbench ([^`]*)`", text))
+    return [shlex.split(one) for one in found if "..." not in one and " > " not in one]
+
+
+SHOWN = [(page.name, arguments) for page in PAGES for arguments in (*commands(page), *inline(page))]
+
+
+@pytest.mark.parametrize(
+    ("page", "arguments"), SHOWN, ids=lambda each: each if isinstance(each, str) else " ".join(each)
+)
+def test_every_command_that_is_shown_is_one(page, arguments):
+    command = get_command(app)
+    name, *rest = arguments
+    assert name in command.commands, f"{page} shows crowdbench {name}"
+    found = command.commands[name]
+    while rest and hasattr(found, "commands"):
+        assert rest[0] in found.commands
+        found = found.commands[rest.pop(0)]
+    options = {option for parameter in found.params for option in (*parameter.opts, *parameter.secondary_opts)}
+    assert [one for one in rest if one.startswith("--") and one.partition("=")[0] not in {*options, "--help"}] == []
+
+
+def shorter(arguments):
+    """A command with few cases, or a short training."""
+    name, *rest = arguments
+    if name == "run":
+        few = (
+            [] if "--cases" in rest and rest[rest.index("--cases") + 1] in ("val:3", "val:20") else ["--cases", "val:4"]
+        )
+        return [*arguments, *few] if "--board" not in rest else [*arguments, "--cases", "val:1"]
+    if name == "train" and "ppo" in rest:
+        return ["train", "ppo", "--scenario", "circle_crossing_5", "--minutes", "0.01", "--out", "runs/train-ppo-seed0"]
+    if name == "train":
+        short = [one for one in rest if one not in ("--minutes", "5", "10")]
+        return ["train", *short, "--minutes", "0.01"]
+    return arguments
+
+
+def needs_more(arguments, text):
+    """Why a command cannot be run here, if it cannot."""
+    if arguments[0] in RUN_ELSEWHERE:
+        return RUN_ELSEWHERE[arguments[0]]
+    if "study" in arguments or "--board" in arguments or "--shard" in arguments:
+        return "tests/test_study.py, tests/test_run_board.py, .ci/shapes"
+    if "--data" in arguments:
+        return "tests/test_recorded.py"
+    return "a variable of the shell" if "$" in text else ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
+def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shown = []
+    monkeypatch.setattr(viewer, "show", lambda file, seconds, *, web: shown.append(file))
+    monkeypatch.setattr(viewer, "picture", lambda file, screenshot, seconds: shown.append(file))
+    if page.name == "recordings.md":  # which views a second run
+        run(
+            "run",
+            "--planner",
+            "orca",
+            "--scenario",
+            "noisy_10",
+            "--cases",
+            "val:3",
+            "--record",
+            "all",
+            "--out",
+            "runs/other",
+        )
+    ran = 0
+    for arguments in commands(page):
+        if not needs_more(arguments, " ".join(arguments)):
+            run(*shorter(arguments))
+            ran += 1
+    assert ran > 0 or all(needs_more(arguments, " ".join(arguments)) for arguments in commands(page))
+    assert len(shown) == sum(arguments[0] == "view" for arguments in commands(page))
+
+
+def run(*arguments):
+    app([*arguments], standalone_mode=False)
+
+
+@pytest.mark.slow
+def test_the_study_of_the_docs_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (text,) = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "studies.md").read_text(), re.DOTALL | re.MULTILINE)
+    Path("mine.toml").write_text(text.replace("val:40", "val:12"))
+    run("study", "mine.toml")
+    printed = capsys.readouterr().out
+    assert "## A margin of ORCA" in printed
+    assert "A margin makes ORCA safer" in printed
+    assert "### square_crossing_5, time_limit=20.0" in printed
+    assert "ISRR 2011" in printed
+
+
+@pytest.mark.parametrize("page", ["paper.md", "training.md"])
+def test_the_python_of_the_docs_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = re.findall(r"^```python\n(.*?)^```", (ROOT / "docs" / page).read_text(), re.DOTALL | re.MULTILINE)
+    assert found
+    for text in found:
+        exec(text, {})
