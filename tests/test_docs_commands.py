@@ -72,10 +72,10 @@ def shorter(arguments):
         )
         return [*arguments, *few] if "--board" not in rest else [*arguments, "--cases", "val:1"]
     if name == "train" and "ppo" in rest:
-        return ["train", "ppo", "--scenario", "circle_crossing_5", "--minutes", "0.01", "--out", "runs/train-ppo-seed0"]
+        return ["train", "ppo", "--scenario", "circle_crossing_5", "--minutes", "0.1", "--out", "runs/train-ppo-seed0"]
     if name == "train":
         short = [one for one in rest if one not in ("--minutes", "5", "10")]
-        return ["train", *short, "--minutes", "0.01"]
+        return ["train", *short, "--minutes", "0.1"]
     return arguments
 
 

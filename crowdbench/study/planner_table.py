@@ -31,7 +31,7 @@ class PlannerRow:
 
     Attributes:
         label: What the table calls the planner.
-        weights: The weights of its networks; none for a planner without a choice of them.
+        weights: The weights of its networks, or its seeds; none for a planner without a choice of them.
         reported: What others report, by metric.
         runs: A run with each of the weights, or the one run without any.
         variant: Runs under the table's variant, with all the weights or the first; none where there is no variant.
@@ -150,30 +150,40 @@ class PlannerTable(PlannedTable):
 def _row(row: RowSpec, spec: PlannersSpec, location: Location) -> PlannerRow:
     if "weights" in row.options:
         raise location.at("options").wrong(repr(row.options), "without weights: they have a key of their own")
+    if row.seeds and row.weights:
+        raise location.at("seeds").wrong(repr(row.seeds), "left out where there are weights, which have their own")
+    each: list[dict[str, Any]] = [{"weights": name} for name in row.weights]
+    each += [{"seed": seed} for seed in row.seeds] or ([] if each else [{}])
+    names = row.weights or [f"seed {seed}" for seed in row.seeds]
     plan = functools.partial(_runs, row, spec)
     with location.named():
-        runs = plan(row.weights, spec.cases)
+        runs = plan(each, spec.cases)
         variant: list[PlannedRun] = []
         if spec.variant:
-            weights = row.weights if spec.variant.networks == "all" else row.weights[:1]
-            variant = plan(weights, spec.cases, spec.variant.overrides)
-        second = plan(row.weights[:1], row.second_reading)[0] if row.second_reading else None
+            chosen = each if spec.variant.networks == "all" else each[:1]
+            variant = plan(chosen, spec.cases, spec.variant.overrides)
+        second = plan(each[:1], row.second_reading)[0] if row.second_reading else None
     if row.second_reading and set(row.second_reading.indices) & set(spec.cases.indices):
         wrong = str(row.second_reading)
         raise location.at("second_reading").wrong(wrong, f"cases that are not among {spec.cases}, those of the table")
     label = row.label or planner_label(runs[0].planner, row.options)
-    return PlannerRow(label, row.weights, row.reported.model_dump(exclude_none=True), runs, variant, second)
+    return PlannerRow(label, names, row.reported.model_dump(exclude_none=True), runs, variant, second)
 
 
 def _runs(
-    row: RowSpec, spec: PlannersSpec, weights: Sequence[str], cases: Cases, overrides: Mapping[str, Any] | None = None
+    row: RowSpec,
+    spec: PlannersSpec,
+    each: Sequence[Mapping[str, Any]],
+    cases: Cases,
+    overrides: Mapping[str, Any] | None = None,
 ) -> list[PlannedRun]:
-    """A run with each of the weights, or one where there are none to choose from."""
-    each = [{**row.options, "weights": name} for name in weights] or [row.options]
+    """A run with each of these options beside those of the row."""
     replanning = Replanning(spec.replan_every, spec.look_first)
     return [
-        PlannedRun.of(row.planner, options, spec.scenario, cases, overrides=overrides, replanning=replanning)
-        for options in each
+        PlannedRun.of(
+            row.planner, {**row.options, **one}, spec.scenario, cases, overrides=overrides, replanning=replanning
+        )
+        for one in each
     ]
 
 

@@ -40,7 +40,9 @@ class ReportedSpec(TomlTable):
 
 
 class RowSpec(TomlTable):
-    """`[[tables.rows]]`: a planner, with each of several networks or without any, and what the table calls it.
+    """`[[tables.rows]]`: a planner, with each of several networks or seeds or without any, and what the table calls it.
+
+    Seeds are values of the planner's option `seed`. They are shown as networks are.
 
     The first network, which is the shipped one, is run on the cases of `second_reading` too, where there are any: cases
     that nobody has looked at, while those of the table have been looked at often.
@@ -49,6 +51,7 @@ class RowSpec(TomlTable):
     label: Text = ""
     planner: Name
     weights: Names = Field(default=[])
+    seeds: list[int] = Field(default=[], description="a list of whole numbers")
     options: Values = Field(default={})
     reported: ReportedSpec = table("reported")
     second_reading: CasesText | None = None
