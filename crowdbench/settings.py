@@ -21,8 +21,9 @@ WITH_EPISODES = ("failures", "all")
 FIRST_RECORDED = 10
 """With "failures": so many of the first cases are recorded, whatever their outcome."""
 
-MOST_FAILURES = 1000
-"""With "failures": no more failures than this are recorded, because Rerun needs 0.25 MB of memory for each."""
+MOST_FAILURES = 100
+"""With "failures": no more failures than this are recorded. A fast planner's run would take longer to record than to
+drive, and nobody looks at more."""
 
 RECORDED_CROWD = 100
 """In scenarios with more pedestrians, fewer failures are recorded: as many as have so many pedestrians together."""

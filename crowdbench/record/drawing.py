@@ -109,12 +109,19 @@ def _ground(
         goal: The vehicle's, in metres.
         near: Distance in metres to its goal below which the vehicle has arrived: the ring around the goal.
     """
-    grid = [np.array([(x, low[1]), (x, high[1])]) for x in np.arange(low[0], high[0] + 1)]
-    grid += [np.array([(low[0], y), (high[0], y)]) for y in np.arange(low[1], high[1] + 1)]
+    # Two lines that turn at the rim, because a line for each metre would take longer to write than all else.
+    grid = [_back_and_forth(low, high), _back_and_forth(low[::-1], high[::-1])[:, ::-1]]
     lines = [*grid, *paths, goal + near * CIRCLE]
     colors = [GRID] * len(grid) + [FAINT] * len(paths) + [VEHICLE]
     widths = rr.Radius.ui_points([0.5] * (len(lines) - 1) + [1.5])
     return still("world/ground", rr.LineStrips2D(lines, colors=colors, radii=widths, draw_order=1))
+
+
+def _back_and_forth(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Float[np.ndarray, "corner 2"]:
+    """A line up and down through a rectangle, at every metre of its width."""
+    x = np.arange(low[0], high[0] + 1).repeat(2)
+    y = np.resize([low[1], high[1], high[1], low[1]], len(x))
+    return np.stack([x, y], axis=1)
 
 
 def _paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:

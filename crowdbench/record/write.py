@@ -65,6 +65,7 @@ class Recorder:
     ) -> None:
         self._path = path
         self._options, self._units, self._all_decisions = options or {}, units or {}, all_decisions
+        self._version = importlib.metadata.version("crowdbench")
         self._suffix = f"-{identity}" if identity else ""
         self._run = {"planner": planner, "scenario": scenario, "scenario_digest": scenario_digest, "cases": cases}
         # The viewer lists the file by this name, and warns of other characters.
@@ -126,7 +127,7 @@ class Recorder:
         metrics = pa.StructArray.from_arrays([pa.array([value]) for value in measured.values()], names=[*measured])
         about = {name: value for name, value in self._run.items() if name != "cases"}
         about |= {"options": json.dumps(self._options), "split": trace.split, "case": case, "outcome": outcome}
-        about |= {"version": importlib.metadata.version("crowdbench"), "metrics": metrics}
+        about |= {"version": self._version, "metrics": metrics}
         yield Chunk.from_property(PROPERTIES, rr.AnyValues(**about))
 
     def _with_units(self, measured: Mapping[str, float | bool]) -> dict[str, float | bool]:
