@@ -32,7 +32,8 @@ SIDE = 3.5
 MARKED = 2.0
 """Seconds between the discs along the vehicle's way in a figure of a whole episode."""
 
-FILMS = (".gif", ".mp4")
+FILMS = {".gif": 160, ".mp4": 320}
+"""The endings of films, and how many dots per inch their pictures have: a .gif would be too large with more."""
 
 
 def trajectories(trace: Trace, row: int, out: Path) -> None:
@@ -94,13 +95,13 @@ def film(trace: Trace, row: int, out: Path) -> None:
     Raises:
         InputError: The file cannot be written, or ffmpeg is missing.
     """
-    check_file(out, FILMS)
+    check_file(out, [*FILMS])
     if out.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"a film {out.name} needs the program ffmpeg (Debian: ffmpeg); a .gif file does not")
     seconds = trace.rules.dt
     with files.whole(out) as partial:
         if out.suffix == ".gif":
-            first, *others = _frames(trace, row)
+            first, *others = _frames(trace, row, FILMS[out.suffix])
             first.save(
                 partial, format="GIF", save_all=True, append_images=others, duration=round(1000 * seconds), loop=0
             )
@@ -119,14 +120,14 @@ def film(trace: Trace, row: int, out: Path) -> None:
         ]
         command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-f", "mp4", str(partial)]
         pictures = io.BytesIO()
-        for frame in _frames(trace, row):
+        for frame in _frames(trace, row, FILMS[out.suffix]):
             frame.save(pictures, format="PNG")
         ended = subprocess.run(command, input=pictures.getvalue(), capture_output=True)
         if ended.returncode:
             raise InputError(f"ffmpeg could not make {out}: {ended.stderr.decode(errors='replace').strip()[-200:]}")
 
 
-def _frames(trace: Trace, row: int) -> Iterator[Image]:
+def _frames(trace: Trace, row: int, dpi: int) -> Iterator[Image]:
     """A picture of each state, the last one a few times, so that one sees how the episode ends."""
     from PIL import Image as Images
 
@@ -139,7 +140,7 @@ def _frames(trace: Trace, row: int) -> Iterator[Image]:
             _plane(axes, trace, row)
             _state(axes, trace, row, state)
             axes.text(0.02, 0.98, f"{state * trace.rules.dt:.2f} s", transform=axes.transAxes, va="top", fontsize=8)
-            write(figure, page, "png", dpi=160)
+            write(figure, page, "png", dpi=dpi)
         yield Images.open(page).convert("RGB")
 
 
