@@ -19,8 +19,8 @@ from crowdbench.geometry import polygons
 from crowdbench.record import approach, decisions, sight
 from crowdbench.record.chunks import still, times
 from crowdbench.record.hit import pedestrian_hit
-from crowdbench.record.plots import logs, plots
-from crowdbench.record.style import ARROW, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
+from crowdbench.record.plots import is_curve, logs, plots
+from crowdbench.record.style import ARROW, CURVES, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
 from crowdbench.record.walls import drawn
 from crowdbench.types import Outcome, Trace
 
@@ -64,7 +64,8 @@ def episode(trace: Trace, row: int, title: str, values: Mapping[str, float | boo
     yield from sight.drawn(trace, row, timelines)
     if not isinstance(trace.rules.dynamics, Holonomic):
         yield from _body(trace, row, timelines)
-    yield from _names(timelines, position, goal[0, 0], radius, np.flatnonzero(present), label)
+    number = np.flatnonzero(present)
+    yield from _names(timelines, position, goal[0, 0], radius, number, label, _name_colors(trace, number))
     sentence, mark = _ending(trace, row, label)
     yield mark
     yield from plots(trace, row)
@@ -229,6 +230,7 @@ def _names(
     radius: Float[np.ndarray, "agent time"],
     number: Int[np.ndarray, "agent"],
     label: float,
+    colors: Sequence[Color],
 ) -> Iterator[Chunk]:
     """A name under each disc, and one over the vehicle's goal. At its centre Rerun would write across the disc.
 
@@ -239,6 +241,7 @@ def _names(
         radius: In metres.
         number: Index of each agent in the trace.
         label: Height of a line of text in metres.
+        colors: A colour per name.
     """
     agents, states = position.shape[:2]
     anchors = np.empty((states, agents + 1, 2))
@@ -246,11 +249,23 @@ def _names(
     anchors[:, :-1, 1] -= radius.T
     anchors[:, -1] = goal + np.array([0.0, radius[0, 0] + label])
     names = ["vehicle", *(str(agent - 1) for agent in number[1:]), "goal"]
-    colors = [*_each(VEHICLE, PEDESTRIAN, agents), VEHICLE]
     style = rr.Points2D.from_fields(labels=names, colors=colors, radii=rr.Radius.ui_points(0))
     yield still("world/names", style)
     columns = rr.Points2D.columns(positions=anchors.reshape(-1, 2))
     yield Chunk.from_columns("world/names", timelines, columns.partition([agents + 1] * states))
+
+
+def _name_colors(trace: Trace, number: Int[np.ndarray, "agent"]) -> list[Color]:
+    """The colours of the names: those of the pedestrians' curves where the planner logged a curve of each.
+
+    Args:
+        trace: The trace.
+        number: Index of each agent in it.
+    """
+    pedestrians = trace.position.shape[2] - 1
+    has_curves = any(is_curve(logged) and logged[0, 0].size == pedestrians > 1 for logged in trace.logs.values())
+    each = [CURVES[(agent - 1) % len(CURVES)] if has_curves else PEDESTRIAN for agent in number[1:].tolist()]
+    return [VEHICLE, *each, VEHICLE]
 
 
 def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
@@ -304,9 +319,8 @@ def _summary(trace: Trace, row: int, title: str, sentence: str) -> str:
         sentence: How it ended.
     """
     lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize().replace('_', ' ')}: {sentence}"]
-    lines += [f"{trace.split} case {trace.case[row]} · {title}", "", KEY, "", approach.KEY, ""]
-    lines += [] if trace.perceived is None else [sight.KEY, ""]
-    lines += [key, ""] if (key := decisions.key(trace)) else []
+    keys = [KEY, approach.KEY, *([] if trace.perceived is None else [sight.KEY]), decisions.key(trace)]
+    lines += [f"{trace.split} case {trace.case[row]} · {title}", "", " · ".join(filter(None, keys))]
     return "\n".join(lines)
 
 
