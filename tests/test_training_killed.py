@@ -30,11 +30,17 @@ class Point:
 class Counting:
     """A training whose network counts to 3."""
 
+    validated_on = 1
+
     def __init__(self):
         self.best = torch.nn.Linear(1, 1)
         torch.nn.init.zeros_(self.best.weight)
         torch.nn.init.zeros_(self.best.bias)
         self.curve = []
+
+    @property
+    def chosen(self):
+        return self.curve[-1]
 
     @property
     def progress(self):
