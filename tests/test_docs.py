@@ -168,6 +168,7 @@ def test_the_readme_shows_the_board_as_it_is():
     assert set(rows) <= set(board.splitlines())
 
 
+@pytest.mark.slow
 def test_the_standings_in_leaderboards_are_those_of_its_entries(tmp_path):
     shutil.copytree(ROOT / "leaderboards", tmp_path / "leaderboards")
     written = write_readme(tmp_path / "leaderboards").read_text()

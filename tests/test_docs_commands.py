@@ -17,8 +17,9 @@ RUN_ELSEWHERE = {
     "submit": ".ci/boards",
     "verify": ".ci/boards",
     "leaderboard": ".ci/boards",
-    "merge": ".ci/shapes",
+    "merge": "tests/test_parts.py",
     "reproduce": ".ci/reproduce",
+    "train": ".ci/train",
     "validity": "tests/test_validity.py",
     "bench": "tests/test_bench.py",
     "certify": "tests/test_certify.py",
@@ -64,60 +65,42 @@ def test_every_command_that_is_shown_is_one(page, arguments):
 
 
 def shorter(arguments):
-    """A command with few cases, or a short training."""
-    name, *rest = arguments
-    if name == "run":
-        few = (
-            [] if "--cases" in rest and rest[rest.index("--cases") + 1] in ("val:3", "val:20") else ["--cases", "val:4"]
-        )
-        return [*arguments, *few] if "--board" not in rest else [*arguments, "--cases", "val:1"]
-    if name == "train" and "ppo" in rest:
-        return ["train", "ppo", "--scenario", "circle_crossing_5", "--minutes", "0.1", "--out", "runs/train-ppo-seed0"]
-    if name == "train":
-        short = [one for one in rest if one not in ("--minutes", "5", "10")]
-        return ["train", *short, "--minutes", "0.1"]
-    return arguments
+    """A command with few cases."""
+    few = {"1", "val:3", "val:20"} & set(arguments)
+    return arguments if arguments[0] != "run" or few else [*arguments, "--cases", "val:4"]
 
 
-def needs_more(arguments, text):
-    """Why a command cannot be run here, if it cannot."""
+def where_else(arguments):
+    """Where a command is run if not here."""
     if arguments[0] in RUN_ELSEWHERE:
         return RUN_ELSEWHERE[arguments[0]]
-    if "study" in arguments or "--board" in arguments or "--shard" in arguments:
-        return "tests/test_study.py, tests/test_run_board.py, .ci/shapes"
-    if "--data" in arguments:
-        return "tests/test_recorded.py"
-    return "a variable of the shell" if "$" in text else ""
+    text = " ".join(arguments)
+    places = {
+        "study ": "tests/test_study.py",
+        "--board": "tests/test_run_board.py",
+        "--shard": "tests/test_parts.py",
+        "weights=runs": ".ci/train",
+        "--data": "tests/test_recorded.py",
+        "$": "nowhere, because a shell has to fill in what it stands for",
+    }
+    return next((place for part, place in places.items() if part in text), "")
+
+
+RUN_HERE = {page: here for page in PAGES if (here := [each for each in commands(page) if not where_else(each)])}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", RUN_HERE, ids=lambda page: page.name)
 def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shown = []
     monkeypatch.setattr(viewer, "show", lambda file, seconds, *, web: shown.append(file))
     monkeypatch.setattr(viewer, "picture", lambda file, screenshot, seconds: shown.append(file))
     if page.name == "recordings.md":  # which views a second run
-        run(
-            "run",
-            "--planner",
-            "orca",
-            "--scenario",
-            "noisy_10",
-            "--cases",
-            "val:3",
-            "--record",
-            "all",
-            "--out",
-            "runs/other",
-        )
-    ran = 0
-    for arguments in commands(page):
-        if not needs_more(arguments, " ".join(arguments)):
-            run(*shorter(arguments))
-            ran += 1
-    assert ran > 0 or all(needs_more(arguments, " ".join(arguments)) for arguments in commands(page))
-    assert len(shown) == sum(arguments[0] == "view" for arguments in commands(page))
+        run(*shlex.split("run --planner orca --scenario noisy_10 --cases val:3 --record all --out runs/other"))
+    for arguments in RUN_HERE[page]:
+        run(*shorter(arguments))
+    assert len(shown) == sum(arguments[0] == "view" for arguments in RUN_HERE[page])
 
 
 def run(*arguments):

@@ -164,22 +164,21 @@ def test_pictures_pass_at_the_pace_of_the_scenario():
     assert VehicleEnv(load_scenario("circle_crossing_5", {"dt": 0.1})).metadata["render_fps"] == 10
 
 
-def colors(picture):
-    return {tuple(color) for color in picture.reshape(-1, 3).tolist()}
+def has(picture, color):
+    return bool((picture == color).all(axis=2).any())
 
 
 def test_a_picture_shows_trails_numbers_and_contact():
     env = VehicleEnv("circle_crossing_5", render_mode="rgb_array")
     env.reset(options={"case": "val:2"})
     first = env.render()
-    assert render.NUMBER in colors(first)
-    assert render.CONTACT not in colors(first)
+    assert has(first, render.NUMBER)
     done = False
     while not done:
-        before = colors(env.render())
+        assert not has(env.render(), render.CONTACT)
         _, _, done, _, info = env.step(np.array([0.0, 1.0], np.float32))
     assert info["outcome"] == "collision"
-    assert render.CONTACT in colors(env.render()) - before
+    assert has(env.render(), render.CONTACT)
     # Between its start and where it is, the vehicle has left nothing but its trail.
     middle = env.render()[430, 296:306]
     assert (np.abs(middle.astype(int) - render.VEHICLE).sum(axis=1) < 60).any()

@@ -78,7 +78,10 @@ def test_a_room_has_as_many_blocks_as_asked_and_others_in_every_case():
         ("doorway", {"door_width": 0.63}, "no way leads the vehicle from .* it needs gaps of at least 0.64 m"),
         ("traffic", {"against": 1.5}, "layout.against is 1.5, but must be a share from 0 to 1"),
         ("room", {"blocks": 60}, "block .* of 60 finds no room: lower layout.blocks or raise layout.width"),
-        ("corridor", {"width": 0.9}, "pedestrian 1 of 5 finds no room on one end of a corridor of 0.9 m"),
+        pytest.param(
+            *("corridor", {"width": 0.9}, "pedestrian 1 of 5 finds no room on one end of a corridor of 0.9 m"),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_options_that_leave_no_room_are_told_with_the_case(name, options, sentence):
