@@ -81,6 +81,7 @@ def where_else(arguments):
         "--shard": "tests/test_parts.py",
         "weights=runs": ".ci/train",
         "--data": "tests/test_recorded.py",
+        "number=10000": "tests/test_thousands.py",
         "$": "nowhere, because a shell has to fill in what it stands for",
     }
     return next((place for part, place in places.items() if part in text), "")
