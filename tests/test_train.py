@@ -119,7 +119,7 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
         "training.rrd",
     }
     text = (tmp_path / "run" / "weights.md").read_text()
-    assert f"| checkpoint | chosen at episode {running.training.chosen.episodes} of 40, on val:0:5 of circle_" in text
+    assert f"| checkpoint | chosen at episode {running.training.chosen().episodes} of 40, on val:0:5 of circle_" in text
     assert "| test test:0:6 |" in text
     with pytest.raises(InputError, match="is finished: its weights are"):
         TrainingRun.resumed(tmp_path / "run", "cpu")

@@ -125,7 +125,7 @@ def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkey
     training = request.training("cpu")
     training.run(ignore)
     assert training.curve[-1].loss < 0.8 * training.curve[0].loss
-    assert training.chosen.ade == min(point.ade for point in training.curve)
+    assert training.chosen().ade == min(point.ade for point in training.curve)
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
     card = read_card(path)
     assert card["command"] == "crowdbench train sgan --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
     assert card["training"]["scenes"] == ["eth"]
-    assert card["figures"]["validation"]["ade"] == running.training.chosen.ade
+    assert card["figures"]["validation"]["ade"] == running.training.chosen().ade
     assert "| scene held out | hotel |" in path.with_suffix(".md").read_text()
     made = load_predictor("sgan", {"weights": str(path), "modes": 2})[1]
     assert made.unseen("hotel") is made

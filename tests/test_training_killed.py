@@ -38,7 +38,6 @@ class Counting:
         torch.nn.init.zeros_(self.best.bias)
         self.curve = []
 
-    @property
     def chosen(self):
         return self.curve[-1]
 

@@ -188,7 +188,6 @@ class Training(Protocol):
     def curve(self) -> Sequence[Any]:
         """The validations so far, dataclasses: the first field is the x axis, `str` gives a line for the user."""
 
-    @property
     def chosen(self) -> Any:
         """The point of the curve whose network is `best`."""
 

@@ -272,7 +272,6 @@ class Training:
         found.action.load_state_dict(actor.action_net.state_dict())
         return found.cpu()
 
-    @property
     def chosen(self) -> Validated:
         """The point of the curve whose policy is `best`."""
         return chosen(self.curve, self.validated_on)
@@ -285,7 +284,7 @@ class Training:
     @property
     def best(self) -> Policy:
         """See `crowdbench.train.method.Training`. Before the first validation, the policy as it is."""
-        return self.validated[self.curve.index(self.chosen)] if self.curve else self.policy
+        return self.validated[self.curve.index(self.chosen())] if self.curve else self.policy
 
     def state(self) -> State:
         """The state of the training, for a checkpoint. Worlds are not in it: each segment begins with new episodes."""

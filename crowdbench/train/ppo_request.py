@@ -106,7 +106,7 @@ class PPORequest(Request):
                 },
                 "seed": self.seed,
                 "steps": training.curve[-1].steps,
-                "kept_after_steps": training.chosen.steps,
+                "kept_after_steps": training.chosen().steps,
                 "minutes": round(training.seconds / 60, 1),
             },
             "figures": measured(PolicyPlanner(training.best, setup.nearest), "ppo", scenario, MEASURED, progress),

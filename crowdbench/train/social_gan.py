@@ -208,10 +208,9 @@ class Training:
             total, count = total + error[:, TOGETHER, :, -1].sum(axis=0), count + len(error)
         ade, fde = (total / count).tolist()
         self.curve.append(Validated(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
-        if self.chosen is self.curve[-1]:
+        if self.chosen() is self.curve[-1]:
             self.best.load_state_dict(self.average.state_dict())
 
-    @property
     def chosen(self) -> Validated:
         """The point of the curve with the smallest ADE; of equals the last."""
         return min(reversed(self.curve), key=lambda point: point.ade)

@@ -77,7 +77,7 @@ class SocialGANRequest(Request):
         """See `Request`. The figures are the errors on the validation windows."""
         from crowdbench.train.social_gan import MODES
 
-        chosen, setup = training.chosen, training.setup
+        chosen, setup = training.chosen(), training.setup
         source, data = self._source()
         return {
             "training": {

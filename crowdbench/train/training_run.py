@@ -164,7 +164,7 @@ class TrainingRun:
             ranges = [wilson(np.arange(training.validated_on) < count) for count in solved]
             intervals["success"] = [(one.low, one.high) for one in ranges]
         points = [dataclasses.asdict(point) for point in curve]
-        kept = curve.index(training.chosen)
+        kept = curve.index(training.chosen())
         curves.write(self.directory / RECORDING, self.request.command, points, kept=kept, intervals=intervals)
 
     def _save(self) -> None:

@@ -271,7 +271,6 @@ class Training:
         )
         self.validated.append(copy.deepcopy(self.average))
 
-    @property
     def chosen(self) -> Validated:
         """The point of the curve whose network is `best`."""
         return chosen(self.curve, self.validated_on)
@@ -284,7 +283,7 @@ class Training:
     @property
     def best(self) -> ValueNetwork:
         """See `crowdbench.train.method.Training`. Before the first validation, the network as it is."""
-        return self.validated[self.curve.index(self.chosen)] if self.curve else self.average
+        return self.validated[self.curve.index(self.chosen())] if self.curve else self.average
 
     def state(self) -> State:
         """The state of the training, for a checkpoint."""

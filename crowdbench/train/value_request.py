@@ -108,7 +108,7 @@ class ValueRequest(Request):
                 },
                 "seed": self.seed,
                 "episodes": training.curve[-1].episodes,
-                "kept_after_episodes": training.chosen.episodes,
+                "kept_after_episodes": training.chosen().episodes,
                 "minutes": round(training.seconds / 60, 1),
             },
             "figures": figures(training.best, scenario, training.setup.limits, progress),
