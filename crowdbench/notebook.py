@@ -122,7 +122,9 @@ def run(
     Raises:
         InputError: Something does not exist, breaks its contract, or cannot be written.
     """
-    if not isinstance(planner, str) and options:
+    if not isinstance(planner, str | Planner):
+        raise InputError(f"planner is {planner!r}, but must be a name, a file or a Planner, such as MyPlanner()")
+    if options and not isinstance(planner, str):
         raise InputError("options are for a planner that is named: give them to the planner that you construct")
     if record not in RECORD:
         raise InputError(f"record {record!r} is not one of {', '.join(RECORD)}")

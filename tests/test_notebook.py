@@ -70,6 +70,7 @@ def test_episodes_are_a_table_of_arrow_and_pandas(found):
     ("arguments", "sentence"),
     [
         ({"planner": Halts(), "options": {"speed": 1.0}}, "options are for a planner that is named"),
+        ({"planner": Halts}, "must be a name, a file or a Planner, such as MyPlanner()"),
         ({"planner": "orca", "metrics": {"jerk": crowd}}, "a column jerk exists already"),
         ({"planner": "orca", "metrics": {"case": crowd}}, "a column case exists already"),
         ({"planner": "orca", "record": "everything", "out": "run"}, "everything"),

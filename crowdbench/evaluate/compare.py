@@ -115,12 +115,11 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
         InputError: As `compare` raises it.
     """
     found = [compare(reference, other) for other in others]
-    names = [name for name, row in found[0].rows.items() if row.p is not None]
-    for name in names:
-        having = [one for one in found if name in one.rows]
-        corrected = holm(np.array([one.rows[name].p for one in having]))
-        for one, p in zip(having, corrected.tolist(), strict=True):
-            one.rows[name] = dataclasses.replace(one.rows[name], p=p)
+    for name in dict.fromkeys(name for one in found for name in one.rows):
+        tested = [one.rows for one in found if name in one.rows and one.rows[name].p is not None]
+        corrected = holm(np.array([rows[name].p for rows in tested], float))
+        for rows, p in zip(tested, corrected.tolist(), strict=True):
+            rows[name] = dataclasses.replace(rows[name], p=p)
     return found
 
 
