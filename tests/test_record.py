@@ -17,7 +17,7 @@ from crowdbench.evaluate.metrics import METRICS
 from crowdbench.evaluate.results import Episodes
 from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
-from crowdbench.record import approach, decisions, exact, plots, rrd, view, viewer
+from crowdbench.record import approach, decisions, drawing, exact, plots, rrd, view, viewer
 from crowdbench.record.hit import pedestrian_hit
 from crowdbench.record.read import Recording, read
 from crowdbench.record.style import SCALE
@@ -148,6 +148,21 @@ def test_the_closest_approach_ahead_is_shown():
     moving = [chunk.to_record_batch() for chunk in approach.drawn(still, 0, 0.5) if not chunk.is_static]
     labels = [text[0] for text in moving[0].column("Points2D:labels").to_pylist()]
     assert labels[0] == "0.40 m in 3.0 s"
+    hit = dataclasses.replace(still, outcome=np.array([Outcome.COLLISION]))
+    (without_last,) = [chunk.to_record_batch() for chunk in approach.drawn(hit, 0, 0.5) if not chunk.is_static]
+    shown = [len(text) for text in without_last.column("Points2D:labels").to_pylist()]
+    assert shown == [1] * steps + [0]
+
+
+def test_how_it_ended_is_written_clear_of_the_name_of_the_goal(driven):
+    row = int(np.flatnonzero(driven.outcome == Outcome.SUCCESS)[0])
+    moving = {chunk.entity_path: chunk for chunk in drawing.episode(driven, row, "", {}) if not chunk.is_static}
+    last = {
+        name: np.array(moving[f"/world/{name}"].to_record_batch().column("Points2D:positions").to_pylist()[-1])
+        for name in ("ending", "names")
+    }
+    low, high = drawing.extent(driven, row)
+    assert abs(last["ending"][-1, 1] - last["names"][-1, 1]) >= 0.05 * (high - low).max()
 
 
 def test_the_best_two_commands_are_marked(driven):

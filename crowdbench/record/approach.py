@@ -12,7 +12,7 @@ from rerun.chunk import Chunk
 from crowdbench.geometry import norm
 from crowdbench.record.chunks import moments, still
 from crowdbench.record.style import FAILURE, MUTED
-from crowdbench.types import Trace
+from crowdbench.types import Outcome, Trace
 
 AHEAD = 4.0
 """How far ahead it is looked for, in seconds."""
@@ -58,6 +58,8 @@ def drawn(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     gap = np.where(np.isfinite(gap) & (when > 0.0), gap, np.inf)
     state, who = np.arange(states), gap.argmin(axis=1)
     is_shown = gap[state, who] < NEAR
+    if trace.outcome[row] == Outcome.COLLISION:
+        is_shown[-1] = False  # the mark of the collision is there
     if not is_shown.any():
         return
     lines = ahead[:, state, who].swapaxes(0, 1)[is_shown]

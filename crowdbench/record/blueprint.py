@@ -40,7 +40,12 @@ def blueprint(
 
 
 def side_by_side(
-    names: Sequence[str], extents: Sequence[Float[np.ndarray, "2 2"]], fastest: float, *, has_menu: bool
+    names: Sequence[str],
+    extents: Sequence[Float[np.ndarray, "2 2"]],
+    fastest: float,
+    longest: float,
+    *,
+    has_menu: bool,
 ) -> rrb.Blueprint:
     """The viewer's layout for the same case of several planners, whose entities are under `/0`, `/1`, ...
 
@@ -48,10 +53,13 @@ def side_by_side(
         names: What they are called.
         extents: Extent of each episode, see `drawing.extent`.
         fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
+        longest: How long the longest of them takes, in seconds: the time that all plots show.
         has_menu: Whether the viewer's menu is shown.
     """
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in (0.0, longest))
+    axis = rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
     columns = [
-        rrb.Vertical(_plane(name, extents, f"/{n}"), *_plots(fastest, f"/{n}"), row_shares=[4.0, 1.0, 1.0])
+        rrb.Vertical(_plane(name, extents, f"/{n}"), *_plots(fastest, f"/{n}", axis), row_shares=[4.0, 1.0, 1.0])
         for n, name in enumerate(names)
     ]
     return rrb.Blueprint(rrb.Horizontal(*columns), *_panels(has_menu=has_menu, lists=False))
@@ -90,19 +98,20 @@ def _plane(name: str, extents: Sequence[Float[np.ndarray, "2 2"]], root: str = "
     )
 
 
-def _plots(fastest: float, root: str = "") -> list[rrb.TimeSeriesView]:
+def _plots(fastest: float, root: str = "", axis: rrb.TimeAxis | None = None) -> list[rrb.TimeSeriesView]:
     """The views of the gap and the speed.
 
     Args:
         fastest: The largest speed in m/s at which the vehicle may drive.
         root: Path of the entity under which the episode is.
+        axis: The horizontal axis; as long as the episode if None.
     """
     gap = {"gap": VEHICLE, "discomfort": MUTED, "contact": FAILURE}
     speed = {"speed": VEHICLE, "preferred": MUTED}
     title = f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)"
     return [
-        _plot(f"{root}/plots/gap", title, gap, (-0.2, 2.0)),
-        _plot(f"{root}/plots/speed", "speed, m/s (grey: preferred)", speed, (-0.1 * fastest, 1.5 * fastest)),
+        _plot(f"{root}/plots/gap", title, gap, (-0.2, 2.0), axis),
+        _plot(f"{root}/plots/speed", "speed, m/s (grey: preferred)", speed, (-0.1 * fastest, 1.5 * fastest), axis),
     ]
 
 
@@ -119,7 +128,9 @@ def _of_planner(name: str, count: int) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(name=name.replace("_", " "), origin=origin, plot_legend=legend, overrides={origin: style})
 
 
-def _plot(entity: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float]) -> rrb.TimeSeriesView:
+def _plot(
+    entity: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float], axis: rrb.TimeAxis | None
+) -> rrb.TimeSeriesView:
     """A view with a plot. The title describes the curves, because a legend would cover them.
 
     Args:
@@ -127,11 +138,13 @@ def _plot(entity: str, title: str, curves: Mapping[str, Color], extent: tuple[fl
         title: Title of the view.
         curves: Names and colours of the curves. The first one is drawn wide.
         extent: Range of the vertical axis.
+        axis: The horizontal axis; as long as the episode if None.
     """
     widths = [2.5] + [1.0] * (len(curves) - 1)
     return rrb.TimeSeriesView(
         name=title,
         origin=entity,
+        axis_x=axis,
         axis_y=rrb.ScalarAxis(range=extent),
         plot_legend=rrb.PlotLegend(visible=False),
         overrides={entity: rr.SeriesLines(names=list(curves), colors=list(curves.values()), widths=widths)},

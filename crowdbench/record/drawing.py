@@ -247,12 +247,23 @@ def _names(
     anchors = np.empty((states, agents + 1, 2))
     anchors[:, :-1] = position.swapaxes(0, 1)
     anchors[:, :-1, 1] -= radius.T
-    anchors[:, -1] = goal + np.array([0.0, radius[0, 0] + label])
+    anchors[:, -1] = _above_goal(goal, radius[0, 0], label)
     names = ["vehicle", *(str(agent - 1) for agent in number[1:]), "goal"]
     style = rr.Points2D.from_fields(labels=names, colors=colors, radii=rr.Radius.ui_points(0))
     yield still("world/names", style)
     columns = rr.Points2D.columns(positions=anchors.reshape(-1, 2))
     yield Chunk.from_columns("world/names", timelines, columns.partition([agents + 1] * states))
+
+
+def _above_goal(goal: Float[np.ndarray, "2"], radius: float, label: float) -> Float[np.ndarray, "2"]:
+    """Where the name of the vehicle's goal stands, in metres.
+
+    Args:
+        goal: In metres.
+        radius: The vehicle's, in metres.
+        label: Height of a line of text in metres.
+    """
+    return goal + np.array([0.0, radius + label])
 
 
 def _name_colors(trace: Trace, number: Int[np.ndarray, "agent"]) -> list[Color]:
@@ -296,7 +307,12 @@ def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
         strips=[center + size * CIRCLE for center, size in zip([*centers, middle], sizes, strict=True)],
         colors=[color] * len(sizes),
     )
-    above = middle + np.array([0.0, ring + label])
+    above, name = (
+        middle + np.array([0.0, ring + label]),
+        _above_goal(trace.goal[row, 0, 0], trace.radius[row, 0, 0], label),
+    )
+    if abs(above[0] - name[0]) < 6.0 * label and abs(above[1] - name[1]) < 1.5 * label:
+        above[1] = name[1] + 1.5 * label  # as both could not be read
     text = rr.Points2D.columns(positions=[above], labels=[sentence], colors=[color], radii=[rr.Radius.ui_points(0)])
     columns = [column.partition([len(sizes)]) for column in rims] + [column.partition([1]) for column in text]
     return f"{sentence} after {steps * dt:g} s", Chunk.from_columns(

@@ -101,8 +101,9 @@ def view_beside(
         ]
         names = [f"{one.planner}: {Outcome(int(one.trace.outcome[0])).label}" for one in found]
         fastest = max(float(one.trace.preferred_speed[0, 0]) for one in found)
+        longest = first.rules.dt * max(int(one.trace.steps[0]) for one in found)
         extents = [drawing.extent(one.trace, 0) for one in found]
-        layout = side_by_side(names, extents, fastest, has_menu=screenshot is None)
+        layout = side_by_side(names, extents, fastest, longest, has_menu=screenshot is None)
         name = f"case {case} of {len(paths)} planners"
         shown = _written(chunks, Path(folder), application=name, recording=f"{first.split}-{case:04d}", layout=layout)
         _show(shown, screenshot, seconds, web)
