@@ -206,7 +206,7 @@ DIGESTS = {
     "half_half_20": "0a43f27b8b0a",
     "intersection": "a6c6c1a6c0a8",
     "intersection_16": "3c1546c1e1c3",
-    "noisy_10": "24801dc6cc02",
+    "noisy_10": "e975b4dc20c9",
     "power_law_10": "f51afeb816b3",
     "restless": "990aab580523",
     "restless_20": "7f450e91e165",
