@@ -9,58 +9,58 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from crowdbench.envs import registration
+from crowdbench import envs
 
 if TYPE_CHECKING:
     from crowdbench.catalog import load_planner, load_scenario
+    from crowdbench.core.types import Observation, Outcome, Rules, Trace, World
     from crowdbench.envs.observations import flatten
     from crowdbench.envs.parallel import parallel_env
-    from crowdbench.errors import InputError
-    from crowdbench.evaluate.driver import Driver
-    from crowdbench.evaluate.metrics import METRICS
-    from crowdbench.evaluate.results import Episodes
-    from crowdbench.evaluate.rollout import rollout
-    from crowdbench.notebook import Result, run
+    from crowdbench.metrics import METRICS
+    from crowdbench.networks.value import load_network
     from crowdbench.planners.base import OneWorldPlanner, Planner
+    from crowdbench.planners.driver import Driver
     from crowdbench.planners.lookahead import ValuePlanner
     from crowdbench.predict import Prediction, Predictor
     from crowdbench.predict.load import load_predictor
+    from crowdbench.runs.api import Result, run
+    from crowdbench.runs.results import Episodes
+    from crowdbench.runs.rollout import rollout
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.scenario import Scenario
     from crowdbench.sim.pedestrians import PedestrianPolicy, PolicyWithMemory
-    from crowdbench.types import Observation, Outcome, Rules, Trace, World
-    from crowdbench.value.networks import load_network
+    from crowdbench.utils.errors import InputError
 
-registration.register()
+envs.register()
 
 _HOMES = {
     "Cases": "scenario.cases",
-    "Driver": "evaluate.driver",
-    "Episodes": "evaluate.results",
-    "InputError": "errors",
-    "METRICS": "evaluate.metrics",
-    "Observation": "types",
+    "Driver": "planners.driver",
+    "Episodes": "runs.results",
+    "InputError": "utils.errors",
+    "METRICS": "metrics",
+    "Observation": "core.types",
     "OneWorldPlanner": "planners.base",
-    "Outcome": "types",
-    "PedestrianPolicy": "sim.pedestrians",
+    "Outcome": "core.types",
+    "PedestrianPolicy": "sim.pedestrians.base",
     "Planner": "planners.base",
-    "PolicyWithMemory": "sim.pedestrians",
+    "PolicyWithMemory": "sim.pedestrians.base",
     "Prediction": "predict",
     "Predictor": "predict",
-    "Result": "notebook",
-    "Rules": "types",
+    "Result": "runs.api",
+    "Rules": "core.types",
     "Scenario": "scenario.scenario",
-    "Trace": "types",
+    "Trace": "core.types",
     "ValuePlanner": "planners.lookahead",
-    "World": "types",
+    "World": "core.types",
     "flatten": "envs.observations",
-    "load_network": "value.networks",
+    "load_network": "networks.value",
     "load_planner": "catalog",
     "load_predictor": "predict.load",
     "load_scenario": "catalog",
     "parallel_env": "envs.parallel",
-    "rollout": "evaluate.rollout",
-    "run": "notebook",
+    "rollout": "runs.rollout",
+    "run": "runs.api",
 }
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Names to objects: planners, policies, layouts, metrics and scenarios, built in, installed, or in a user's files."""
+"""Names to objects: planners, policies, layouts and scenarios, built in, installed, or in a user's files."""
 
 from __future__ import annotations
 
@@ -6,35 +6,32 @@ import contextlib
 import functools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, TypeVar, cast
 
-from crowdbench import plugins
-from crowdbench.errors import InputError, plugin_errors
-from crowdbench.evaluate.metrics import METRICS, Metric
-from crowdbench.files import sha256
-from crowdbench.numbers import is_number
 from crowdbench.planners.base import Planner
-from crowdbench.plugin_files import file_digests
-from crowdbench.plugins import ROOT, Kind
-from crowdbench.scenario import file as scenario_file
+from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.load import ROOT, Kind, file_and_function, make_plugin, source_digest
 from crowdbench.scenario import layouts
-from crowdbench.scenario.certified import FOLDER, certified
+from crowdbench.scenario import load as scenario_file
+from crowdbench.scenario.certified import FOLDER
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import PedestriansSpec
+from crowdbench.scenario.tracks.scenes import load_scene
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.tracks.scenes import load_scene
+from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.files import sha256
+from crowdbench.utils.numbers import is_number
 
-PLANNERS = Kind("planner", ROOT / "agents" / "planners", "planner", "crowdbench.planners")
-PEDESTRIANS = Kind("pedestrian policy", ROOT / "agents" / "pedestrians", "policy", "crowdbench.pedestrians")
+PLANNERS = Kind("planner", "planner", folder=ROOT / "agents" / "planners", entry_points="crowdbench.planners")
+PEDESTRIANS = Kind(
+    "pedestrian policy", "policy", folder=ROOT / "agents" / "pedestrians", entry_points="crowdbench.pedestrians"
+)
 SCENARIOS = ROOT / "scenarios"
-LAYOUTS = Kind("layout", SCENARIOS, "layout", "crowdbench.layouts", layouts.LAYOUTS)
+LAYOUTS = Kind("layout", "layout", layouts.LAYOUTS, SCENARIOS, "crowdbench.layouts")
 
 Loaded = TypeVar("Loaded", tuple[str, Layout, str | None], tuple[str, PedestrianPolicy, str | None])
 """Name, plug-in, and the digest of its file."""
-
-RESERVED = ("case", "outcome", "steps", "block")
-"""Names of columns in every table of episodes, which a metric cannot have."""
 
 
 def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Planner]:
@@ -52,7 +49,7 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     """
     name, factory = PLANNERS.find(spec)
     # mypy refuses abstract classes as arguments, though none is constructed.
-    return name, plugins.make(Planner, name, factory, options or {})  # type: ignore[type-abstract]
+    return name, make_plugin(Planner, name, factory, options or {})  # type: ignore[type-abstract]
 
 
 def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:
@@ -78,7 +75,7 @@ def _files_named(value: Any) -> dict[str, str]:
     if not isinstance(value, str):
         return {}
     built_in = ROOT / "agents" / "weights" / f"{value}.safetensors"
-    for path in (built_in, plugins.file_and_function(value)[0] or Path(value)):
+    for path in (built_in, file_and_function(value)[0] or Path(value)):
         if _is_file(path):
             card = [path.with_suffix(".json")] if path.suffix == ".safetensors" else []
             others = {each.name: sha256(each) for each in (path, *card) if _is_file(each)}
@@ -105,7 +102,7 @@ def load_layout(spec: str, folder: Path = Path()) -> tuple[str, Layout, str | No
     Raises:
         InputError: There is no such layout, or its file is broken.
     """
-    name, layout, digest = _found(LAYOUTS, spec, folder)
+    name, layout, digest = _find(LAYOUTS, spec, folder)
     return name, cast(Layout, layout), digest
 
 
@@ -122,18 +119,18 @@ def load_policy(spec: str, folder: Path = Path()) -> tuple[str, PedestrianPolicy
     Raises:
         InputError: There is no such policy, or its file is broken.
     """
-    name, factory, digest = _found(PEDESTRIANS, spec, folder)
-    return name, made_policy(name, factory), digest
+    name, factory, digest = _find(PEDESTRIANS, spec, folder)
+    return name, make_policy(name, factory), digest
 
 
-def _found(kind: Kind, spec: str, folder: Path) -> tuple[str, Callable[..., object], str | None]:
+def _find(kind: Kind, spec: str, folder: Path) -> tuple[str, Callable[..., object], str | None]:
     """A plug-in's name and function, and the digest of its file, whose path is relative to a folder."""
-    if plugins.file_and_function(spec)[0] is not None:
+    if file_and_function(spec)[0] is not None:
         spec = str(folder / spec)
-    return *kind.find(spec), plugins.source(spec)
+    return *kind.find(spec), source_digest(spec)
 
 
-def made_policy(name: str, factory: Callable[..., object]) -> PedestrianPolicy:
+def make_policy(name: str, factory: Callable[..., object]) -> PedestrianPolicy:
     """Construct a pedestrian policy.
 
     Args:
@@ -146,7 +143,7 @@ def made_policy(name: str, factory: Callable[..., object]) -> PedestrianPolicy:
     Raises:
         InputError: The factory fails or makes something else, or the policy's parameters are no numbers by name.
     """
-    made = plugins.make(PedestrianPolicy, name, factory, {})  # type: ignore[type-abstract]
+    made = make_plugin(PedestrianPolicy, name, factory, {})  # type: ignore[type-abstract]
     with plugin_errors(f"the parameters of {name} cannot be read:"):
         parameters = dict(made.parameters)
     for key, value in parameters.items():
@@ -154,49 +151,6 @@ def made_policy(name: str, factory: Callable[..., object]) -> PedestrianPolicy:
             right = "parameters are numbers by name, such as {'pace': 0.5}"
             raise InputError(f"the pedestrian policy {name} has the parameter {key!r} with {value!r}: {right}")
     return made
-
-
-def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
-    """The built-in metrics and a user's own, by name.
-
-    Args:
-        specs: For each metric of the user's own `file.py`, whose function is `metric`, or `file.py:function`.
-
-    Returns:
-        Functions of a trace. A metric of the user's own has the name of its file or function.
-
-    Raises:
-        InputError: There is no such function, or its name is taken.
-    """
-    metrics = dict(METRICS)
-    for spec in specs:
-        if plugins.file_and_function(spec)[0] is None:
-            raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")
-        name, metric = load_metric(spec)
-        if name in metrics or name in RESERVED:
-            raise InputError(f"{spec}: a column {name} exists already: give the metric another name")
-        metrics[name] = metric
-    return metrics
-
-
-def load_metric(spec: str) -> tuple[str, Metric]:
-    """Find a metric.
-
-    Args:
-        spec: The name of a built-in metric, `file.py`, whose function is `metric`, or `file.py:function`.
-
-    Returns:
-        The metric's name, and the metric.
-
-    Raises:
-        InputError: There is no such function.
-    """
-    file, function = plugins.file_and_function(spec)
-    if file is not None:
-        return function or file.stem, plugins.function_of(file, function or "metric")
-    if spec in METRICS:
-        return spec, METRICS[spec]
-    raise InputError(f"no metric is called {spec!r}; there are {', '.join(METRICS)}, or give a file: ./mine.py")
 
 
 def load_scenario(
@@ -235,16 +189,15 @@ def load_scenario(
     for key, value in (overrides or {}).items():
         _set(table, key, _from_here(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     source = str(path) if own_file else path.name
-    find_layout = functools.partial(load_layout, folder=path.parent)
-    scenario = scenario_file.parse(
-        table,
-        path.stem,
-        source,
-        find_layout,
+    load = scenario_file.Loaders(
+        functools.partial(load_layout, folder=path.parent),
         functools.partial(load_policy, folder=path.parent),
         lambda scene, files: load_scene(scene, data, files),
     )
-    return scenario if all_cases else certified(scenario, spec, path.parent / FOLDER / path.name)
+    scenario = scenario_file.parse(table, path.stem, source, load)
+    if all_cases:
+        return scenario
+    return scenario_file.leave_out_uncertified(scenario, spec, path.parent / FOLDER / path.name)
 
 
 def load_recorded_scenario(
@@ -276,55 +229,56 @@ def load_recorded_scenario(
     digests = digests if isinstance(digests, Mapping) else {}
     places = table.get("layout", {})
     layouts = {places.get("generator"): places["generator_file"]} if "generator_file" in places else {}
-    policies = _Given("pedestrian policy", "--pedestrians", digests, map(load_policy, pedestrians), source)
-    own_layout = _Given("layout", "--layout", layouts, [load_layout(layout)] if layout else [], source)
-    return scenario_file.restored(
-        table,
-        source,
-        lambda name: own_layout.get(name) or load_layout(name),
-        lambda name: policies.get(name) or load_policy(name),
+    load = scenario_file.Loaders(
+        _only_given(load_layout, [layout] if layout else [], layouts, "layout", "--layout", source),
+        _only_given(load_policy, pedestrians, digests, "pedestrian policy", "--pedestrians", source),
         lambda scene, files: load_scene(scene, data, files),
     )
+    return scenario_file.restore(table, source, load)
 
 
-class _Given(Generic[Loaded]):
-    """The plug-ins of a run that the user gives as files.
+def _only_given(
+    load: Callable[[str], Loaded],
+    specs: Iterable[str],
+    digests: Mapping[str, str],
+    word: str,
+    option: str,
+    source: str,
+) -> Callable[[str], Loaded]:
+    """What loads the plug-ins of a run by name: those that are built in, and the files that the user gives.
 
     Args:
-        word: What one of them is called.
-        option: The option by which they are given.
+        load: Loads a plug-in.
+        specs: The files that the user gives.
         digests: By name, the digests of the files that the run had.
-        given: Name, plug-in and digest of what the user gives.
+        word: What such a plug-in is called.
+        option: The option by which files are given.
         source: What the file of the run is called, for errors.
 
     Raises:
         InputError: The run had no such file, or another one of the same name.
     """
-
-    def __init__(
-        self, word: str, option: str, digests: Mapping[str, str], given: Iterable[Loaded], source: str
-    ) -> None:
-        self.given: dict[str, Loaded] = {one[0]: one for one in given}
-        self.word, self.option, self.digests = word, option, digests
-        for name, _, digest in self.given.values():
-            if name not in digests:
-                raise InputError(f"{source}: no {word} of the run is a file called {name}")
-            if digest != digests[name]:
-                raise InputError(
-                    f"{source}: the {word} {name} of the run had the digest {digests[name]}, but the file that "
-                    f"is given has {digest}: give the file as it was"
-                )
-
-    def get(self, name: str) -> Loaded | None:
-        """What the user gives by a name, None where that is built in. Raises InputError where a file is not given."""
-        if name in self.given:
-            return self.given[name]
-        if name in self.digests or plugins.file_and_function(name)[0] is not None:
+    given = {plugin[0]: plugin for plugin in map(load, specs)}
+    for name, _, digest in given.values():
+        if name not in digests:
+            raise InputError(f"{source}: no {word} of the run is a file called {name}")
+        if digest != digests[name]:
             raise InputError(
-                f"the {self.word} {name} of the run is a file of somebody's own: give it with "
-                f"{self.option} ./{name}.py, and it is loaded if its digest is {self.digests.get(name)}"
+                f"{source}: the {word} {name} of the run had the digest {digests[name]}, but the file that "
+                f"is given has {digest}: give the file as it was"
             )
-        return None
+
+    def find(name: str) -> Loaded:
+        if name in given:
+            return given[name]
+        if name in digests or file_and_function(name)[0] is not None:
+            raise InputError(
+                f"the {word} {name} of the run is a file of somebody's own: give it with "
+                f"{option} ./{name}.py, and it is loaded if its digest is {digests.get(name)}"
+            )
+        return load(name)
+
+    return find
 
 
 def simulated_scenarios() -> list[str]:
@@ -342,7 +296,7 @@ def _from_here(policy: Any) -> Any:
     """A policy, or a table of several with their shares; files are relative to the current directory."""
     if isinstance(policy, dict):
         return {_from_here(name): share for name, share in policy.items()}
-    is_file = isinstance(policy, str) and plugins.file_and_function(policy)[0] is not None
+    is_file = isinstance(policy, str) and file_and_function(policy)[0] is not None
     return str(Path.cwd() / policy) if is_file else policy
 
 

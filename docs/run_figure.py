@@ -9,37 +9,27 @@ from pathlib import Path
 FIGURE = Path(__file__).with_name("run.svg")
 
 RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), what it gives back
-    (0, "cli/run.py", ""),
-    (1, "catalog.py", "Planner and Scenario"),
-    (2, "agents/planners/sarl_sgan_kce.py", "its parts"),
-    (2, "planners/sarl.py", "Planner"),
-    (2, "scenario/file.py", "Scenario"),
-    (1, "evaluate/run.py", "result.json"),
-    (2, "evaluate/rollout.py", "Trace"),
-    (3, "scenario/scenario.py", "World at the start"),
-    (3, "sim/sensor.py", "Observation"),
-    (3, "evaluate/driver.py", "checked commands"),
-    (4, "planners/lookahead/planner.py", "commands"),
-    (3, "sim/simulator.py", "next World"),
-    (4, "sim/pedestrians.py", "velocities"),
-    (4, "sim/episode.py", "outcome, gaps"),
-    (2, "evaluate/results.py", "episodes.csv"),
-    (3, "evaluate/metrics/outcomes.py", "value per episode"),
-    (3, "evaluate/summary.py", "means, intervals"),
-    (2, "record/write.py", "run.rrd"),
-    (2, "evaluate/seal.py", "manifest.json"),
-    (1, "cli/tables.py", "the table"),
+    (0, "cli/run.py", "the table"),
+    (1, "runs/load.py", "Run"),
+    (2, "agents/planners/sarl_sgan_kce.py", "Planner"),
+    (2, "scenario/load.py", "Scenario"),
+    (1, "runs/shards.py", "the run's directory"),
+    (2, "runs/run.py", "a part of the run"),
+    (3, "runs/rollout.py", "Trace"),
+    (4, "sim/sensor.py", "Observation"),
+    (4, "planners/driver.py", "checked commands"),
+    (5, "planners/lookahead/planner.py", "commands"),
+    (4, "sim/simulator.py", "next World"),
+    (3, "runs/results.py", "metrics, intervals"),
 ]
-EVERY_STEP = slice(8, 14)
+EVERY_STEP = slice(7, 11)
 """The files that are entered anew at every step."""
 
 COLOURS = {  # by folder; white text can be read on each
     "agents": "#6b46a3",
-    "catalog.py": "#6b46a3",
     "cli": "#4a5568",
-    "evaluate": "#23704f",
     "planners": "#ab3b38",
-    "record": "#1a6a7a",
+    "runs": "#23704f",
     "scenario": "#2b62a8",
     "sim": "#8a5a12",
 }

@@ -26,8 +26,8 @@ from navground.sim.state_estimations import BoundedStateEstimation
 from navground.sim.tasks import WaypointsTask
 
 from crowdbench.bench import simulator
+from crowdbench.bench.measurement import in_turns
 from crowdbench.bench.simulator import DT, FEW_STEPS, RADIUS, STEPS, THOUSANDS, circle
-from crowdbench.bench.timing import in_turns
 
 SCENARIO = """
 type: Antipodal

@@ -20,7 +20,7 @@ class PPOPlanner(Planner):
 
     def plan(self, obs):
         """The velocity that the policy asks for, slowed down to the preferred speed."""
-        action, _ = self.policy.predict(self.view.shown(obs), deterministic=True)
+        action, _ = self.policy.predict(self.view.encode(obs), deterministic=True)
         command = self.view.commands(obs.vehicle.position, obs.vehicle.local_goal, action.astype(np.float64))
         limit = obs.vehicle.preferred_speed
         return command * (limit / np.maximum(np.hypot(*command.T), limit))[:, None]

@@ -5,13 +5,18 @@ import dataclasses
 import numpy as np
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.replanning import Replanning
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.core.types import HISTORY, Outcome, Rules, Trace, World
+from crowdbench.metrics import METRICS
 from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.run import Run
+from crowdbench.runs.shards import make_run
+from crowdbench.runs.spec import Replanning, RunSpec
 from crowdbench.scenario.cases import Cases
+from crowdbench.sim import episode
 from crowdbench.sim.pedestrians import ORCA
-from crowdbench.types import HISTORY, Outcome, Rules, Trace, World
+from crowdbench.sim.simulator import After, Before, move
 
 
 def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules()):  # noqa: B008 (immutable)
@@ -45,6 +50,22 @@ def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules
         parameters={"orca": {name: np.full((1, agents), value) for name, value in ORCA.parameters.items()}},
         rules=rules,
     )
+
+
+def advance(world, command):
+    """Worlds after a step of motion: `command` is that of the vehicle, then the velocities of pedestrians."""
+    return move(world, command[:, 0], command[:, 1:])[0]
+
+
+def check_step(before, after):
+    """What the check of a step finds, of the worlds before and after it."""
+    number = len(before)
+    check = episode.StepCheck(np.empty(number, np.int64), np.empty(number), np.empty(number))
+    arrays = [
+        kind(*(getattr(world, name) for name in kind._fields)) for kind, world in ((Before, before), (After, after))
+    ]
+    episode.check_step(before.rules.numbers, *arrays, check)
+    return check
 
 
 def trace(position, outcome=Outcome.SUCCESS, *, gap=None, goal=None, undisturbed=None, dt=0.25):
@@ -92,6 +113,22 @@ def drive(
     place = load_scenario(scenario, {key.replace("__", "."): value for key, value in overrides.items()})
     replanning = Replanning(replan_every, look_first)
     return rollout(Driver(made, name, decision_limit), place, Cases.parse(cases), replanning=replanning)
+
+
+def run_of(planner, scenario, cases, *, metrics=METRICS, origin=None, details=None, **asked):
+    """A run of a planner, by name or as an object, which is called `mine`; other arguments are those of `RunSpec`."""
+    name, made = load_planner(planner) if isinstance(planner, str) else ("mine", planner)
+    spec = RunSpec(name, scenario.name, Cases.parse(cases), **asked)
+    return Run(spec, Driver(made, name), scenario, metrics, origin or {}, details or {})
+
+
+MAKING = ("shard", "overwrite", "wait", "drive", "progress")
+
+
+def make(out, *run, **settings):
+    """Make the run that `run_of` describes; some of the arguments are those of `make_run`."""
+    making = {name: settings.pop(name) for name in MAKING if name in settings}
+    return make_run(run_of(*run, **settings), out, **making)
 
 
 def same(one, two):

@@ -1,5 +1,6 @@
 """Scenes to look ahead in, and what a lookahead should find there, worked out slowly."""
 
+import dataclasses
 import itertools
 import math
 
@@ -7,11 +8,11 @@ import numpy as np
 import torch
 from test_joint_state import slow_joint_states
 
+from crowdbench.core.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle
+from crowdbench.networks.value import NETWORKS, ValueNetwork, alone
 from crowdbench.planners.lookahead.kce import Limits
-from crowdbench.planners.lookahead.one_step import Scene
+from crowdbench.planners.scene import scene_of
 from crowdbench.predict import Prediction, Predictor
-from crowdbench.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle
-from crowdbench.value.networks import NETWORKS, ValueNetwork, alone
 
 DT = 0.25
 
@@ -118,66 +119,47 @@ def network(name="sarl"):
 
 
 def scene(obs, prediction, ahead=0, position=None):
-    after = prediction.position[:, :, ahead]
-    before = (
-        prediction.position[:, :, ahead - 1]
-        if ahead
-        else np.repeat(obs.pedestrians.position[:, None], len(after[0]), 1)
-    )
-    return Scene(
-        position=obs.vehicle.position if position is None else position,
-        velocity=obs.vehicle.velocity,
-        heading=obs.vehicle.heading,
-        angular_speed=obs.vehicle.angular_speed,
-        goal=obs.vehicle.goal,
-        local_goal=obs.vehicle.goal,
-        radius=obs.vehicle.radius,
-        preferred_speed=obs.vehicle.preferred_speed,
-        crowd=before,
-        next_crowd=after,
-        next_velocity=prediction.velocity[:, :, ahead],
-        crowd_radius=obs.pedestrians.radius,
-        present=obs.pedestrians.seen,
-        obstacles=obs.obstacles,
-        dt=obs.dt,
-    )
+    vehicle = obs.vehicle if position is None else dataclasses.replace(obs.vehicle, position=position)
+    return scene_of(obs, prediction, ahead, vehicle)
 
 
 def slow_step(scene, w, mode, command):
     """Outcome, reward and next joint states of one command in one future, by the published rules."""
+    vehicle, crowd = scene.vehicle, scene.crowd
     share = np.linspace(0.0, 1.0, 401)[:, None]
-    own = scene.position[w] + share * scene.dt * command
+    own = vehicle.position[w] + share * scene.dt * command
     gap = math.inf
-    for p in np.flatnonzero(scene.present[w]):
-        start, end = scene.crowd[w, mode, p], scene.next_crowd[w, mode, p]
+    for p in np.flatnonzero(crowd.present[w]):
+        start, end = crowd.position[w, mode, 0, p], crowd.position[w, mode, 1, p]
         distance = np.sqrt((((1.0 - share) * start + share * end - own) ** 2).sum(axis=1))
-        gap = min(gap, distance.min() - scene.crowd_radius[w, p] - scene.radius[w])
+        gap = min(gap, distance.min() - crowd.radius[w, p] - vehicle.radius[w])
     if gap < 0.0:
         outcome, reward = Outcome.COLLISION, -0.25
-    elif math.dist(own[-1], scene.goal[w]) < scene.radius[w]:
+    elif math.dist(own[-1], vehicle.goal[w]) < vehicle.radius[w]:
         outcome, reward = Outcome.SUCCESS, 1.0
     else:
         outcome, reward = Outcome.RUNNING, (gap - 0.2) * 0.5 * scene.dt if gap < 0.2 else 0.0
     joint = slow_joint_states(
-        np.concatenate([own[-1:], scene.next_crowd[w, mode]]),
-        np.concatenate([command[None], scene.next_velocity[w, mode]]),
-        np.append(scene.radius[w], scene.crowd_radius[w]),
-        np.append(True, scene.present[w]),
-        scene.goal[w],
-        scene.preferred_speed[w],
+        np.concatenate([own[-1:], crowd.position[w, mode, 1]]),
+        np.concatenate([command[None], crowd.velocity[w, mode]]),
+        np.append(vehicle.radius[w], crowd.radius[w]),
+        np.append(True, crowd.present[w]),
+        vehicle.goal[w],
+        vehicle.preferred_speed[w],
     )
     return outcome, reward, joint
 
 
 def slow_values(scene, commands, network, aggregate=np.mean):
     """The values and the outcomes `[world, action, mode]`, one command in one future at a time."""
-    worlds, actions, modes = *commands.shape[:2], scene.crowd.shape[1]
+    vehicle, crowd = scene.vehicle, scene.crowd
+    worlds, actions, modes = *commands.shape[:2], crowd.position.shape[1]
     outcomes, values = np.zeros((worlds, actions, modes), int), np.zeros((worlds, actions))
     for w in range(worlds):
         steps = [slow_step(scene, w, m, commands[w, a]) for a, m in itertools.product(range(actions), range(modes))]
         joint = torch.tensor(np.array([joint for _, _, joint in steps]), dtype=torch.float32)
-        present = torch.from_numpy(np.repeat(scene.present[None, w], len(steps), axis=0))
-        later = 0.9 ** (scene.dt * scene.preferred_speed[w]) * network(joint, present).detach().numpy()
+        present = torch.from_numpy(np.repeat(crowd.present[None, w], len(steps), axis=0))
+        later = 0.9 ** (scene.dt * vehicle.preferred_speed[w]) * network(joint, present).detach().numpy()
         total = [r + (v if o == Outcome.RUNNING else 0.0) for (o, r, _), v in zip(steps, later, strict=True)]
         outcomes[w] = np.array([o for o, _, _ in steps]).reshape(actions, modes)
         values[w] = [aggregate(each) for each in np.array(total).reshape(actions, modes)]

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from crowdbench.cli import app
-from crowdbench.errors import InputError
-from crowdbench.evaluate.results import EPISODES, Episodes
-from crowdbench.study.file import read_study
-from crowdbench.types import Outcome
+from crowdbench.core.types import Outcome
+from crowdbench.runs.results import EPISODES, Episodes
+from crowdbench.study.folder import run_directory
+from crowdbench.study.study import read_study
+from crowdbench.utils.errors import InputError
 
 # As a planner with networks: what the weights hold is another file's matter.
 MINE = """
@@ -94,8 +95,9 @@ def episodes(success, **columns):
 
 def leave(run, out, table):
     """As if a run had left this table of episodes."""
-    (out / run.directory).mkdir(parents=True)
-    table.write(out / run.directory / EPISODES)
+    directory = run_directory(run, out)
+    directory.mkdir(parents=True)
+    table.write(directory / EPISODES)
 
 
 def fill(asked, out, **rows):

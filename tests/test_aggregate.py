@@ -1,17 +1,19 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 from helpers import world
 from lookahead_scenes import Forks, Nearer, assert_best, crowded, network, scene, slow_step, slow_values, within
 
-from crowdbench.dynamics.grids import speeds_and_headings
+from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.types import Observation
+from crowdbench.networks.value import NETWORKS
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.aggregate import AGGREGATES, mean_future
 from crowdbench.planners.lookahead.kce import Exploration
-from crowdbench.planners.lookahead.one_step import Scene
+from crowdbench.planners.scene import Crowd
 from crowdbench.sim.sensor import observe
-from crowdbench.types import Observation
-from crowdbench.value.networks import NETWORKS
 
 VALUES = np.array([[0.5, -0.25, 1.0], [0.1, 0.1, 0.4]])
 
@@ -23,17 +25,18 @@ def test_values_under_several_futures_become_one(name, expected):
 
 def by_hand(seen):
     """All pedestrians of all modes in one future, put together one by one."""
-    worlds, modes, pedestrians = seen.crowd.shape[:3]
-    whole = {name: np.zeros((worlds, 1, modes * pedestrians, 2)) for name in ("crowd", "next_crowd", "next_velocity")}
+    worlds, modes, times, pedestrians = seen.crowd.position.shape[:4]
+    position = np.zeros((worlds, 1, times, modes * pedestrians, 2))
+    velocity = np.zeros((worlds, 1, modes * pedestrians, 2))
     radius, present = np.zeros((worlds, modes * pedestrians)), np.zeros((worlds, modes * pedestrians), bool)
     for w in range(worlds):
         for m in range(modes):
             for p in range(pedestrians):
-                for name, places in whole.items():
-                    places[w, 0, m * pedestrians + p] = getattr(seen, name)[w, m, p]
-                radius[w, m * pedestrians + p] = seen.crowd_radius[w, p]
-                present[w, m * pedestrians + p] = seen.present[w, p]
-    return Scene(**vars(seen) | whole | {"crowd_radius": radius, "present": present})
+                position[w, 0, :, m * pedestrians + p] = seen.crowd.position[w, m, :, p]
+                velocity[w, 0, m * pedestrians + p] = seen.crowd.velocity[w, m, p]
+                radius[w, m * pedestrians + p] = seen.crowd.radius[w, p]
+                present[w, m * pedestrians + p] = seen.crowd.present[w, p]
+    return dataclasses.replace(seen, crowd=Crowd(position, velocity, radius, present))
 
 
 @pytest.mark.parametrize("name", list(NETWORKS))
@@ -85,7 +88,7 @@ def test_a_pedestrian_gets_the_attention_of_all_its_futures():
     whole = by_hand(scene(obs, made.predictor.predict(obs, 1)))
     for w in range(len(obs)):
         joint = np.array(slow_step(whole, w, 0, command[w])[2], np.float32)
-        value, attention = net.attend(torch.from_numpy(joint), torch.from_numpy(whole.present[w]))
+        value, attention = net.attend(torch.from_numpy(joint), torch.from_numpy(whole.crowd.present[w]))
         assert logs["value"][w] == pytest.approx(value.item(), abs=1e-5)
         both = attention.detach().numpy().reshape(2, 4).sum(axis=0)
         np.testing.assert_allclose(logs["attention"][w], both, atol=1e-5)
@@ -98,10 +101,10 @@ def test_the_mean_future_is_the_mean_of_places_and_velocities():
     obs = crowded()
     prediction = Forks(3).predict(obs, 1)
     seen = mean_future(scene(obs, prediction))
-    assert seen.crowd.shape == (6, 1, 4, 2)
-    np.testing.assert_allclose(seen.next_crowd[:, 0], prediction.position[:, :, 0].mean(axis=1))
-    np.testing.assert_allclose(seen.next_velocity[:, 0], prediction.velocity[:, :, 0].mean(axis=1))
-    np.testing.assert_allclose(seen.crowd[:, 0], obs.pedestrians.position)
+    assert seen.crowd.velocity.shape == (6, 1, 4, 2)
+    np.testing.assert_allclose(seen.crowd.position[:, 0, 1], prediction.position[:, :, 0].mean(axis=1))
+    np.testing.assert_allclose(seen.crowd.velocity[:, 0], prediction.velocity[:, :, 0].mean(axis=1))
+    np.testing.assert_allclose(seen.crowd.position[:, 0, 0], obs.pedestrians.position)
 
 
 @pytest.mark.parametrize("aggregate", AGGREGATES)

@@ -8,25 +8,26 @@ import pytest
 from helpers import Still, drive, same
 from helpers import trace as trace_of
 
-from crowdbench import rng
 from crowdbench.catalog import load_scenario
+from crowdbench.check import check_layout
 from crowdbench.cli import app
+from crowdbench.core import rng
+from crowdbench.core.geometry import norm
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
-from crowdbench.errors import InputError
-from crowdbench.evaluate.check import check_layout
-from crowdbench.evaluate.metrics import deflection, time_to_collision
-from crowdbench.evaluate.prediction_errors import on_scenario
-from crowdbench.geometry import norm
+from crowdbench.metrics import deflection, time_to_collision
+from crowdbench.metrics.prediction_errors import on_scenario
 from crowdbench.predict import ConstantVelocity
-from crowdbench.record.drawing import episode
-from crowdbench.scenario.again import LayoutWithAgain, Room
+from crowdbench.record.drawing import draw_episode
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.scenario.renewal import ARRIVALS
+from crowdbench.scenario.placement import LayoutCall
+from crowdbench.scenario.population import ARRIVALS
+from crowdbench.scenario.respawn import LayoutWithRespawn, Room
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.train.replay import transitions
+from crowdbench.utils.errors import InputError
 
 MINDS = {"period": 1.0, "chance": 0.3}
 FAST = {"mean": 1.5, "std": 0.4, "low": 1.0, "high": 2.0}
@@ -164,7 +165,7 @@ def test_a_period_is_a_multiple_of_dt():
 
 def test_a_crowd_moved_by_another_policy_keeps_its_habits():
     here = {"pedestrians.arrival": "stop", "pedestrians.goal_change": MINDS}
-    assert load_scenario("circle_crossing_5", here, "social_force").arrival == "stop"
+    assert load_scenario("circle_crossing_5", here, "social_force").crowd.arrival == "stop"
 
 
 def test_the_goal_of_an_agent_of_pettingzoo_that_goes_on_does_not_terminate_it():
@@ -258,7 +259,7 @@ def test_runs_with_them_are_recorded_and_replayed(arrival, tmp_path, capsys):
 
 def test_no_line_of_a_picture_leads_from_one_person_to_another():
     trace = restless("respawn", "1")
-    drawn = [chunk for chunk in episode(trace, 0, "", {}) if chunk.entity_path == "/world/trails"]
+    drawn = [chunk for chunk in draw_episode(trace, 0, "", {}) if chunk.entity_path == "/world/trails"]
     lines = drawn[1].to_record_batch().column("LineStrips2D:strips").to_pylist()
     steps = [np.hypot(*np.subtract(*stroke)) for strokes in lines for stroke in strokes]
     assert max(steps) < 2.0 * 0.25 + 1e-6
@@ -271,9 +272,10 @@ def draw_corner(rng, room, radius, preferred_speed, position, *, circle_radius=4
 
 
 def test_a_layout_can_say_how_people_come_again():
-    layout = LayoutWithAgain(LAYOUTS["circle_crossing"], draw_corner)
+    layout = LayoutWithRespawn(LAYOUTS["circle_crossing"], draw_corner)
     place = load_scenario("circle_crossing_5", {"pedestrians.arrival": "respawn", "pedestrians.preferred_speed": 2.0})
-    place = dataclasses.replace(place, layout=layout)
+    starts = dataclasses.replace(place.starts, call=LayoutCall(layout, place.layout.options))
+    place = dataclasses.replace(place, starts=starts)
     world = place.worlds(Cases.parse("1"))
     for _ in range(24):
         crowd, decided = crowd_decisions(world, place.policies)
@@ -298,7 +300,7 @@ AGAIN = {
 def test_an_offence_when_people_are_drawn_again_is_found(name):
     again, expected = AGAIN[name]
     place = load_scenario("circle_crossing_5")
-    points = check_layout(LayoutWithAgain(LAYOUTS["circle_crossing"], again), "mine", place, Cases.parse("val:2"))
+    points = check_layout(LayoutWithRespawn(LAYOUTS["circle_crossing"], again), "mine", place, Cases.parse("val:2"))
     broken = {point.name: point.seen for point in points if not point.kept}
     assert broken.keys() <= {"again", "random numbers"}  # the tests' type checker draws
     assert expected in broken["again"]

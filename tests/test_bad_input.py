@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from crowdbench import cli
-from crowdbench.cli import failures, streams
+from crowdbench.cli import console, failures
 from crowdbench.cli.options import assignments
-from crowdbench.errors import InputError, Interrupted
-from crowdbench.evaluate.directory import new_directory
-from crowdbench.evaluate.results import read_result
+from crowdbench.runs.results import read_result
 from crowdbench.scenario.cases import Cases, parse_case
-from crowdbench.toml_file import DEEPEST
+from crowdbench.utils.directory import new_directory
+from crowdbench.utils.errors import InputError, Interrupted
+from crowdbench.utils.toml import DEEPEST
 
 DEEP = "[" * 5000 + "]" * 5000
 DIGITS = "9" * 5000
@@ -160,7 +160,7 @@ def test_whatever_a_command_raises_ends_in_one_sentence(crowdbench, monkeypatch,
     def broken(*arguments, **settings):
         raise error
 
-    monkeypatch.setattr(cli, "app", broken)
+    monkeypatch.setattr(cli, "build_app", lambda names: broken)
     found, out, errors = crowdbench("list")
     assert (found, out, len(errors)) == (status, "", 1)
     assert expected in errors[0]
@@ -184,7 +184,7 @@ def test_a_run_without_standard_streams_keeps_its_result(tmp_path):
 
 
 def test_what_ascii_lacks_is_printed_as_escapes():
-    code = "from crowdbench.cli import streams; streams.prepare(); print('m/s³ \\udcff')"
+    code = "from crowdbench.cli import console; console.prepare_streams(); print('m/s³ \\udcff')"
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, timeout=60
     )
@@ -206,7 +206,7 @@ def test_a_plug_in_that_closes_the_output_is_told(monkeypatch):
 
     monkeypatch.setattr(sys, "stdout", Closed())
     with pytest.raises(AttributeError) as error:
-        streams.flush()
+        console.flush_output()
     assert failures.failure(error.value).sentence == "the output cannot be written: a plug-in has closed it"
 
 
@@ -285,7 +285,7 @@ def test_an_object_that_lies_about_its_class_is_the_plug_ins_error(crowdbench):
 def test_forked_workers_end_by_signals_and_quietly():
     code = (
         "import os, signal, time\n"
-        "from crowdbench import interrupts\n"
+        "from crowdbench.utils import interrupts\n"
         "interrupts.handle()\n"
         "with interrupts.Interrupts():\n"
         "    worker = os.fork()\n"
@@ -305,7 +305,7 @@ def test_forked_workers_end_by_signals_and_quietly():
 def test_a_forked_process_does_not_go_on_with_the_run(context, ends, status, told):
     code = (
         "import os\n"
-        "from crowdbench.errors import one_process, plugin_errors\n"
+        "from crowdbench.utils.errors import one_process, plugin_errors\n"
         f"with {context}:\n"
         "    child = os.fork()\n"
         f"    if child == 0: {ends}\n"

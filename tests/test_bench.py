@@ -1,7 +1,6 @@
 """The measurements run and count correctly. No test checks how fast anything is."""
 
 import hashlib
-import io
 import itertools
 import json
 import re
@@ -9,25 +8,26 @@ import re
 import numpy as np
 import pytest
 import torch
-from rich.console import Console
 from safetensors.torch import save_file
 from typer.testing import CliRunner
 
-from crowdbench.bench import commands, decisions, environments, isolation, sight, simulator, speed_ups, timing, training
-from crowdbench.bench.measurement import Measurement, Variant, VariantComparison
+from crowdbench.bench import commands, decisions, measurement, simulator, speed_ups
+from crowdbench.bench.measurement import Measurement
+from crowdbench.bench.speed_ups import Variant, VariantComparison
 from crowdbench.bench.suite import SUITE
 from crowdbench.catalog import load_scenario
 from crowdbench.cli import app
-from crowdbench.cli.tables import bench_table, variants_table
-from crowdbench.errors import InputError
-from crowdbench.evaluate.decision_time import decision_seconds
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.replanning import EVERY_STEP
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.cli.bench import bench_table, variants_table
+from crowdbench.cli.tables import print_table
+from crowdbench.networks.value import SARL
 from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.decision_time import decision_seconds
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.spec import EVERY_STEP
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import value as method
-from crowdbench.value.networks import SARL
+from crowdbench.utils.errors import InputError
 
 torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
 
@@ -41,7 +41,7 @@ SARL_PER_STATE = 100 * 100 + 100 * 50 + 56 * 150 + 150 * 100 + 100 * 100 + 100
 STAND_IN = """
 import torch
 from crowdbench.predict.social_gan import SocialGAN
-from crowdbench.predict.social_gan_network import Generator
+from crowdbench.networks.social_gan import Generator
 
 def predictor(modes):
     torch.manual_seed(0)
@@ -67,7 +67,7 @@ class Course(Planner):
 
 
 def test_a_planner_in_its_own_process_is_compared_with_one_that_is_not():
-    here, apart, more = isolation.measure_isolation(worlds=2, rounds=1)
+    here, apart, more = decisions.measure_isolation(worlds=2, rounds=1)
     assert here.unit == apart.unit == "ms"
     assert more.value == pytest.approx(100 * (apart.value / here.value - 1))
 
@@ -75,8 +75,7 @@ def test_a_planner_in_its_own_process_is_compared_with_one_that_is_not():
 def take_seconds(monkeypatch, *seconds):
     """Let works take these seconds, one after the other, without doing them."""
     times = iter(seconds)
-    for module in (decisions, training):
-        monkeypatch.setattr(module, "seconds", lambda work: next(times))
+    monkeypatch.setattr(decisions, "seconds", lambda work: next(times))
 
 
 @pytest.fixture
@@ -102,8 +101,8 @@ def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
 
 @pytest.mark.slow
 def test_environments_of_many_worlds_are_compared(monkeypatch):
-    monkeypatch.setattr(environments, "ROUNDS", 1)
-    measured = list(environments.measure_vec_env(worlds=3, steps=4))
+    monkeypatch.setattr(simulator, "VEC_ENV_ROUNDS", 1)
+    measured = list(simulator.measure_vec_env(worlds=3, steps=4))
     assert len(measured) == 2
     assert all(one.value > 0 and one.unit == "us" for one in measured)
 
@@ -138,7 +137,7 @@ def test_the_share_of_the_limit_is_of_operations_per_second(monkeypatch):
 
 @pytest.mark.usefixtures("short_training")
 def test_a_training_is_estimated_from_parts_that_ran():
-    [measured] = training.measure_training(episodes=60)
+    [measured] = decisions.measure_training(episodes=60)
     assert measured.unit == "min"
     assert measured.value > 0
     assert "estimated from imitation and 3 of 30 rounds" in measured.work
@@ -146,7 +145,7 @@ def test_a_training_is_estimated_from_parts_that_ran():
 
 def test_a_training_lasts_its_imitation_and_all_its_rounds(monkeypatch):
     take_seconds(monkeypatch, 30.0, 1.0, 2.0, 6.0)
-    [measured] = training.measure_training(episodes=6000)
+    [measured] = decisions.measure_training(episodes=6000)
     assert measured.value == (30.0 + 60 * 3.0) / 60
 
 
@@ -154,7 +153,7 @@ def test_the_measured_rounds_explore_as_much_as_all_on_average(monkeypatch):
     explored = []
     monkeypatch.setattr(method.Training, "imitate", lambda running: 0.0)
     monkeypatch.setattr(method.Training, "improve", lambda running: explored.append(running.exploration))
-    list(training.measure_training(episodes=60_000))
+    list(decisions.measure_training(episodes=60_000))
     first, last, part = method.EXPLORATION
     assert np.mean(explored) == pytest.approx(part * (first + last) / 2 + (1 - part) * last, abs=0.01)
 
@@ -249,7 +248,7 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 
 def test_every_measurement_is_taken():
     names = {measure.__name__ for measure in SUITE}
-    modules = (simulator, sight, environments, isolation, decisions, training, commands)
+    modules = (simulator, decisions, commands)
     assert names == {name for module in modules for name in vars(module) if name.startswith("measure_")}
 
 
@@ -261,7 +260,7 @@ def test_works_that_are_compared_take_turns():
         order.append(name)
         return float(next(times))
 
-    ours, theirs = timing.in_turns(3, lambda: work("ours"), lambda: work("theirs"))
+    ours, theirs = measurement.in_turns(3, lambda: work("ours"), lambda: work("theirs"))
     assert order == ["ours", "theirs"] * 4
     assert (ours, theirs) == (4.0, 5.0)
 
@@ -274,20 +273,18 @@ def test_all_measured_agents_are_at_work_in_every_step():
         assert 2 * np.linalg.norm(start, axis=-1).min() > simulator.STEPS * simulator.DT
 
 
-def test_the_table_says_how_many_times_faster_than_crowdnav():
+def test_the_table_says_how_many_times_faster_than_crowdnav(capsys):
     measured = [Measurement("alone", 1.0, "s"), Measurement("deciding", 2.0, "ms", 37.0)]
-    out = io.StringIO()
-    Console(file=out, width=200).print(bench_table(measured))
-    _, _, alone, deciding = out.getvalue().splitlines()
+    print_table(bench_table(measured))
+    _, _, alone, deciding = capsys.readouterr().out.splitlines()
     assert alone.split() == ["alone", "1", "s"]
     assert deciding.split() == ["deciding", "2", "ms", "37", "ms", "18.5x"]
 
 
-def test_the_table_of_variants_says_what_each_saves_and_changes():
+def test_the_table_of_variants_says_what_each_saves_and_changes(capsys):
     measured = VariantComparison((Variant("slow", 6.0, 0, 0), Variant("quick", 1.5, 7, 1)), 2000, 50)
-    out = io.StringIO()
-    Console(file=out, width=200).print(variants_table("Variants", measured))
-    _, _, slow, quick = out.getvalue().splitlines()
+    print_table(variants_table("Variants", measured))
+    _, _, slow, quick = capsys.readouterr().out.splitlines()
     assert slow.split() == ["slow", "6", "s", "1.0x", "0", "of", "50", "0", "of", "2,000"]
     assert quick.split() == ["quick", "1.5", "s", "4.0x", "1", "of", "50", "7", "of", "2,000"]
 
@@ -314,7 +311,7 @@ class Slower(Planner):
 
 def test_decisions_are_timed_in_one_world_alone_after_a_case_to_warm_up(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr("crowdbench.evaluate.decision_time.time", clock)
+    monkeypatch.setattr("crowdbench.runs.decision_time.time", clock)
     scenario = load_scenario("circle_crossing_5", {"time_limit": 3.0})
     told = []
     arguments = Slower(clock), "slower", scenario, EVERY_STEP, Cases("val", 0, 3), told.append

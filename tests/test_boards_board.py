@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from crowdbench.boards.board import read_board
-from crowdbench.errors import InputError
+from crowdbench.utils.errors import InputError
 
 BOARD = """
 title = "Five"
@@ -26,17 +26,13 @@ def write(tmp_path, text=BOARD):
 
 def test_families_count_alike_and_so_do_the_scenarios_in_them(tmp_path):
     board = read_board(write(tmp_path))
-    assert [(each.family, each.name) for each in board.scenarios] == [
-        ("circle", "circle_crossing_5"),
-        ("circle", "circle_crossing_10"),
-        ("square", "square_crossing_5"),
-    ]
+    assert board.scenarios == ["circle_crossing_5", "circle_crossing_10", "square_crossing_5"]
     np.testing.assert_allclose(board.weights, [0.25, 0.25, 0.5])
 
 
 def test_a_seed_reaches_every_case_of_every_scenario(tmp_path):
     board = read_board(write(tmp_path))
-    for (_, public), (_, other) in zip(board.load(None), board.load(7), strict=True):
+    for public, other in zip(board.load(None), board.load(7), strict=True):
         starts = [scenario.worlds(board.cases).position[:, 1:] for scenario in (public, other)]
         assert not (starts[0] == starts[1]).all(axis=(1, 2)).any()
 

@@ -8,17 +8,17 @@ import pytest
 from boards import BOARD, SEASON, card, verified_root, write_board
 
 from crowdbench.boards.board import find_board, read_board, read_boards
-from crowdbench.boards.copying import copied_value
 from crowdbench.boards.entry import Verdict, read_entry
 from crowdbench.boards.markdown import section, write_readme
+from crowdbench.boards.planner_files import copy_named_files
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
-from crowdbench.errors import InputError, NotWritten
-from crowdbench.evaluate.seal import MANIFEST
-from crowdbench.files import sha256
 from crowdbench.isolation import sandbox
+from crowdbench.runs.manifest import MANIFEST
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError, NotWritten
+from crowdbench.utils.files import sha256
 
 pytestmark = pytest.mark.slow
 
@@ -49,8 +49,8 @@ def made(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def _few_timed(monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
-    monkeypatch.setattr("crowdbench.boards.submission.timed", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: None)
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def seal_again(directory):
 def test_entries_are_verified_in_a_season_and_ranked(root):
     board = read_board(root / "small")
     found = standings(board, read_entries(board, root), "first")
-    assert [one.season.verdict for one in found.ranked] == [Verdict.RERUN, Verdict.RERUN]
+    assert [one.verification.verdict for one in found.ranked] == [Verdict.RERUN, Verdict.RERUN]
     assert not found.others
     assert all(one.columns["sct"].shape == (1, 10) for one in found.ranked)
     assert [one.rank.last for one in found.ranked][-1] == 2
@@ -159,7 +159,7 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path):
     ],
 )
 def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, key, value, reason):
-    monkeypatch.setattr("crowdbench.boards.rerun.timed", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: None)
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table | {key: value}))
@@ -200,14 +200,14 @@ def test_files_of_the_same_name_are_kept_apart(tmp_path):
     (tmp_path / "link.py").symlink_to("mine.py")
     folder = tmp_path / "entry"
     given = [str(tmp_path / name / "speed.txt") for name in "abc"]
-    assert copied_value({"paths": given, "near": 2.0}, folder) == {
+    assert copy_named_files({"paths": given, "near": 2.0}, folder) == {
         "paths": ["planner/speed.txt", "planner/other_2/speed.txt", "planner/speed.txt"],
         "near": 2.0,
     }
     assert (folder / "planner" / "other_2" / "speed.txt").read_text() == "2"
-    assert copied_value(f"{tmp_path}/link.py:planner", folder) == "planner/mine.py:planner"
+    assert copy_named_files(f"{tmp_path}/link.py:planner", folder) == "planner/mine.py:planner"
     with pytest.raises(InputError, match="is a folder: an entry takes files that are named one by one"):
-        copied_value(str(tmp_path / "a"), folder)
+        copy_named_files(str(tmp_path / "a"), folder)
 
 
 TWO_SCENARIOS = BOARD.replace('"circle_crossing_5"', '"circle_crossing_10", "circle_crossing_5"')
@@ -215,7 +215,7 @@ TWO_SCENARIOS = BOARD.replace('"circle_crossing_5"', '"circle_crossing_10", "cir
 
 def test_a_scenario_that_a_planner_cannot_drive_is_told_and_counts_nothing(tmp_path, monkeypatch):
     monkeypatch.undo()  # decisions are timed in the scenario that it can drive
-    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
     board = write_board(tmp_path / "boards", text=TWO_SCENARIOS)
     (tmp_path / "cheat.py").write_text(
         CHEAT
@@ -236,7 +236,7 @@ def test_a_full_disk_is_not_the_planners_fault(root, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("crowdbench.evaluate.wanted.seal", full)
+    monkeypatch.setattr("crowdbench.runs.store.write_manifest", full)
     with pytest.raises(NotWritten, match="cannot be written: No space left on device"):
         verify(entry_of(root), read_board(root / "small"), by="", work=tmp_path / "work")
 
@@ -294,7 +294,7 @@ def submit_cheat(root, tmp_path, known, board):
 
 
 def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.rerun.timed", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: None)
     monkeypatch.setattr("secrets.randbits", lambda bits: 7)  # with some seeds chance alone would explain it
     text = BOARD.replace("public_cases = 8", "public_cases = 40").replace("cases = 10", "cases = 60")
     board = write_board(tmp_path / "boards", text=text)

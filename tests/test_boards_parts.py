@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 from boards import card, write_board
 
-from crowdbench.boards import method
-from crowdbench.boards.believable import ALPHA, p_value, unbelievable
-from crowdbench.boards.decision_time import KERNEL, decision_time
+from crowdbench.boards.consistency_test import ALPHA, lower_than_claimed, p_value
+from crowdbench.boards.method import range_over_networks
 from crowdbench.boards.ranking import CRITERIA
+from crowdbench.boards.run_entry import KERNEL, time_decisions
 from crowdbench.boards.skeleton import write_skeleton
 from crowdbench.boards.standings import over_board
 from crowdbench.boards.submission import read_card
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.errors import InputError
-from crowdbench.evaluate.replanning import EVERY_STEP
-from crowdbench.evaluate.results import Episodes
-from crowdbench.evaluate.summary import Estimate
+from crowdbench.metrics.summary import Estimate
 from crowdbench.planners.base import Planner
+from crowdbench.runs.results import Episodes
+from crowdbench.runs.spec import EVERY_STEP
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 
 FAMILIES = """
 title = "Two"
@@ -46,7 +46,7 @@ def test_an_honest_planner_is_hardly_ever_lower_than_claimed():
     for rate in (0.3, 0.9, 0.99, 0.998):
         for _ in range(100):
             public, other = (episodes(rng.random(n) < rate, rng) for n in (500, 2000))
-            called += bool(unbelievable({"a": public}, {"a": other}))
+            called += bool(lower_than_claimed({"a": public}, {"a": other}))
     assert called <= 400 * ALPHA + 3
 
 
@@ -54,14 +54,14 @@ def test_an_honest_planner_is_hardly_ever_lower_than_claimed():
 def test_a_planner_that_is_worse_is_lower_than_claimed(claimed, real):
     rng = np.random.default_rng(1)
     public, other = (episodes(rng.permutation(n) < round(n * rate), rng) for n, rate in ((500, claimed), (2000, real)))
-    (success, *_) = unbelievable({"circle": public}, {"circle": other})
+    (success, *_) = lower_than_claimed({"circle": public}, {"circle": other})
     assert success.startswith(f"success in circle was {claimed:.4g} as reported and is {real:.4g} in 2000 other cases")
 
 
 def test_a_better_planner_is_never_lower_than_claimed():
     rng = np.random.default_rng(1)
     public, other = (episodes(rng.permutation(n) < round(n * rate), rng) for n, rate in ((500, 0.5), (2000, 0.9)))
-    assert unbelievable({"a": public}, {"a": other}) == []
+    assert lower_than_claimed({"a": public}, {"a": other}) == []
 
 
 def test_equal_values_tell_nothing():
@@ -118,11 +118,11 @@ class Clock:
 @pytest.mark.parametrize(("seconds", "is_real_time"), [(0.02, True), (0.3, False)])
 def test_decisions_are_timed_in_one_world_alone(seconds, is_real_time, monkeypatch):
     clock = Clock()
-    monkeypatch.setattr("crowdbench.evaluate.decision_time.time", clock)
-    monkeypatch.setattr("crowdbench.boards.decision_time.kernel_seconds", lambda: 0.025)
-    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.runs.decision_time.time", clock)
+    monkeypatch.setattr("crowdbench.boards.run_entry.kernel_seconds", lambda: 0.025)
+    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
     scenario = load_scenario("circle_crossing_5", {"time_limit": 3.0})
-    found = decision_time(Slow(clock, seconds), "slow", scenario, EVERY_STEP)
+    found = time_decisions(Slow(clock, seconds), "slow", scenario, EVERY_STEP)
     assert found.p99_ms == pytest.approx(1e3 * seconds)
     assert found.calibrated_p99_ms == pytest.approx(1e3 * seconds)
     assert (found.kernel, found.is_real_time) == (KERNEL, is_real_time)
@@ -139,6 +139,6 @@ def test_a_scenario_that_is_missing_counts_as_nothing(tmp_path):
 
 @pytest.mark.parametrize("shares", [np.ones((5, 250)), np.random.default_rng(0).random((5, 250)) < 0.97])
 def test_the_interval_of_a_method_has_a_width_and_ends_at_1(shares):
-    found = method._range(np.array(shares, float))
+    found = range_over_networks(np.array(shares, float))
     assert 0.0 < found.low < found.mean <= found.high <= 1.0
     assert found.high - found.low > 0.004

@@ -4,17 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from crowdbench.boards.ranking import (
-    ALPHA,
-    CRITERIA,
-    compare_all,
-    p_value,
-    pareto,
-    ranks,
-    smallest_difference,
-)
-from crowdbench.errors import InputError
-from crowdbench.evaluate.compare import holm
+from crowdbench.boards.ranking import ALPHA, CRITERIA, compare_all, p_value, pareto, ranks, smallest_difference
+from crowdbench.runs.compare import holm
+from crowdbench.utils.errors import InputError
 
 CASES = 500
 
@@ -150,6 +142,6 @@ def test_the_pareto_set_is_what_nothing_beats():
 
 
 def test_what_ranks_are_metrics():
-    from crowdbench.evaluate.metrics import METRICS
+    from crowdbench.metrics import METRICS
 
     assert set(CRITERIA) <= set(METRICS)

@@ -16,8 +16,8 @@ from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
 from crowdbench.cli import app
-from crowdbench.errors import InputError
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 
 RECORDED = BOARD.replace("ranks_flagged = true", "ranks_flagged = true\nrecorded = true").replace(
     "circle_crossing_5", "eth_reactive"
@@ -46,7 +46,7 @@ def test_what_ranks_does_not_change_the_digest(tmp_path):
 
 
 def test_run_board_refuses_tracks_that_it_does_not_need(tmp_path):
-    done = CliRunner().invoke(app, ["run", "--board", "five", "--planner", "orca", "--data", str(tmp_path)])
+    done = CliRunner().invoke(app, ["run-board", "five", "--planner", "orca", "--data", str(tmp_path)])
     assert "--data does not go with the board five" in str(done.exception)
 
 
@@ -62,7 +62,7 @@ def root(shared, tmp_path_factory):
         submit(Submission(board, name, name, {}, [], folder / "card.toml", "Ada"), root, work)
     season = freeze_entries(board, root)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+        patch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
         for entry in read_entries(board, root):
             assert verify(entry, board, by="the tests", work=work, season=season).verdict == "re-run"
     return root

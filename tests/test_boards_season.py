@@ -6,9 +6,9 @@ import pytest
 from boards import SEASON, card, verified_root
 
 from crowdbench.boards.board import read_board
-from crowdbench.boards.driving import InUse, Unfinished
 from crowdbench.boards.entry import Verdict, read_entry
 from crowdbench.boards.markdown import write_readme
+from crowdbench.boards.run_entry import InUse, Unfinished
 from crowdbench.boards.season import TooEarly, freeze, read_season
 from crowdbench.boards.shipped import Job
 from crowdbench.boards.site import build_site
@@ -16,9 +16,9 @@ from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
 from crowdbench.cli.boards import do_all
-from crowdbench.errors import InputError
-from crowdbench.evaluate.shard import Shard
+from crowdbench.runs.shards import Shard
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
 
@@ -49,7 +49,7 @@ def unverified(folder):
 
 
 def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.rerun.timed", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: None)
     before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
     found = verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN
@@ -57,7 +57,7 @@ def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeyp
 
 
 def test_an_interrupted_verification_without_a_season_leaves_nothing(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.rerun.timed", interrupted)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", interrupted)
     with pytest.raises(KeyboardInterrupt):
         verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
     assert not list((tmp_path / "work").iterdir())
@@ -68,7 +68,7 @@ def interrupted(*_):
 
 
 def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
     folder = unverified(root / "small" / "entries" / "careful").directory
     command = {"board": read_board(root / "small"), "by": "me", "work": tmp_path, "season": read_season(root)}
     with monkeypatch.context() as patch:
@@ -82,7 +82,7 @@ def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, tmp_pat
 
 
 def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
     monkeypatch.setattr("crowdbench.boards.board.CASES_IF_SLOW", 6)
     monkeypatch.setattr("crowdbench.boards.board.SLOW", 1e-9)
     board, entry = read_board(root / "small"), unverified(root / "small" / "entries" / "careful")
@@ -98,8 +98,8 @@ def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, tmp_path, mon
 
 
 def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.decision_time.CASES", Cases("val", 0, 2))
-    monkeypatch.setattr("crowdbench.boards.driving.BATCH", 5)
+    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 5)
     before = entry_of(root).spec.verifications[0]
     entry, season = unverified(root / "small" / "entries" / "careful"), read_season(root)
     command = {"board": read_board(root / "small"), "by": "me", "work": tmp_path / "work", "season": season}
@@ -114,7 +114,7 @@ def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, tmp_p
 
 
 def test_shards_share_a_submission(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.driving.BATCH", 4)
+    monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 4)
     (tmp_path / "card.toml").write_text(card())
     wanted = Submission(read_board(root / "small"), "mine", "orca", {}, [], tmp_path / "card.toml", "Ada")
     with pytest.raises(Unfinished, match="whoever ends last goes on"):
@@ -187,6 +187,6 @@ def test_a_filling_process_goes_on_when_the_others_are_done_too():
         missing.remove(name)
 
     def wanted():
-        return [Job(name, 1, lambda _, name=name: make(name, name == "one")) for name in missing]
+        return [Job(name, 1, lambda progress, name=name: make(name, name == "one")) for name in missing]
 
     assert do_all(wanted, "entry")

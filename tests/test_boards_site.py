@@ -20,7 +20,7 @@ from crowdbench.boards.entry import DecisionTime, Verdict, Verification, file_di
 from crowdbench.boards.season import freeze
 from crowdbench.boards.site import build_site, texts
 from crowdbench.boards.submission import Submission, submit
-from crowdbench.errors import InputError
+from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
 
@@ -131,6 +131,12 @@ def test_nothing_is_requested_from_elsewhere_and_every_link_leads_somewhere(site
             if parts.fragment:
                 assert parts.fragment in page.targets("id"), target
     assert "http" not in (site / "style.css").read_text()
+
+
+def test_the_start_page_links_every_page(site):
+    index = Page(site / "index.html")
+    linked = {(site / unquote(target)).resolve() for target in index.targets("href") if target.endswith(".html")}
+    assert linked | {(site / "index.html").resolve()} == {page.path.resolve() for page in pages(site)}
 
 
 def test_pages_and_recordings_are_small(site):

@@ -5,8 +5,9 @@ import pytest
 
 from crowdbench import catalog
 from crowdbench.cli.options import assignments
-from crowdbench.errors import InputError
-from crowdbench.evaluate.metrics import METRICS
+from crowdbench.metrics import METRICS
+from crowdbench.metrics.load import load_metrics
+from crowdbench.utils.errors import InputError
 
 PLANNER = '''
 """Mine."""
@@ -164,11 +165,11 @@ def test_a_policy_of_ones_own_moves_the_crowd(tmp_path):
 def test_a_metric_of_ones_own_has_its_files_name(tmp_path):
     path = tmp_path / "steps_taken.py"
     path.write_text("def metric(trace):\n    return trace.steps * 1.0\n")
-    metrics = catalog.load_metrics([str(path)])
+    metrics = load_metrics([str(path)])
     assert list(metrics) == [*METRICS, "steps_taken"]
     path.rename(tmp_path / "jerk.py")
     with pytest.raises(InputError, match="jerk exists already"):
-        catalog.load_metrics([str(tmp_path / "jerk.py")])
+        load_metrics([str(tmp_path / "jerk.py")])
 
 
 def test_a_plug_in_may_have_dataclasses_and_files_beside_it(tmp_path):

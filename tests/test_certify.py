@@ -9,17 +9,18 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
 from crowdbench.certify.certificate import SEARCH, certificates
+from crowdbench.certify.certify import make
 from crowdbench.certify.crowds import Known, known_steps
-from crowdbench.certify.make import make
 from crowdbench.certify.search import Effort, Task, search
 from crowdbench.cli import app
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.playback import Playback
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.core.types import Outcome
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.replay import Playback
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import Certified, Examined, numbers, without
-from crowdbench.types import Outcome
+from crowdbench.scenario.certified import Certified, Examined, skip_left_out
+from crowdbench.scenario.starts import Vehicle
+from crowdbench.utils.errors import InputError
 
 LAYOUTS = '''"""Places by hand."""
 
@@ -174,21 +175,21 @@ def test_a_search_finds_no_slower_way_on_a_free_plane():
     world = scenario.worlds(Cases.parse("1"))
     crowd = Known([each.row(0) for each in known_steps(scenario, world)])
     found = search(Task.of(world, 0), crowd, 0.1, Effort(0.2, 500))
-    distance = 8.0 - scenario.vehicle_radius
-    assert len(found.commands) == np.ceil(distance / (scenario.vehicle_speed * scenario.rules.dt))
+    distance = 8.0 - scenario.vehicle.radius
+    assert len(found.commands) == np.ceil(distance / (scenario.vehicle.speed * scenario.rules.dt))
 
 
 def test_the_margin_is_that_of_walls_too(made):
     # There are 0.07 m between the vehicle and the walls.
-    (found,) = found_in(dataclasses.replace(made("wait", 1), vehicle_radius=0.38))
+    (found,) = found_in(dataclasses.replace(made("wait", 1), vehicle=Vehicle(0.38, 1.0)))
     assert found.margin == 0.0
     assert 0.0 <= found.gap < 0.1
 
 
 def test_cases_that_are_left_out_shift_the_others():
-    assert numbers([1, 2, 5], np.arange(5)).tolist() == [0, 3, 4, 6, 7]
+    assert skip_left_out([1, 2, 5], np.arange(5)).tolist() == [0, 3, 4, 6, 7]
     scenario = load_scenario("circle_crossing_10")
-    fewer = without(scenario, {"val": [0, 2]})
+    fewer = scenario.leave_out({"val": [0, 2]})
     np.testing.assert_array_equal(
         fewer.draw("val", np.arange(3)).position, scenario.draw("val", np.array([1, 3, 4])).position
     )
@@ -196,7 +197,7 @@ def test_cases_that_are_left_out_shift_the_others():
         fewer.draw("test", np.arange(3)).position, scenario.draw("test", np.arange(3)).position
     )
     assert fewer.digest != scenario.digest
-    assert without(scenario, {"val": []}).digest == scenario.digest
+    assert scenario.leave_out({"val": []}).digest == scenario.digest
 
 
 def test_certify_and_run_of_a_scenario_of_ones_own(made):
@@ -222,7 +223,7 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
 
 def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
     scenario = made("ring", 12)
-    monkeypatch.setattr("crowdbench.certify.make.PART", 1)
+    monkeypatch.setattr("crowdbench.certify.certify.PART", 1)
     done = []
 
     def stops(share):
@@ -237,7 +238,9 @@ def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
         make_all(stops)
     looked = []
     real = certificates
-    monkeypatch.setattr("crowdbench.certify.make.certificates", lambda *given: looked.append(given[1]) or real(*given))
+    monkeypatch.setattr(
+        "crowdbench.certify.certify.certificates", lambda *given: looked.append(given[1]) or real(*given)
+    )
     rows = make_all(lambda share: None)
     assert looked == [Cases("test", 2, 3)]
     assert [row.case for row in rows] == [0, 1, 2]
@@ -267,7 +270,7 @@ def test_a_stale_file_is_told_and_leaves_nothing_out(made):
     Path("certified/mine.toml").write_text(file.text())
     loaded = load_scenario("mine.toml")
     assert loaded.digest == scenario.digest
-    assert "is for the digest 000000000000" in loaded.certificates.sentence(loaded, Cases.parse("2"))
+    assert "is for the digest 000000000000" in loaded.certificates.sentence(Cases.parse("2"))
 
 
 @pytest.mark.parametrize(

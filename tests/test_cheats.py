@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from helpers import Still, drive
 
-from crowdbench import rng
 from crowdbench.catalog import load_scenario
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.core import rng
+from crowdbench.core.types import World
 from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.types import World
+from crowdbench.utils.errors import InputError
 
 SECRET = 0x6A09E667F3BCC908 >> 1
 """A seed of 63 bits that the planner's author does not know."""

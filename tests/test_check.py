@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.cli.tables import check_table
-from crowdbench.errors import InputError
-from crowdbench.evaluate.check import Point, check_planner
+from crowdbench.check import CheckResult, check_planner
+from crowdbench.cli.check import check_table
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 
 POINTS = [
     "exceptions",
@@ -343,5 +343,9 @@ def test_a_broken_pedestrian_policy_is_not_blamed_on_the_planner(tmp_path):
 
 
 def test_the_table_tells_what_is_kept_what_is_broken_and_what_was_not_examined():
-    points = [Point("dtype", False, "a list"), Point("shape", None, "not examined"), Point("finite", True, "all")]
-    assert [str(cell) for cell in check_table("mine", points).columns[0].cells] == ["broken", "?", "kept"]
+    points = [
+        CheckResult("dtype", False, "a list"),
+        CheckResult("shape", None, "not examined"),
+        CheckResult("finite", True, "all"),
+    ]
+    assert [row[0] for row in check_table("mine", points).rows] == ["broken", "?", "kept"]

@@ -9,11 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_policy, load_scenario
+from crowdbench.check import check_layout, check_metric, check_policy, check_predictor
+from crowdbench.check.examination import EXACT, NETWORKS
+from crowdbench.check.kinds import LIMITED_SIGHT
 from crowdbench.cli import app
-from crowdbench.cli.check import LIMITED_SIGHT
-from crowdbench.evaluate.check import check_layout, check_metric, check_policy, check_predictor
-from crowdbench.evaluate.check.again import EXACT, NETWORKS
-from crowdbench.evaluate.metrics import METRICS
+from crowdbench.metrics import METRICS
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Oracle, Prediction, Predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS

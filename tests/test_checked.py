@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from crowdbench import Cases, InputError, load_network, load_scenario
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.prediction_errors import on_scenario
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.metrics.prediction_errors import on_scenario
+from crowdbench.networks.value import NETWORKS
+from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity, Prediction, Predictor
-from crowdbench.predict.checked import checked
-from crowdbench.settings import MOST_AHEAD
+from crowdbench.predict.validation import validate_prediction
+from crowdbench.runs.rollout import rollout
 from crowdbench.sim.sensor import observe
-from crowdbench.value.networks import NETWORKS
+from crowdbench.utils.defaults import MOST_AHEAD
 
 
 class Mine(Predictor):
@@ -84,7 +84,7 @@ def test_what_is_predicted_for_the_absent_does_no_harm():
     right = ConstantVelocity().predict(obs, 3)
     wrong = Prediction(right.position.copy(), right.velocity)
     wrong.position[0, :, :, 1] = np.nan
-    found = checked(wrong, "mine", obs, 3)
+    found = validate_prediction(wrong, "mine", obs, 3)
     assert np.isfinite(found.position).all()
     assert np.array_equal(found.position[1], right.position[1])
 
@@ -92,7 +92,7 @@ def test_what_is_predicted_for_the_absent_does_no_harm():
 def test_a_right_prediction_is_not_copied():
     obs = observe(load_scenario("circle_crossing_5").draw("val", np.arange(2)))
     right = ConstantVelocity().predict(obs, 3)
-    assert checked(right, "mine", obs, 3).position is right.position
+    assert validate_prediction(right, "mine", obs, 3).position is right.position
 
 
 def test_a_network_that_gives_nan_is_named():

@@ -118,10 +118,10 @@ def test_json_is_all_that_json_prints():
         (["view", "nothing.rrd", "--screenshot", "picture.png"], "one case"),
         (["run", "--planner", "orca", "--decision-limit", "-1"], "decision limit of -1 s"),
         (["run", "--planner", "orca", "--replan-every", "0"], "--replan-every"),
-        (["run", "--planner", "orca", "--board", "twenty"], "no board is called 'twenty'; there are five, ten"),
+        (["run-board", "twenty", "--planner", "orca"], "no board is called 'twenty'; there are five, ten"),
         (["run", "--planner", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["check", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
-        (["run", "--planner", "orca", "--board", "five", "--set", "dt=0.1"], "--set does not go with --board"),
+        (["run-board", "five", "--planner", "orca", "--set", "dt=0.1"], "No such option: --set"),
     ],
 )
 def test_bad_input_gets_one_sentence_and_a_non_zero_exit(tmp_path, monkeypatch, capsys, arguments, expected):

@@ -5,33 +5,36 @@ import shutil
 import subprocess
 import sys
 import threading
+from collections import namedtuple
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
 import crowdbench
-from crowdbench.compiled import njit, store
-from crowdbench.compiled.digest import code_digest
-from crowdbench.sim import orca
+from crowdbench.sim.pedestrians import orca
+from crowdbench.utils.compiled import njit, store
+from crowdbench.utils.compiled.digest import code_digest
+from crowdbench.utils.compiled.kernel import named_tuples
 
 PACKAGE = Path(crowdbench.__file__).parent
 LIMIT = 2.0
 
 GAP_OF_A_STEP = """
 import numpy as np
-from crowdbench.sim.episode import check_worlds
-from crowdbench.types import Outcome
+from crowdbench.core.types import Outcome, Rules
+from crowdbench.sim.episode import StepCheck, check_step
+from crowdbench.sim.simulator import After, Before
 
 position = np.zeros((1, 2, 2))
 position[0, 1, 0] = 50.0
-outcome, gap, wall_gap = np.zeros(1, np.int64), np.zeros(1), np.zeros(1)
-radius, present, step = np.ones((1, 2)), np.ones((1, 2), bool), np.zeros(1, np.int64)
-still, walls = (np.zeros(1), position * 0.0, np.zeros(1)), np.empty((1, 0, 0, 2))
-places = (position, position * 0.0, position, position + 9.0)
-still_there = (*still, *places, radius, present, walls, step)
-check_worlds(0, np.zeros(1), 0.0, 0, 0.25, *still_there, 99, outcome, gap, wall_gap)
-print(Outcome(outcome[0]).name, gap[0])
+step, still, history = np.zeros(1, np.int64), (position * 0.0, np.zeros(1), np.zeros(1)), np.empty((1, 0, 1, 2))
+ones, present, walls = np.ones((1, 2)), np.ones((1, 2), bool), np.empty((1, 0, 0, 2))
+before = Before(step, position, *still, ones, ones, present, position + 9.0, history, walls)
+check = StepCheck(np.zeros(1, np.int64), np.zeros(1), np.zeros(1))
+check_step(Rules().numbers, before, After(step, position, *still, history), check)
+print(Outcome(check.outcome[0]).name, check.gap[0])
 """
 
 
@@ -84,13 +87,13 @@ def run(code, folder):
 def test_an_edit_acts_at_once_in_functions_of_other_files(tmp_path):
     package = shutil.copytree(PACKAGE, tmp_path / "crowdbench", ignore=shutil.ignore_patterns("__pycache__"))
     assert run(GAP_OF_A_STEP, tmp_path) == ["RUNNING", "48.0"]
-    geometry = package / "geometry.py"
+    geometry = package / "core" / "geometry.py"
     edited = geometry.read_text().replace("return least, nearest", "return least - 100.0, nearest")
     assert edited != geometry.read_text()
     geometry.write_text(edited)
     assert run(GAP_OF_A_STEP, tmp_path) == ["COLLISION", "-52.0"]
     kernels = [path.name.partition("-")[0] for path in (package / "__pycache__" / "kernels").iterdir()]
-    assert {"crowdbench.geometry.nearest_in_step", "crowdbench.sim.episode.check_worlds"} < set(kernels)
+    assert {"crowdbench.core.geometry.nearest_in_step", "crowdbench.sim.episode.check_step"} < set(kernels)
     assert len(kernels) == len(set(kernels)), "one file each is left, since those that are out of date are removed"
 
 
@@ -202,3 +205,10 @@ def test_a_number_of_threads_that_numba_refuses_gets_one_sentence(tmp_path):
     assert done.returncode == 1
     assert done.stderr.startswith("crowdbench: numba does not start with NUMBA_NUM_THREADS=0: ")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_named_tuples_whose_fields_differ_are_different_arguments():
+    names = [("x", "y"), ("y", "x")]
+    first, second = (numba.typeof(namedtuple("Pair", fields)(1.0, 2.0)) for fields in names)
+    assert repr(first) == repr(second)
+    assert named_tuples([first]) != named_tuples([second])

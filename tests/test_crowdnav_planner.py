@@ -30,11 +30,11 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
 from crowdbench.cli import app
-from crowdbench.errors import InputError
+from crowdbench.networks.weights import digest
 from crowdbench.planners import crowdnav
 from crowdbench.planners.crowdnav import CrowdNavPlanner
 from crowdbench.sim.sensor import observe
-from crowdbench.weights.store import digest
+from crowdbench.utils.errors import InputError
 
 
 def scene(heading=0.0, **changes):

@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 import crowdbench
 from crowdbench.boards.markdown import write_readme
 from crowdbench.cli import app
-from crowdbench.plugins import load_module
+from crowdbench.plugins.load import load_module
+from crowdbench.study.study import REPRODUCTION
+from crowdbench.utils.tables import printed_by
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -52,7 +54,7 @@ def test_every_folder_and_module_is_on_the_map_once():
 
 
 def test_every_folder_beside_the_package_is_on_the_map():
-    ignored = {".git/", "crowdbench/", *(ROOT / ".gitignore").read_text().split()}
+    ignored = {".git/", "crowdbench/", *(line.lstrip("/") for line in (ROOT / ".gitignore").read_text().split())}
     beside = {f"{path.name}/" for path in ROOT.iterdir() if path.is_dir()} - ignored
     second_table = ARCHITECTURE.split("| beside `crowdbench/` |")[1].split("\n\n")[0]
     assert set(re.findall(r"^\| `([\w.]+/)", second_table, re.MULTILINE)) == beside
@@ -108,6 +110,49 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
         sys.setprofile(None)
     assert result.exit_code == 0, result.output
     assert expected - calls == set()
+
+
+STUDIES = {path.stem: f"{path.stem}.md" for path in sorted((DOCS / "studies").glob("*.toml"))}
+STUDIES |= {"suite": "suite_tables.md", "recorded": "recorded_tables.md"}
+"""The studies and the pages of their tables. What the tables of two of them show is said on a page of its own."""
+
+PRINTED = {page: f"study docs/studies/{name}.toml" for name, page in STUDIES.items()}
+PRINTED["recorded_tables.md"] += " --data DIR"
+PRINTED |= {"reproduction.md": "reproduce", "validity.md": "validity"}
+"""The pages that a command prints from the first to the last line, and the command."""
+
+
+@pytest.mark.parametrize("page", PRINTED)
+def test_a_page_that_a_command_prints_names_the_command_on_its_first_lines(page):
+    assert printed_by(PRINTED[page]) in (DOCS / page).read_text().splitlines()[:3]
+
+
+def test_no_other_page_says_that_a_command_printed_it():
+    first, last = printed_by("|").split("|")
+    said = [page.name for page in DOCS.glob("*.md") if first in page.read_text() and last in page.read_text()]
+    assert sorted(said) == sorted(PRINTED)
+
+
+@pytest.mark.parametrize("name", [*STUDIES, "reproduction"])
+def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(name):
+    file = REPRODUCTION if name == "reproduction" else DOCS / "studies" / f"{name}.toml"
+    study = tomllib.loads(file.read_text())
+    page = (DOCS / STUDIES.get(name, "reproduction.md")).read_text()
+    assert page.split("\n\n")[1] == study["description"]
+    titles = [table["title"] for table in (*study.get("tables", []), *study.get("crowds", []))]
+    assert re.findall("^## (.+)$", page, re.MULTILINE) == titles
+    assert [source for source in study.get("sources", []) if source not in page] == []
+
+
+@pytest.mark.parametrize("name", ["suite", "recorded"])
+def test_the_tables_and_what_they_show_link_to_each_other(name):
+    assert f"({name}_tables.md)" in (DOCS / f"{name}.md").read_text()
+    assert f"({name}.md" in (DOCS / f"{name}_tables.md").read_text()
+
+
+def test_the_start_page_links_every_page():
+    start = (DOCS / "index.md").read_text()
+    assert [page.name for page in DOCS.glob("*.md") if f"({page.name})" not in start] == ["index.md"]
 
 
 def test_every_module_has_its_place_in_the_api_pages():

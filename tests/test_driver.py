@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from helpers import Still, drive, same
 
-from crowdbench import rng
 from crowdbench.catalog import load_scenario
 from crowdbench.cli.run import say_of_training
-from crowdbench.errors import InputError
+from crowdbench.core import rng
 from crowdbench.planners.base import OneWorldPlanner, Planner
+from crowdbench.runs.load import load_run
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.spec import RunSpec
+from crowdbench.utils.errors import InputError
 
 
 class Says(Planner):
@@ -259,7 +260,8 @@ def test_a_log_has_a_plain_name():
 
 @pytest.mark.parametrize(("number", "said"), [(10, ""), (12, "was trained with 10 pedestrians at most, but")])
 def test_a_run_says_where_there_are_more_pedestrians_than_in_training(number, said, capsys):
-    say_of_training(RunSpec("ppo", "circle_crossing_5", Cases.parse("1"), {}, {"pedestrians.number": number}).load())
+    spec = RunSpec("ppo", "circle_crossing_5", Cases.parse("1"), {}, {"pedestrians.number": number})
+    say_of_training(load_run(spec))
     told = capsys.readouterr().err
     assert told.endswith(f"circle_crossing_5 has {number}: its figures may be worse for that\n") if said else not told
     assert said in told

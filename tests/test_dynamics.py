@@ -3,13 +3,12 @@ import math
 
 import numpy as np
 import pytest
-from helpers import world
+from helpers import advance, world
 
-from crowdbench.dynamics import Bicycle, Holonomic, State, Unicycle
-from crowdbench.dynamics.grids import speeds_and_headings
-from crowdbench.dynamics.motion import CHORD_ERROR, along_arc, chords
-from crowdbench.errors import InputError
-from crowdbench.sim.simulator import advance
+from crowdbench.core.dynamics import Bicycle, Holonomic, State, Unicycle
+from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.dynamics.motion import CHORD_ERROR, along_arc, chords
+from crowdbench.utils.errors import InputError
 
 DT = 0.25
 FREE = {"max_acceleration": math.inf, "max_angular_acceleration": math.inf}

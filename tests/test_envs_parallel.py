@@ -9,15 +9,15 @@ from pettingzoo.utils import parallel_to_aec
 
 from crowdbench.catalog import SCENARIOS as SCENARIOS_FOLDER
 from crowdbench.catalog import load_scenario, simulated_scenarios
-from crowdbench.envs import spaces
+from crowdbench.core.types import Outcome, Rules
 from crowdbench.envs.observations import flatten, flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.parallel import parallel_env
-from crowdbench.errors import InputError
+from crowdbench.envs.views import View, layout_bound, pedestrian_action_space, position_bound
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
-from crowdbench.types import Outcome, Rules
+from crowdbench.utils.errors import InputError
 
 with warnings.catch_warnings():
     # pettingzoo's tests import one of its own games in a way that it deprecates.
@@ -90,7 +90,7 @@ def test_generators_place_nobody_beyond_the_bound_of_the_spaces(generator):
         layout = {"layout": {"generator": generator, option: other}, "pedestrians.preferred_speed": 2.0}
         scenario = load_scenario("circle_crossing_mixed", layout)
         starts = scenario.draw("val", np.arange(20))
-        assert max(np.abs(starts.position).max(), np.abs(starts.goal).max()) <= spaces.layout_bound(scenario)
+        assert max(np.abs(starts.position).max(), np.abs(starts.goal).max()) <= layout_bound(scenario)
 
 
 def test_each_agent_sees_the_others_from_its_own_place():
@@ -277,7 +277,7 @@ def test_a_scenario_may_be_a_path_a_name_or_itself(tmp_path):
 
 def test_bounds_follow_the_fastest_pedestrian():
     scenario = load_scenario("circle_crossing_5_gaussian")
-    assert spaces.pedestrian_action_space(scenario).high.tolist() == [1.5, 1.5]
-    assert spaces.vehicle_action_space(scenario).high.tolist() == [1.0, 1.0]
-    fast = dataclasses.replace(scenario, vehicle_speed=3.0)
-    assert spaces.position_bound(fast) > spaces.position_bound(scenario)
+    assert pedestrian_action_space(scenario).high.tolist() == [1.5, 1.5]
+    assert View(scenario).action_space.high.tolist() == [1.0, 1.0]
+    fast = dataclasses.replace(scenario, vehicle=scenario.vehicle._replace(speed=3.0))
+    assert position_bound(fast) > position_bound(scenario)

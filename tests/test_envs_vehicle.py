@@ -11,12 +11,12 @@ from helpers import drive
 from safetensors.torch import save_file
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.envs import render
+from crowdbench.core.types import Outcome
+from crowdbench.drawing.palette import LIGHT
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.errors import InputError
-from crowdbench.plugins import load_module
-from crowdbench.types import Outcome
+from crowdbench.plugins.load import load_module
+from crowdbench.utils.errors import InputError
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 N = 4
@@ -172,16 +172,16 @@ def test_a_picture_shows_trails_numbers_and_contact():
     env = VehicleEnv("circle_crossing_5", render_mode="rgb_array")
     env.reset(options={"case": "val:2"})
     first = env.render()
-    assert has(first, render.NUMBER)
+    assert has(first, LIGHT.background)
     done = False
     while not done:
-        assert not has(env.render(), render.CONTACT)
+        assert not has(env.render(), LIGHT.failure)
         _, _, done, _, info = env.step(np.array([0.0, 1.0], np.float32))
     assert info["outcome"] == "collision"
-    assert has(env.render(), render.CONTACT)
+    assert has(env.render(), LIGHT.failure)
     # Between its start and where it is, the vehicle has left nothing but its trail.
     middle = env.render()[430, 296:306]
-    assert (np.abs(middle.astype(int) - render.VEHICLE).sum(axis=1) < 60).any()
-    assert not (np.abs(first[430, 296:306].astype(int) - render.VEHICLE).sum(axis=1) < 60).any()
+    assert (np.abs(middle.astype(int) - LIGHT.vehicle).sum(axis=1) < 60).any()
+    assert not (np.abs(first[430, 296:306].astype(int) - LIGHT.vehicle).sum(axis=1) < 60).any()
     env.reset(options={"case": "val:2"})
     np.testing.assert_array_equal(env.render(), first)

@@ -10,18 +10,18 @@ import torch
 from gymnasium.utils.env_checker import check_env
 
 from crowdbench import InputError, load_scenario, parallel_env
-from crowdbench.envs.rewards import COLLISION, PROGRESS, Step, crowdnav, load_reward, paid, progress
-from crowdbench.envs.seats import seats
+from crowdbench.core.types import Outcome
+from crowdbench.envs.observations import ego_views
+from crowdbench.envs.rewards import COLLISION, PROGRESS, CheckedReward, Step, crowdnav, load_reward, progress
 from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS
 from crowdbench.planners.policy.features import features, in_disc, to_world
 from crowdbench.planners.policy.network import Policy
 from crowdbench.planners.policy.planner import PolicyPlanner
-from crowdbench.plugins import load_module
+from crowdbench.plugins.load import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
-from crowdbench.types import Outcome
 
 ID = "crowdbench/Vehicle-v0"
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -45,7 +45,7 @@ def test_features_are_the_same_in_a_scene_that_is_turned():
     one, other = (features(observe(world), 3) for world in (start, turned(start, 2.1)))
     np.testing.assert_allclose(one.vehicle, other.vehicle, atol=1e-12)
     np.testing.assert_allclose(one.pedestrians, other.pedestrians, atol=1e-12)
-    np.testing.assert_array_equal(one.index, other.index)
+    np.testing.assert_array_equal(one.which, other.which)
 
 
 def test_the_nearest_pedestrians_come_first_and_others_are_left_out():
@@ -53,7 +53,7 @@ def test_the_nearest_pedestrians_come_first_and_others_are_left_out():
     found = features(observe(start), 3)
     assert (np.diff(found.pedestrians[..., 6], axis=1) >= 0).all()
     distance = np.linalg.norm(start.position[:, 1:] - start.position[:, :1], axis=2)
-    np.testing.assert_array_equal(found.index, np.argsort(distance, axis=1, kind="stable")[:, :3])
+    np.testing.assert_array_equal(found.which, np.argsort(distance, axis=1, kind="stable")[:, :3])
     np.testing.assert_allclose(found.pedestrians[..., 6] + 0.6, np.sort(distance, axis=1)[:, :3])
 
 
@@ -150,9 +150,9 @@ def test_progress_pays_for_metres_and_collisions():
 
 def test_a_reward_of_ones_own_is_a_file(tmp_path):
     (tmp_path / "mine.py").write_text("def reward(step):\n    return 10.0 * step.progress\n")
-    name, mine = load_reward(str(tmp_path / "mine.py"))
-    assert name == "mine"
-    np.testing.assert_allclose(paid(name, mine, a_step(Outcome.RUNNING)), 2.5)
+    mine = load_reward(str(tmp_path / "mine.py"))
+    assert mine.name == "mine"
+    np.testing.assert_allclose(mine(a_step(Outcome.RUNNING)), 2.5)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_a_reward_of_ones_own_is_a_file(tmp_path):
 )
 def test_a_reward_that_is_wrong_gets_one_sentence(answer, sentence):
     with pytest.raises(InputError, match=sentence):
-        paid("mine", answer, a_step(Outcome.RUNNING))
+        CheckedReward("mine", answer)(a_step(Outcome.RUNNING))
 
 
 def test_the_vec_env_keeps_the_contract_of_stable_baselines():
@@ -237,13 +237,13 @@ def test_the_vec_env_tells_the_end_of_an_episode_as_it_was():
 
 def test_every_agent_has_a_world_of_its_own():
     world = worlds(1, "circle_crossing_5_visible")
-    own = seats(world)
+    own = ego_views(world)
     assert len(own) == 6
     for agent in range(6):
         order = [agent, *(other for other in range(6) if other != agent)]
         for name in ("position", "velocity", "goal", "radius", "preferred_speed", "present"):
             np.testing.assert_array_equal(getattr(own, name)[agent], getattr(world, name)[0, order])
-    unseen = seats(worlds(1)).present
+    unseen = ego_views(worlds(1)).present
     assert unseen[0].all()
     assert not unseen[1:, 1].any()
     assert unseen[1:].sum(axis=1).tolist() == [5] * 5

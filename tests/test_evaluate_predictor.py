@@ -7,22 +7,15 @@ from typer.testing import CliRunner
 
 from crowdbench import load_scenario
 from crowdbench.cli import app
-from crowdbench.errors import InputError
-from crowdbench.evaluate import prediction_errors
-from crowdbench.evaluate.prediction_errors import MEAN, displacement, on_scenario, on_tracks
-from crowdbench.evaluate.rollout import _without_vehicle
-from crowdbench.predict import (
-    ConstantVelocity,
-    ConstantVelocitySampled,
-    Linear,
-    Oracle,
-    Prediction,
-    Predictor,
-)
+from crowdbench.metrics import prediction_errors
+from crowdbench.metrics.prediction_errors import MEAN, displacement, on_scenario, on_tracks
+from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Prediction, Predictor
 from crowdbench.predict.load import PREDICTORS
+from crowdbench.runs.rollout import _walk_alone
 from crowdbench.scenario.cases import Cases
-from crowdbench.settings import HORIZON
-from crowdbench.tracks.eth_ucy import Tracks, read_folder
+from crowdbench.scenario.tracks.eth_ucy import Tracks, read_folder
+from crowdbench.utils.defaults import HORIZON
+from crowdbench.utils.errors import InputError
 
 CASES = Cases.parse("val:6")
 FIRST, TOGETHER, EACH = range(3)
@@ -171,7 +164,7 @@ def test_scenes_are_resampled_apart_from_each_other():
 def slowly(predict, scenario, cases, ahead):
     """ADE and FDE `[ahead]`: one pedestrian after the other, until it comes near its goal."""
     world = scenario.worlds(cases)
-    track, _ = _without_vehicle(scenario, world)
+    track, _ = _walk_alone(scenario, world)
     errors = []
     for w in range(len(world)):
         for p in np.flatnonzero(world.present[w, 1:]):
@@ -366,4 +359,4 @@ def test_the_command_answers_bad_input_with_one_sentence(arguments, expected):
 
 def test_predictors_are_listed():
     listed = crowdbench("list", "predictors").stdout
-    assert [line.split()[0] for line in listed.splitlines()[2:]] == list(PREDICTORS)
+    assert [line.split()[0] for line in listed.splitlines()[2:]] == list(PREDICTORS.functions)

@@ -9,11 +9,11 @@ import pytest
 from crowdbench import catalog
 from crowdbench.cli.explain import OptionRow, description, option_rows, parameter_rows
 from crowdbench.cli.listing import list_
-from crowdbench.errors import InputError
 from crowdbench.predict.load import PREDICTORS
+from crowdbench.utils.errors import InputError
 
 PLANNERS = {f"planner {name}": catalog.PLANNERS.find(name)[1] for name, _ in catalog.PLANNERS.names()}
-SHIPPED = PLANNERS | {f"predictor {name}": factory for name, factory in PREDICTORS.items()}
+SHIPPED = PLANNERS | {f"predictor {name}": factory for name, factory in PREDICTORS.functions.items()}
 
 
 @pytest.mark.parametrize("factory", SHIPPED.values(), ids=SHIPPED)

@@ -11,9 +11,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from crowdbench.cli import app
-from crowdbench.errors import InputError
-from crowdbench.evaluate.compare import compare, holm
 from crowdbench.figures import plots
+from crowdbench.runs.compare import compare, holm
+from crowdbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")

@@ -15,17 +15,17 @@ import psutil
 import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.dynamics import Bicycle, Holonomic, chain
-from crowdbench.errors import InputError, MachineFault
-from crowdbench.evaluate.driver import DecisionLimitExceeded, Driver
-from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.core.dynamics import Bicycle, Holonomic, chain
+from crowdbench.core.types import Lidar, Rules, Sensor
 from crowdbench.isolation import protocol, sandbox
 from crowdbench.isolation.planner import IsolatedPlanner, Limits, called
+from crowdbench.planners.driver import DecisionLimitExceeded, Driver
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.sight import look
-from crowdbench.types import Lidar, Rules, Sensor
+from crowdbench.utils.errors import InputError, MachineFault
 
 pytestmark = pytest.mark.slow
 

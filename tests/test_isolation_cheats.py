@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from crowdbench.catalog import load_scenario
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import Episodes
-from crowdbench.evaluate.rollout import rollout
 from crowdbench.isolation import sandbox
 from crowdbench.isolation.planner import IsolatedPlanner
+from crowdbench.metrics import METRICS
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.results import Episodes
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
 
@@ -50,18 +50,19 @@ def attack(obs):
 """
 
 JUDGE = """
-import crowdbench.evaluate.rollout, crowdbench.sim.episode, crowdbench.sim.simulator
-from crowdbench.evaluate import metrics, results, rollout, run
-from crowdbench.types import Outcome
+import crowdbench.core.reward, crowdbench.sim.episode, crowdbench.sim.simulator
+from crowdbench import metrics
+from crowdbench.runs import results, rollout, run
+from crowdbench.core.types import Outcome
 def check_step(before, after):
     return crowdbench.sim.episode.StepCheck(np.full(len(after), Outcome.SUCCESS), *np.full((2, len(after)), 9.0))
 def attack(obs):
     for module in (crowdbench.sim.episode, crowdbench.sim.simulator, rollout):
         module.check_step = check_step
     metrics.METRICS["success_rate"] = lambda trace: np.ones(len(trace), bool)
-    crowdbench.sim.simulator._advance = lambda *arguments: None
+    crowdbench.sim.simulator._step = lambda *arguments: None
     results.Episodes.of = classmethod(lambda cls, trace, metrics: None)
-    crowdbench.reward.reward = lambda *arguments: 1.0
+    crowdbench.core.reward.reward = lambda *arguments: 1.0
 """
 
 CHANGED_OBSERVATION = """

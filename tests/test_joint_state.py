@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from crowdbench.value.joint_state import SIZE, VEHICLE, joint_states
+from crowdbench.networks.joint_state import SIZE, VEHICLE, joint_states
 
 
 def slow_joint_states(position, velocity, radius, present, goal, preferred_speed):

@@ -7,13 +7,13 @@ from helpers import drive
 from lookahead_scenes import Forks, Nearer, crowded, network, scene, slow_values, within
 
 from crowdbench import load_planner
-from crowdbench.dynamics.grids import speeds_and_headings
-from crowdbench.errors import InputError
-from crowdbench.evaluate.metrics import METRICS
+from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.types import Outcome
+from crowdbench.metrics import METRICS
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.predict import ConstantVelocity
-from crowdbench.types import Outcome
+from crowdbench.utils.errors import InputError
 
 DT = 0.25
 
@@ -61,7 +61,7 @@ def test_the_filter_allows_what_brute_force_allows(limits):
     seen = moving(velocity)
     rng = np.random.default_rng(5)
     commands = np.concatenate([rng.uniform(-1.0, 1.0, (40, 50, 2)), speeds_and_headings(np.ones(40))], axis=1)
-    allowed = limits.allow(seen.velocity, commands, DT)
+    allowed = limits.allow(seen.vehicle.velocity, commands, DT)
     expected = [[slow_allows(limits, v, c, seen.dt) for c in each] for v, each in zip(velocity, commands, strict=True)]
     assert np.array_equal(allowed, expected)
     assert not allowed.all()
@@ -70,7 +70,7 @@ def test_the_filter_allows_what_brute_force_allows(limits):
 def test_the_published_filter_bounds_turns_of_120_degrees_and_a_change_of_speed_of_1_6():
     def allowed(velocity, degrees, speed):
         turned = speed * np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
-        return bool(Limits().allow(moving([velocity]).velocity, turned[None, None], DT)[0, 0])
+        return bool(Limits().allow(moving([velocity]).vehicle.velocity, turned[None, None], DT)[0, 0])
 
     assert allowed([1.0, 0.0], 119.9, 1.0)
     assert allowed([1.0, 0.0], -119.9, 1.0)
@@ -85,7 +85,7 @@ def test_from_and_to_standstill_only_the_speed_is_bounded(limits):
     fast, slow = 0.25 * min(limits.max_acceleration, 1.0), 0.29
     still = moving(np.zeros((1, 2)))
     around = fast * np.stack([np.cos(np.arange(7)), np.sin(np.arange(7))], axis=-1)
-    assert limits.allow(still.velocity, around[None], DT).all()
+    assert limits.allow(still.vehicle.velocity, around[None], DT).all()
     assert limits.allow(np.array([[-slow, 0.0]]), np.zeros((1, 1, 2)), DT).all()
 
 
@@ -93,12 +93,12 @@ def test_from_and_to_standstill_only_the_speed_is_bounded(limits):
 def test_braking_is_allowed_and_as_hard_as_can_be(limits):
     velocity = some_velocities()
     seen = moving(velocity)
-    braked = limits.brake(seen.velocity, DT)
-    assert limits.allow(seen.velocity, braked[:, None], DT).all()
+    braked = limits.brake(seen.vehicle.velocity, DT)
+    assert limits.allow(seen.vehicle.velocity, braked[:, None], DT).all()
     speed, before = np.linalg.norm(braked, axis=1), np.linalg.norm(velocity, axis=1)
     np.testing.assert_allclose(speed[:, None] * velocity, before[:, None] * braked, atol=1e-12)
     harder = braked * (1.0 - 1e-3 / np.maximum(speed, 1e-3))[:, None]
-    assert not limits.allow(seen.velocity, harder[:, None], DT)[speed > 1e-3].any()
+    assert not limits.allow(seen.vehicle.velocity, harder[:, None], DT)[speed > 1e-3].any()
 
 
 # The shaped reward.
@@ -151,9 +151,9 @@ def cases_of_exploration():
     """Scenes and best commands: moving and standing, at full speed, on the goal."""
     velocity = np.repeat(some_velocities(4), 3, axis=0)
     seen = moving(velocity)
-    seen.goal[5] = seen.position[5]
+    seen.vehicle.goal[5] = seen.vehicle.position[5]
     velocity[5] = 0.0
-    fastest = np.stack([seen.preferred_speed, np.zeros(12)], axis=1)
+    fastest = np.stack([seen.vehicle.preferred_speed, np.zeros(12)], axis=1)
     command = np.where((np.arange(12) % 3 == 0)[:, None], 0.0, velocity)
     return seen, np.where((np.arange(12) % 3 == 1)[:, None], fastest, command)
 
@@ -165,12 +165,12 @@ def test_the_refined_set_is_a_grid_around_the_command_within_the_speeds(epsilon,
     assert refined.shape == (12, (2 * n + 1) ** 2, 2)
     assert np.isfinite(refined).all()
     speed = np.linalg.norm(refined, axis=-1)
-    assert (speed <= seen.preferred_speed[:, None] * (1.0 + 1e-12)).all()
+    assert (speed <= seen.vehicle.preferred_speed[:, None] * (1.0 + 1e-12)).all()
     np.testing.assert_allclose(np.abs(refined - command[:, None]).max(axis=-1).min(axis=1), 0.0, atol=1e-12)
     for w in np.flatnonzero(np.linalg.norm(command, axis=1) > 0.0):
         before, heading = np.hypot(*command[w]), math.atan2(*command[w, ::-1])
         for i in range(-n, n + 1):
-            fast = min(max(before + i * epsilon, 0.0), seen.preferred_speed[w])
+            fast = min(max(before + i * epsilon, 0.0), seen.vehicle.preferred_speed[w])
             for j in range(-n, n + 1):
                 turned = fast * np.array([math.cos(heading + j * epsilon), math.sin(heading + j * epsilon)])
                 assert np.abs(refined[w] - turned).max(axis=1).min() < 1e-12
@@ -182,7 +182,7 @@ def test_the_refined_set_is_a_grid_around_the_command_within_the_speeds(epsilon,
 )
 def test_around_standing_still_it_explores_where_the_vehicle_heads_or_else_its_goal(velocity, to_goal, heading):
     seen = moving([velocity])
-    seen.goal[0] = seen.position[0] + to_goal
+    seen.vehicle.goal[0] = seen.vehicle.position[0] + to_goal
     refined = Exploration(0.1, 1)(seen, np.zeros((1, 2)))[0]
     np.testing.assert_allclose(refined.mean(axis=0) / np.linalg.norm(refined.mean(axis=0)),
                                [math.cos(heading), math.sin(heading)], atol=1e-12)  # fmt: skip

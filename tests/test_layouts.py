@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from crowdbench.catalog import load_recorded_scenario, load_scenario
 from crowdbench.cli import app
-from crowdbench.errors import InputError
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 
 DOOR = '''"""Two people and a door."""
 
@@ -71,7 +71,7 @@ def test_a_function_of_the_file_can_be_named_also_on_the_command_line(door):
 
 def test_options_have_the_types_of_their_defaults(door):
     for options in ({"walls": False}, {"people": 3}, {"width": 2}, {"side": "right"}, {"at": [1, "x"]}, {"more": {}}):
-        assert scenario(**options).layout_options.items() >= options.items()
+        assert scenario(**options).layout.options.items() >= options.items()
     for option, value, right in (
         ("walls", 1, "true or false"),
         ("people", 1.5, "a whole number"),

@@ -19,14 +19,14 @@ from lookahead_scenes import (
     within,
 )
 
-from crowdbench.dynamics.grids import speeds_and_headings
+from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.types import Observation, Outcome
+from crowdbench.networks.value import NETWORKS
 from crowdbench.planners.lookahead import ValuePlanner, planner
 from crowdbench.planners.lookahead.aggregate import AGGREGATES
 from crowdbench.predict import ConstantVelocity, Oracle
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import step
-from crowdbench.types import Observation, Outcome
-from crowdbench.value.networks import NETWORKS
 
 # The commands.
 
@@ -194,7 +194,7 @@ def around(scene, command):
     """The same command turned a little to either side, and slower by a share of the preferred speed."""
     c, s = np.cos(0.1), np.sin(0.1)
     turned = [command @ np.array([[c, side], [-side, c]]) for side in (-s, s)]
-    return np.stack([*turned, command * (1.0 - 0.05 * scene.preferred_speed[:, None])], axis=1)
+    return np.stack([*turned, command * (1.0 - 0.05 * scene.vehicle.preferred_speed[:, None])], axis=1)
 
 
 @pytest.mark.parametrize("change", [None, 0.7])

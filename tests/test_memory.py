@@ -6,16 +6,16 @@ from helpers import drive, same
 from test_check_kinds import CASES, PLACE, seen, verdicts
 
 from crowdbench.catalog import load_scenario
+from crowdbench.check import check_policy
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
-from crowdbench.errors import InputError
-from crowdbench.evaluate.check import check_policy
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.driver import Driver
 from crowdbench.planners.reactive import ORCAPlanner
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import PolicyWithMemory
 from crowdbench.sim.simulator import crowd_decisions, step
+from crowdbench.utils.errors import InputError
 
 FILE = """
 import numpy as np

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from helpers import Still, drive, same, trace
 
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.record import exact
-from crowdbench.types import Outcome, Rules
+from crowdbench.core.types import Outcome, Rules
+from crowdbench.metrics import METRICS
+from crowdbench.record.contents import read
+from crowdbench.record.write import Recorder
 
 FAR = [50.0, 50.0]
 
@@ -118,8 +119,9 @@ def test_groups_are_in_traces_and_recordings_where_there_are_some(tmp_path):
     assert episode.group is not None
     assert (episode.group >= 0).any()
     assert episode.group.shape == episode.person.shape
-    read = [exact.episode(list(exact.chunks(episode, row, {}))) for row in range(3)]
-    assert same(exact.trace(read, exact.facts_of(read[0])), episode)
+    with Recorder(tmp_path / "run.rrd", planner="orca", scenario="companions", scenario_digest="", cases=3) as recorder:
+        recorder.add(episode, np.arange(3), {})
+    assert same(read(tmp_path / "run.rrd").trace, episode)
     assert drive("orca", "val:2").group is None
 
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from crowdbench.compiled import njit
-from crowdbench.sim import neighbors, orca
+from crowdbench.sim import neighbors
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
+from crowdbench.sim.pedestrians import orca
+from crowdbench.utils.compiled import njit
 
 RANDOM = np.random.default_rng(0)
 

@@ -4,8 +4,8 @@ import torch
 from test_joint_state import scenes
 from torch import nn
 
-from crowdbench.value.joint_state import DISTANCE, VEHICLE, joint_states
-from crowdbench.value.networks import NETWORKS
+from crowdbench.networks.joint_state import DISTANCE, VEHICLE, joint_states
+from crowdbench.networks.value import NETWORKS
 
 EVERY = pytest.mark.parametrize("name", list(NETWORKS))
 

@@ -2,15 +2,21 @@ import numpy as np
 import pytest
 from helpers import world
 
-from crowdbench.geometry import local_goals, polygons
-from crowdbench.reward import reward
+from crowdbench.core.geometry import local_goals, polygons
+from crowdbench.core.reward import reward
+from crowdbench.core.types import Outcome
 from crowdbench.sim.obstacles import slide, wall_gap_in_step
-from crowdbench.sim.pedestrians import ORCA
+from crowdbench.sim.pedestrians import ORCA, social_force
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.sim.simulator import step
-from crowdbench.sim.social_force import social_force_velocities
 from crowdbench.sim.swept import stopping_gap
-from crowdbench.types import Outcome
+
+
+def social_force_velocities(*inputs, **options):
+    """The function of that name, with parameters as arguments."""
+    parameters = {name: options.pop(name) for name in options.keys() & social_force.PARAMETERS.keys()}
+    return social_force.social_force_velocities(*inputs, **options, parameters=parameters)
+
 
 WALL = np.array([[[-1.0, 0.0], [1.0, 0.0], [np.nan, np.nan], [np.nan, np.nan]]])
 BLOCK = np.array([[[1.0, 1.0], [3.0, 1.0], [3.0, 2.0], [1.0, 2.0]]])

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from crowdbench.sim import orca
-from crowdbench.sim.orca import orca_velocities
+from crowdbench.sim.pedestrians import orca
+from crowdbench.sim.pedestrians.orca import orca_velocities
 
 INPUTS = ("position", "velocity", "preferred_velocity", "radius", "max_speed")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import drive
 
-from crowdbench.types import Outcome
+from crowdbench.core.types import Outcome
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ def test_episodes_are_crowdnavs(reference, recorded, scenario):
 
 
 def test_rewards_and_gaps_are_crowdnavs(reference):
-    from crowdbench.reward import reward
+    from crowdbench.core.reward import reward
 
     data = reference("crowdnav_circle5_orca_invisible")
     trace = drive("orca", "100", collision="crowdnav")

@@ -5,9 +5,9 @@ import pytest
 from helpers import drive
 
 from crowdbench import Planner, load_planner, load_scenario
-from crowdbench.geometry import toward_goal
+from crowdbench.core.geometry import toward_goal
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim.orca import orca_velocities
+from crowdbench.sim.pedestrians.orca import orca_velocities
 
 
 class Robot(Planner):

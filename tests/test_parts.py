@@ -12,27 +12,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import make, run_of
 
-from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.errors import InputError, Interrupted
-from crowdbench.evaluate import parts
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.merge import merge
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.parts import Parts
-from crowdbench.evaluate.run import run
-from crowdbench.evaluate.shard import Shard
+from crowdbench.catalog import load_scenario
 from crowdbench.planners.base import Planner
-from crowdbench.record.read import read
-from crowdbench.scenario.cases import Cases
+from crowdbench.record.contents import read
+from crowdbench.runs import shards
+from crowdbench.runs.merge import merge
+from crowdbench.runs.shards import REQUEST, Shard, find_finished, make_run
+from crowdbench.utils.errors import InputError, Interrupted
 
 SAME = ("episodes.csv", "commands.parquet")
 
 
 def go(out, cases="12", planner=None, scenario="circle_crossing_5", **settings):
-    settings = {"metrics": METRICS, "about": {"options": {}}, "record": "commands"} | settings
-    name, made = load_planner("orca") if planner is None else ("mine", planner)
-    return run(Driver(made, name), load_scenario(scenario), Cases.parse(cases), out, **settings)
+    return make(out, planner or "orca", load_scenario(scenario), cases, **{"record": "commands"} | settings)
 
 
 def digests(directory):
@@ -47,18 +41,17 @@ def whole(tmp_path):
 
 @pytest.mark.parametrize("batch", [1, 5])
 def test_a_run_in_parts_is_that_in_one_go(batch, whole, tmp_path):
-    finished = go(tmp_path / "a", batch=batch)
+    go(tmp_path / "a", batch=batch)
     assert digests(tmp_path / "a") == digests(whole)
-    alone = json.loads((whole / "result.json").read_text())
-    for key in set(alone) - {"timing"}:
-        assert finished.result[key] == alone[key]
+    one, parts = (json.loads((path / "result.json").read_text()) for path in (whole, tmp_path / "a"))
+    assert {**one, "timing": None} == {**parts, "timing": None}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "whole"]
 
 
 def test_shards_make_the_whole_in_any_order(whole, tmp_path):
     for number in (3, 1, 2):
-        finished = go(tmp_path / "a", batch=4, shard=Shard(number, 3))
-        assert (finished.result is None) == (number != 2)
+        there = go(tmp_path / "a", batch=4, shard=Shard(number, 3))
+        assert there.is_whole == (number == 2)
         assert (tmp_path / "a").exists() == (number == 2)
     assert digests(tmp_path / "a") == digests(whole)
 
@@ -68,14 +61,14 @@ def test_shards_of_several_machines_are_merged(whole, tmp_path):
         go(tmp_path / f"machine{number}" / "a", batch=4, shard=Shard(number, 2)).folder.rename(tmp_path / str(number))
         for number in (1, 2)
     ]
-    made, is_whole = parts.finished(folders)
+    finished, is_whole = find_finished(folders)
     assert is_whole
-    merge(made, tmp_path / "a")
+    merge(finished, tmp_path / "a")
     assert digests(tmp_path / "a") == digests(whole)
-    assert parts.finished(folders[1:]) == ([], False)
+    assert find_finished(folders[1:]) == ([], False)
     other = go(tmp_path / "b", batch=4, cases="8", shard=Shard(1, 2)).folder
     with pytest.raises(InputError, match=r"hold parts of different runs: their request\.json differ$"):
-        parts.finished([folders[0], other])
+        find_finished([folders[0], other])
 
 
 class Stops(Planner):
@@ -100,7 +93,7 @@ def test_what_was_interrupted_goes_on(tmp_path):
         with pytest.raises(KeyboardInterrupt):
             go(tmp_path / "a", planner=Stops(2), batch=2)
     [folder] = tmp_path.glob("a.parts-*")
-    assert parts.finished([folder]) == ([folder / f"test-{start}-{start + 2}" for start in range(0, 8, 2)], False)
+    assert find_finished([folder]) == ([folder / f"test-{start}-{start + 2}" for start in range(0, 8, 2)], False)
     told = []
     go(tmp_path / "a", planner=Stops(2), batch=2, progress=told.append)
     assert sum(told) == pytest.approx(12.0)
@@ -120,7 +113,7 @@ def test_processes_that_are_given_the_same_command_share_the_work(whole, tmp_pat
 
 
 def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(parts, "PATIENCE", 0.01)
+    monkeypatch.setattr(shards, "PATIENCE", 0.01)
     driven, begun, go_on = [], threading.Event(), threading.Event()
 
     def slow(part, directory):
@@ -134,14 +127,13 @@ def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
         driven.append(("quick", part.start))
         go_on.set()
 
-    cases = Cases("test", 0, 4)
-    wanted = Parts.of(cases, tmp_path / "a", {}, batch=2)
-    other = threading.Thread(target=parts.make, args=(slow, wanted))
+    run = run_of("orca", load_scenario("circle_crossing_5"), "4", batch=2)
+    other = threading.Thread(target=make_run, args=(run, tmp_path / "a"), kwargs={"drive": slow})
     other.start()
     assert begun.wait(30.0)
-    made = parts.make(quick, wanted)
+    there = make_run(run, tmp_path / "a", drive=quick)
     other.join()
-    assert made.is_whole
+    assert there.is_whole
     assert sorted(driven) == [("quick", 2), ("slow", 0)]
 
 
@@ -181,7 +173,7 @@ def test_recordings_are_merged_too(tmp_path):
 
 
 def test_of_very_many_failures_only_the_first_parts_are_recorded(tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.evaluate.merge.MOST_FAILURES", 6)
+    monkeypatch.setattr("crowdbench.runs.recording.MOST_FAILURES", 6)
     go(tmp_path / "a", record="failures", batch=4, planner=Stops(99))
     assert read(tmp_path / "a" / "run.rrd").trace.case.tolist() == list(range(8))
     assert json.loads((tmp_path / "a" / "result.json").read_text())["recorded"] == 8
@@ -230,4 +222,4 @@ def test_the_command_line_merges_what_an_interrupt_has_kept(tmp_path):
     refused = subprocess.run([*command[:4], str(tmp_path), *command[5:]], capture_output=True, text=True)
     assert refused.returncode == 1
     assert refused.stderr.startswith("crowdbench: ")
-    assert Path(folder / parts.REQUEST).exists()
+    assert Path(folder / REQUEST).exists()

@@ -7,17 +7,17 @@ import pytest
 from helpers import Still, drive, same
 from test_check_kinds import verdicts
 
-from crowdbench import rng
 from crowdbench.catalog import load_policy, load_scenario
-from crowdbench.errors import InputError
-from crowdbench.evaluate.check import check_policy
-from crowdbench.geometry import norm
+from crowdbench.check import check_policy
+from crowdbench.core import rng
+from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.groups import drawn_groups, reach_of, spread
-from crowdbench.sim.group_force import ATTRACTION, GAZE, REPULSION, group_force
-from crowdbench.sim.habits import HABITS
+from crowdbench.scenario.groups import draw_groups, group_reach, spread
 from crowdbench.sim.pedestrians import ORCA, SocialForce
-from crowdbench.sim.social_force import social_force_velocities
+from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, group_force
+from crowdbench.sim.pedestrians.habits import HABITS
+from crowdbench.sim.pedestrians.social_force import social_force_velocities
+from crowdbench.utils.errors import InputError
 
 GROUPS = {"1": 0.2, "2": 0.4, "3": 0.4}
 
@@ -37,10 +37,14 @@ def groups_of(world):
 
 def test_groups_have_the_sizes_that_are_asked_for():
     streams = [rng.generator(np.uint64(case), "groups") for case in range(3000)]
-    sizes = [len(members) for stream in streams for members in drawn_groups(stream, {1: 2.0, 3: 2.0}, 8)[:2]]
+    sizes = [
+        size
+        for stream in streams
+        for size in np.unique(draw_groups(stream, {1: 2.0, 3: 2.0}, 8), return_counts=True)[1][:2].tolist()
+    ]
     assert set(sizes) == {1, 3}
     assert np.mean(np.array(sizes) == 3) == pytest.approx(0.5, abs=0.03)
-    assert sum(map(len, drawn_groups(streams[0], {3: 1.0}, 8))) == 8
+    assert draw_groups(streams[0], {3: 1.0}, 8).tolist() == [0, 0, 0, 3, 3, 3, 6, 6]
 
 
 def test_members_start_side_by_side_and_walk_to_goals_side_by_side_at_one_speed():
@@ -94,7 +98,7 @@ def test_who_stands_is_on_the_way_in_a_circle_and_stays():
 
 def test_those_who_come_new_walk():
     place = load_scenario("circle_crossing_10", {"pedestrians.policy": {"orca": 0.25, "standing": 0.75}})
-    assert dict(place.kinds.walking().shares) == {"orca": 1.0, "standing": 0.0}
+    assert dict(place.crowd.population.walking().shares) == {"orca": 1.0, "standing": 0.0}
 
 
 @pytest.mark.parametrize("arrival", ["new_goal", "respawn", "back_and_forth"])
@@ -231,7 +235,7 @@ def test_a_group_fits_into_its_disc():
         radius = np.full(n, 0.3)
         for stands in (False, True):
             place = spread(np.array([1.0, 2.0]), radius, stands)
-            assert norm(place).max() + 0.3 <= reach_of(radius) + 1e-9
+            assert norm(place).max() + 0.3 <= group_reach(radius) + 1e-9
             assert place.mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-12)
 
 

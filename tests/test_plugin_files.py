@@ -4,9 +4,10 @@ import sys
 
 import pytest
 
-from crowdbench import catalog, plugins
-from crowdbench.errors import InputError
-from crowdbench.plugin_files import file_digests, joint
+from crowdbench import catalog
+from crowdbench.plugins.files import file_digests, joint
+from crowdbench.plugins.load import load_module, source_digest
+from crowdbench.utils.errors import InputError
 
 MINE = """
 import json
@@ -50,21 +51,21 @@ def test_what_a_file_imports_from_its_folder_counts_wherever_the_import_stands(f
 
 @pytest.mark.parametrize("name", ["mine.py", "helper.py", "deeper.py", "lazy.py", "tools/geometry/inner.py"])
 def test_a_changed_helper_changes_the_source(folder, name):
-    before = plugins.source("./mine.py")
+    before = source_digest("./mine.py")
     (folder / name).write_text((folder / name).read_text() + "\n# changed\n")
-    assert plugins.source("./mine.py") != before
+    assert source_digest("./mine.py") != before
 
 
 def test_other_files_of_the_folder_do_not_change_the_source(folder):
-    before = plugins.source("./mine.py")
+    before = source_digest("./mine.py")
     (folder / "other.py").write_text("changed")
     (folder / "tools" / "unused.py").write_text("changed")
-    assert plugins.source("./mine.py:planner") == before
+    assert source_digest("./mine.py:planner") == before
 
 
 def test_the_source_of_a_file_that_imports_nothing_is_its_own_digest(folder):
-    assert plugins.source("./lazy.py") == hashlib.sha256(b"LATER = 1").hexdigest()[:12]
-    assert plugins.source("orca") is None
+    assert source_digest("./lazy.py") == hashlib.sha256(b"LATER = 1").hexdigest()[:12]
+    assert source_digest("orca") is None
     assert joint({"a.py": "1" * 64, "b.py": "2" * 64}) != joint({"a.py": "2" * 64, "b.py": "1" * 64})
 
 
@@ -72,7 +73,7 @@ def test_a_broken_helper_counts_and_one_that_cannot_be_read_is_told(folder):
     (folder / "mine.py").write_text("def planner():\n    import other, gone\n")
     assert list(file_digests(folder / "mine.py")) == ["mine.py", "other.py"]
     with pytest.raises(InputError, match=r"nowhere\.py"):
-        plugins.load_module(folder / "nowhere.py")
+        load_module(folder / "nowhere.py")
 
 
 def test_crowdbench_is_no_part_of_a_planner_beside_it(folder):

@@ -5,11 +5,17 @@ import pytest
 from helpers import Still, drive
 
 from crowdbench.catalog import load_scenario
-from crowdbench.geometry import norm
+from crowdbench.core.geometry import norm
+from crowdbench.networks.weights import WEIGHTS
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim import power_law
-from crowdbench.sim.power_law import power_law_velocities
-from crowdbench.weights.store import WEIGHTS
+from crowdbench.sim.pedestrians import forces, power_law
+
+
+def power_law_velocities(*inputs, **options):
+    """The function of that name, with parameters as arguments."""
+    parameters = {name: options.pop(name) for name in options.keys() & power_law.PARAMETERS.keys()}
+    return power_law.power_law_velocities(*inputs, **options, parameters=parameters)
+
 
 K, TAU0, XI, BOUND = 1.5, 3.0, 0.54, 20.0
 """The paper's numbers, written out."""
@@ -147,7 +153,7 @@ def test_threads_do_not_change_it(monkeypatch):
     state = rng.uniform(-4, 4, (3, 7, 6, 2))
     radius, speed = np.full((7, 6), 0.3), np.full((7, 6), 1.0)
     serial = power_law_velocities(*state, radius, speed)
-    monkeypatch.setattr(power_law, "PARALLEL_PAIRS", 0)
+    monkeypatch.setattr(forces, "PARALLEL_PAIRS", 0)
     assert np.array_equal(power_law_velocities(*state, radius, speed), serial)
 
 

@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
+from helpers import advance
 
 from crowdbench import load_predictor, load_scenario
-from crowdbench.errors import InputError
+from crowdbench.core.types import HISTORY, Observation, Pedestrians, Vehicle
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 from crowdbench.predict.load import PREDICTORS
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities
-from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle
+from crowdbench.sim.simulator import crowd_velocities
+from crowdbench.utils.errors import InputError
 
 DT = 0.25
 BOTH = pytest.mark.parametrize("predictor", [Linear(), ConstantVelocity()])
@@ -216,7 +217,7 @@ def test_the_oracle_knows_the_next_step_and_goes_straight_on_from_there(name):
 
 
 def test_only_the_oracle_is_privileged_and_it_needs_the_future():
-    assert [name for name in PREDICTORS if load_predictor(name)[1].privileged] == ["oracle"]
+    assert [name for name in PREDICTORS.functions if load_predictor(name)[1].privileged] == ["oracle"]
     with pytest.raises(PermissionError):
         Oracle().predict(observation(bent()), 3)
 
@@ -241,7 +242,7 @@ def wrong():
 def test_a_predictor_is_found_by_name_or_in_a_file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(MINE)
-    kinds = [type(load_predictor(name)[1]).__name__ for name in PREDICTORS]
+    kinds = [type(load_predictor(name)[1]).__name__ for name in PREDICTORS.functions]
     assert kinds == ["Linear", "ConstantVelocity", "ConstantVelocitySampled", "Oracle", "SocialGAN", "SocialGAN"]
     name, predictor = load_predictor(str(path))
     assert (name, type(predictor).__name__) == ("mine", "Mine")

@@ -8,8 +8,8 @@ from helpers import Still
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli import console
 from crowdbench.cli.console import progress
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 
 

@@ -46,7 +46,7 @@ def test_every_public_name_is_there_and_documented():
 
 def test_the_public_functions_are_functions_whatever_was_imported_before():
     code = (
-        "import inspect, crowdbench.cli, crowdbench.evaluate.run, crowdbench.evaluate.check\n"
+        "import inspect, crowdbench.cli, crowdbench.runs.run, crowdbench.check\n"
         "from crowdbench import flatten, load_planner, load_scenario, parallel_env, rollout\n"
         "print(all(map(inspect.isfunction, (flatten, load_planner, load_scenario, parallel_env, rollout))))"
     )

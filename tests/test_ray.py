@@ -10,12 +10,14 @@ from types import SimpleNamespace
 import pytest
 from studies import CROWDS
 
-from crowdbench import cluster
 from crowdbench.cli import app
-from crowdbench.errors import InputError
-from crowdbench.evaluate.run import make, parts_of
+from crowdbench.runs import on_ray as cluster
+from crowdbench.runs.load import load_run
+from crowdbench.runs.results import read_result
+from crowdbench.runs.shards import Parts, make_run
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
-from crowdbench.spec import RunSpec
+from crowdbench.utils.errors import InputError
 
 SAME = ("episodes.csv", "commands.parquet")
 
@@ -92,15 +94,16 @@ def test_a_worker_that_is_killed_loses_nothing(tmp_path):
 @pytest.mark.usefixtures("ray")
 def test_a_shard_on_ray_makes_its_batches_only(tmp_path):
     spec = RunSpec("orca", "circle_crossing_5", Cases.parse("12"), record="commands", batch=4)
-    parts = parts_of(spec.load(), tmp_path / "a")
+    parts = Parts.of(load_run(spec), tmp_path / "a")
     cases = []
     cluster.make_parts([cluster.Job(spec, parts, parts.cases[1:2])], progress=cases.append)
     assert cases == [4]
-    assert parts.made() == [Cases("test", 4, 8)]
-    with parts.claimed(parts.cases[0]):  # as another process would
+    assert parts.list_finished() == [Cases("test", 4, 8)]
+    with parts.claim(parts.cases[0]):  # as another process would
         cluster.make_parts([cluster.Job(spec, parts, parts.cases)], progress=cases.append)
-    assert parts.made() == [Cases("test", 4, 8), Cases("test", 8, 12)]
-    assert make(spec.load(), tmp_path / "a").result["cases"] == "test:0:12"
+    assert parts.list_finished() == [Cases("test", 4, 8), Cases("test", 8, 12)]
+    make_run(load_run(spec), tmp_path / "a")
+    assert read_result(tmp_path / "a")["cases"] == "test:0:12"
 
 
 @pytest.mark.usefixtures("ray")
@@ -114,7 +117,7 @@ def test_what_is_wrong_on_a_worker_is_told_in_one_sentence(tmp_path, monkeypatch
         go(tmp_path / "a", on="ray", planner=tmp_path / "broken.py")
     with pytest.raises(InputError, match=r"^--threads 99 is more than any machine of the Ray cluster has$"):
         go(tmp_path / "a", on="ray", threads=99)
-    monkeypatch.setattr("crowdbench.evaluate.wanted.code", lambda: "other code")
+    monkeypatch.setattr("crowdbench.runs.run.code", lambda: "other code")
     with pytest.raises(InputError, match=r"^the Ray worker on .* has another code of crowdbench than"):
         go(tmp_path / "a", on="ray")
     assert [path.name for path in tmp_path.iterdir()] == ["broken.py"]

@@ -13,12 +13,12 @@ from crowdnav_policies import NativeStraight, Straight
 from helpers import drive, same
 
 from crowdbench.catalog import load_planner, load_policy, load_scenario
+from crowdbench.check import check_layout, check_planner, check_policy
 from crowdbench.cli import app
-from crowdbench.evaluate.check import check_layout, check_planner, check_policy
-from crowdbench.plugin_options import read_options
+from crowdbench.networks.weights import digest
+from crowdbench.plugins.options import read_options
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.weights.store import digest
 
 ROOT = Path(__file__).parent.parent
 
@@ -143,16 +143,16 @@ def test_the_scenario_of_the_docs_loads(tmp_path):
     text = re.search(r"^```toml\n(.*?)^```", (ROOT / "docs/plugins.md").read_text(), re.DOTALL | re.MULTILINE)[1]
     (tmp_path / "mine.toml").write_text(text)
     place = load_scenario(str(tmp_path / "mine.toml"))
-    assert place.number == (1, 8)
+    assert place.crowd.number == (1, 8)
     assert set(place.policies) == {"orca", "social_force"}
-    assert place.preferred_speed.std == 0.2
+    assert place.crowd.population.preferred_speed.std == 0.2
 
 
 def test_the_layout_of_the_docs_keeps_the_contract(tmp_path):
     (tmp_path / "pillar.py").write_text(blocks("docs/layouts.md")[0])
     (tmp_path / "mine.toml").write_text('[layout]\ngenerator = "./pillar.py"\n')
     place = load_scenario(str(tmp_path / "mine.toml"), {"layout.size": 1.5})
-    points = check_layout(partial(place.layout, size=1.5), "pillar", place, Cases.parse("val:3"))
+    points = check_layout(partial(place.layout.function, size=1.5), "pillar", place, Cases.parse("val:3"))
     assert {point.name for point in points if not point.kept} <= {"random numbers"}  # the tests' type checker draws
     start = place.worlds(Cases.parse("2"))
     assert start.obstacles.max() == 0.75

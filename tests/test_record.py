@@ -11,21 +11,22 @@ from helpers import drive, same, trace
 from rerun.chunk import RrdReader
 
 from crowdbench.catalog import load_scenario
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import Episodes
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.core.types import Outcome
+from crowdbench.drawing.moment import pedestrian_hit
+from crowdbench.drawing.palette import SCALE
 from crowdbench.planners.base import Planner
-from crowdbench.record import approach, decisions, drawing, exact, plots, rrd, view, viewer
-from crowdbench.record.hit import pedestrian_hit
-from crowdbench.record.read import Recording, read
-from crowdbench.record.style import SCALE
+from crowdbench.planners.driver import Driver
+from crowdbench.record import contents, rrd, view, viewer
+from crowdbench.record.contents import Recording, read
+from crowdbench.record.decisions import draw_decisions, shades
+from crowdbench.record.drawing import draw_episode, extent
+from crowdbench.record.marks import draw_approach, time_to_closest
+from crowdbench.record.plots import draw_logs
 from crowdbench.record.write import Recorder
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.types import Outcome
+from crowdbench.utils.errors import InputError
 
-FIXTURES = Path(__file__).parent / "fixtures"
 RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}
 
 
@@ -111,7 +112,7 @@ def test_what_is_logged_now_and_then_is_drawn_without_the_gaps(driven):
         values[:, now_and_then] = 1.0
     logs["never"] = np.full(driven.gap.shape, np.nan)
     said = dataclasses.replace(driven, logs=logs)
-    chunks = [*plots.logs(said, 0), *decisions.drawn(said, 0)]
+    chunks = [*draw_logs(said, 0), *draw_decisions(said, 0)]
     moving = {chunk.entity_path: chunk.to_record_batch() for chunk in chunks if not chunk.is_static}
     asked, steps = list(range(0, int(driven.steps[0]), 8)), list(range(int(driven.steps[0])))
     shown = {path: (batch.column("time").cast("int64").to_numpy() / 0.25e9).tolist() for path, batch in moving.items()}
@@ -129,7 +130,7 @@ def test_futures_are_shorter_as_they_come_true(driven):
     way = np.full((*driven.gap.shape, 8, 1, 2), np.nan)
     way[:, ::8] = np.arange(8.0)[:, None, None]
     said = dataclasses.replace(driven, logs={"way": way})
-    moving = [chunk.to_record_batch() for chunk in decisions.drawn(said, 0) if not chunk.is_static]
+    moving = [chunk.to_record_batch() for chunk in draw_decisions(said, 0) if not chunk.is_static]
     strips = [batch.column("LineStrips2D:strips").to_pylist() for batch in moving]
     first = [min((x for strip in third[k] for x, _ in strip), default=np.inf) for k in range(8) for third in strips]
     assert np.min(np.reshape(first, (8, 3)), axis=1).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, np.inf]
@@ -138,30 +139,30 @@ def test_futures_are_shorter_as_they_come_true(driven):
 def test_the_closest_approach_ahead_is_shown():
     """The vehicle drives up at 1 m/s, past somebody who stands 1 m beside its way, 3 m ahead."""
     position, velocity = np.array([[3.0, 3.0]]), np.array([[-1.0, -1.5]])
-    when = approach.closest(position, velocity)[0]
+    when = time_to_closest(position, velocity)[0]
     assert when == pytest.approx((3.0 + 4.5) / 3.25)
     assert np.linalg.norm(position + when * velocity) <= np.linalg.norm(position + (when + 0.01) * velocity)
-    assert approach.closest(position, -velocity)[0] == 0.0
+    assert time_to_closest(position, -velocity)[0] == 0.0
     steps = 4
     still = trace(np.array([[[0.0, 0.25 * t], [1.0, 3.0]] for t in range(steps + 1)]), Outcome.SUCCESS)
     still.velocity[0, :, 0] = [0.0, 1.0]
-    moving = [chunk.to_record_batch() for chunk in approach.drawn(still, 0, 0.5) if not chunk.is_static]
+    moving = [chunk.to_record_batch() for chunk in draw_approach(still, 0, 0.5) if not chunk.is_static]
     labels = [text[0] for text in moving[0].column("Points2D:labels").to_pylist()]
     assert labels[0] == "0.40 m in 3.0 s"
     hit = dataclasses.replace(still, outcome=np.array([Outcome.COLLISION]))
-    (without_last,) = [chunk.to_record_batch() for chunk in approach.drawn(hit, 0, 0.5) if not chunk.is_static]
+    (without_last,) = [chunk.to_record_batch() for chunk in draw_approach(hit, 0, 0.5) if not chunk.is_static]
     shown = [len(text) for text in without_last.column("Points2D:labels").to_pylist()]
     assert shown == [1] * steps + [0]
 
 
 def test_how_it_ended_is_written_clear_of_the_name_of_the_goal(driven):
     row = int(np.flatnonzero(driven.outcome == Outcome.SUCCESS)[0])
-    moving = {chunk.entity_path: chunk for chunk in drawing.episode(driven, row, "", {}) if not chunk.is_static}
+    moving = {chunk.entity_path: chunk for chunk in draw_episode(driven, row, "", {}) if not chunk.is_static}
     last = {
         name: np.array(moving[f"/world/{name}"].to_record_batch().column("Points2D:positions").to_pylist()[-1])
         for name in ("ending", "names")
     }
-    low, high = drawing.extent(driven, row)
+    low, high = extent(driven, row)
     assert abs(last["ending"][-1, 1] - last["names"][-1, 1]) >= 0.05 * (high - low).max()
 
 
@@ -169,12 +170,12 @@ def test_the_best_two_commands_are_marked(driven):
     fan = np.full((*driven.gap.shape, 4, 3), np.nan)
     fan[:, :] = [[1.0, 0.0, 0.3], [0.0, 1.0, 0.9], [-1.0, 0.0, -np.inf], [0.0, -1.0, 0.6]]
     said = dataclasses.replace(driven, logs={"commands": fan})
-    moving = {chunk.entity_path: chunk for chunk in decisions.drawn(said, 0) if not chunk.is_static}
+    moving = {chunk.entity_path: chunk for chunk in draw_decisions(said, 0) if not chunk.is_static}
     arrows = moving["/world/planner/commands"].to_record_batch().column("Arrows2D:vectors").to_pylist()
     best = moving["/world/planner/commands/best"].to_record_batch().column("Arrows2D:vectors").to_pylist()
     assert arrows[0] == [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
     assert best[0] == [[0.0, -1.0], [0.0, 1.0]]
-    np.testing.assert_array_equal(decisions.shades(np.array([0.0, 1.0])), [SCALE[0], SCALE[-1]])
+    np.testing.assert_array_equal(shades(np.array([0.0, 1.0])), [SCALE[0], SCALE[-1]])
 
 
 def test_an_error_leaves_nothing_behind(driven, tmp_path):
@@ -235,15 +236,15 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
     run = subprocess.run
     monkeypatch.setattr(viewer.subprocess, "run", started)
     monkeypatch.setenv("DISPLAY", ":0")
-    view.view(recorded, 7)
-    view.view(recorded)
+    view.view([recorded], 7)
+    view.view([recorded])
     assert shown == [[7], list(range(12))]
 
 
 def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_path):
     path = write(tmp_path / "run.rrd", driven, rows=np.array([0, 1, 2, 5]))
     with pytest.raises(InputError, match=r"case 3 is not recorded in .*: recorded near it are 0-2, 5 "):
-        view.view(path, 3)
+        view.view([path], 3)
 
 
 class Drawing:
@@ -266,7 +267,7 @@ class Drawing:
 def test_a_picture_is_taken_when_nothing_in_it_changes_any_more(recorded, tmp_path, monkeypatch):
     client = Drawing()
     monkeypatch.setattr(viewer, "_connected", lambda *_: contextlib.nullcontext((None, client)))
-    view.view(recorded, 7, tmp_path / "a.png", seconds=2.5)
+    view.view([recorded], 7, tmp_path / "a.png", seconds=2.5)
     assert (tmp_path / "a.png").read_bytes() == b"whole"
     assert client.asked == [("time", 2.5, "paused")]
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
@@ -275,7 +276,7 @@ def test_a_picture_is_taken_when_nothing_in_it_changes_any_more(recorded, tmp_pa
 def test_a_viewer_that_does_not_start_is_told_in_a_sentence(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(viewer, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit(1)"])
     with pytest.raises(InputError, match=r"a Vulkan driver \(Debian: mesa-vulkan-drivers\)"):
-        view.view(recorded, 7, tmp_path / "a.png")
+        view.view([recorded], 7, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
 
 
@@ -290,31 +291,10 @@ def test_without_a_display_a_picture_is_offered(recorded, tmp_path, monkeypatch)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(InputError, match="no display"):
-        view.view(recorded)
+        view.view([recorded])
     for case, picture in ((None, "a.png"), (7, "a.jpg"), (7, "nowhere/a.png")):
         with pytest.raises(InputError, match="a picture shows one case"):
-            view.view(recorded, case, tmp_path / picture)
-
-
-def test_a_recording_of_the_first_format_is_still_read():
-    """`fixtures/format1.rrd` was written by crowdbench before formats had commands; the table is of the same run."""
-    trace = read(FIXTURES / "format1.rrd").trace
-    driven = drive("orca", "2", "circle_crossing_5_visible", pedestrians__number=[1, 3])
-    assert same(trace, driven)
-    expected = Episodes.read(FIXTURES / "format1.csv")
-    found = Episodes.of(trace, METRICS)
-    assert expected.columns.keys() <= found.columns.keys()
-    for name, values in expected.columns.items():
-        np.testing.assert_array_equal(found.columns[name], values, err_msg=name)
-
-
-def test_a_recording_of_the_third_format_is_still_read():
-    """It had all agents in one entity; this one has obstacles and limited sight."""
-    old = read(FIXTURES / "format3.rrd").trace
-    driven = drive("orca", "val:1", "blocks_12")
-    assert old.perceived is not None
-    assert old.obstacles.shape[1] > 0
-    assert same(old, driven)
+            view.view([recorded], case, tmp_path / picture)
 
 
 def test_a_table_of_many_recordings_shows_what_each_is_of(driven, tmp_path):
@@ -362,10 +342,11 @@ def test_decisions_are_kept_of_failures_and_where_they_were_asked_for(driven, tm
             assert ("/world/planner/commands" in paths) == (everything or not entry.recording_id.endswith("success"))
 
 
-def test_a_recording_of_a_later_format_is_refused(recorded, monkeypatch):
-    monkeypatch.setattr(exact, "READABLE", (1,))
-    with pytest.raises(InputError, match="newer version"):
-        read(recorded)
+@pytest.mark.parametrize("read_it", [read, lambda path: view.view([path], 3)])
+def test_a_recording_of_another_format_is_refused(recorded, monkeypatch, read_it):
+    monkeypatch.setattr(contents, "FORMAT", 5)
+    with pytest.raises(InputError, match=r"is a recording of format 4, but this version of crowdbench reads format 5"):
+        read_it(recorded)
 
 
 def test_an_episode_in_which_nothing_moves_is_read_back(tmp_path):

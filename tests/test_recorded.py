@@ -12,29 +12,29 @@ from helpers import Still, same
 
 from crowdbench import cli
 from crowdbench.catalog import load_planner, load_scenario, simulated_scenarios
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import HISTORY
 from crowdbench.envs.parallel import parallel_env
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.prediction_errors import on_scenario
-from crowdbench.evaluate.results import Episodes
-from crowdbench.evaluate.rollout import rollout
-from crowdbench.geometry import norm
+from crowdbench.metrics.prediction_errors import on_scenario
+from crowdbench.networks import card
+from crowdbench.planners.driver import Driver
 from crowdbench.predict import ConstantVelocity
+from crowdbench.runs.load import load_run
+from crowdbench.runs.results import Episodes
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.tracked import TrackedCrowd
+from crowdbench.scenario.recorded import TrackedCrowd
+from crowdbench.scenario.tracks.dut import Car, read_clip
+from crowdbench.scenario.tracks.eth_ucy import Tracks
+from crowdbench.scenario.tracks.excerpts import LEAST_WAY, cut_windows, split_windows
+from crowdbench.scenario.tracks.scenes import Recording, Scene, load_scene
 from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, walk
-from crowdbench.spec import RunSpec
-from crowdbench.tracks.dut import Car, read_clip
-from crowdbench.tracks.eth_ucy import Tracks
-from crowdbench.tracks.excerpts import LEAST_WAY, excerpts, split_excerpts
-from crowdbench.tracks.scenes import Recording, Scene, load_scene
-from crowdbench.train.places import places
-from crowdbench.train.ppo_request import PPORequest
-from crowdbench.train.value_request import ValueRequest
-from crowdbench.types import HISTORY
-from crowdbench.weights import card
+from crowdbench.train.driving import load_scenarios
+from crowdbench.train.planner_requests import PPORequest, ValueRequest
+from crowdbench.utils.errors import InputError
 
 
 @pytest.fixture
@@ -310,24 +310,24 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
 def test_networks_learn_among_recorded_people(request_of, tmp_path):
     file = recordings.write(tmp_path)
     request = request_of(network="mine", scenario=str(file), data=str(tmp_path))
-    place, validated = places(request, [str(file)])
+    place, validated = load_scenarios(request, [str(file)])
     assert place.tracks.scene == validated[0].tracks.scene == "mine"
     assert f"--scenario {file} --data {tmp_path.name}" in request.command
     table = {"name": place.name, **place.table}
     assert card.crowd(table) == "mine, people of mine"
     assert card.episodes(table) == "simulated episodes with the recorded tracks of mine"
     with pytest.raises(InputError, match="--data does not go with circle_crossing_5, which has no table"):
-        places(dataclasses.replace(request, scenario="circle_crossing_5"), [])
+        load_scenarios(dataclasses.replace(request, scenario="circle_crossing_5"), [])
     with pytest.raises(InputError, match="give the folder that holds them, --data DIR"):
-        places(dataclasses.replace(request, data=None), [])
+        load_scenarios(dataclasses.replace(request, data=None), [])
 
 
 def test_networks_do_not_learn_where_there_is_a_case_for_each_car_only(monkeypatch, tmp_path):
     place = recordings.scenario(tmp_path)
-    cars = dataclasses.replace(place, tracks=dataclasses.replace(place.tracks, has_cars=True))
-    monkeypatch.setattr("crowdbench.train.places.load_scenario", lambda *_, data: cars)
+    cars = dataclasses.replace(place, starts=dataclasses.replace(place.tracks, has_cars=True))
+    monkeypatch.setattr("crowdbench.train.driving.load_scenario", lambda *_, data: cars)
     with pytest.raises(InputError, match="mine has a case for each window of time with a car in the scene mine"):
-        places(ValueRequest(network="sarl", scenario="mine", data=str(tmp_path)), [])
+        load_scenarios(ValueRequest(network="sarl", scenario="mine", data=str(tmp_path)), [])
 
 
 def test_predictors_are_measured_on_those_who_come_later_too_by_networks_that_have_not_seen_the_scene(place):
@@ -407,12 +407,12 @@ def test_every_scene_of_eth_ucy_and_dut_can_be_driven_in(shared):
 def test_a_run_on_eth_uses_the_network_that_has_not_seen_it(shared):
     spec = RunSpec("sarl_sgan", "eth_recorded", Cases.parse("1"), data=shared / "data" / "eth_ucy")
     _, planner = load_planner("sarl_sgan")
-    assert spec.load().driver.facts == planner.unseen("eth").facts
+    assert load_run(spec).driver.facts == planner.unseen("eth").facts
 
 
 def test_the_splits_of_windows_keep_blocks_together(shared):
-    found = excerpts(load_scene("dut", shared / "data" / "dut", {}), 25, 0.25)
-    splits = split_excerpts(found)
+    found = cut_windows(load_scene("dut", shared / "data" / "dut", {}), 25, 0.25)
+    splits = split_windows(found)
     names = [{window.recording for window in windows} for windows in splits.values()]
     assert not names[0] & names[1]
     assert not names[1] & names[2]

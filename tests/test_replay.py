@@ -5,8 +5,8 @@ import pytest
 from helpers import drive
 from test_joint_state import slow_joint_states
 
+from crowdbench.core.types import Outcome, Rules
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
-from crowdbench.types import Outcome, Rules
 
 
 @pytest.fixture(scope="module")

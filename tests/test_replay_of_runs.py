@@ -11,27 +11,26 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from helpers import Still
+from helpers import Still, make
 
-from crowdbench.catalog import load_metrics, load_planner, load_recorded_scenario, load_scenario
+from crowdbench.catalog import load_recorded_scenario, load_scenario
 from crowdbench.cli import app
-from crowdbench.errors import InputError
-from crowdbench.evaluate import rollout as rollouts
-from crowdbench.evaluate import seal
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.merge import merge
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.parts import finished
-from crowdbench.evaluate.replanning import Replanning
-from crowdbench.evaluate.replay import RunFiles, replay
-from crowdbench.evaluate.results import Episodes, to_json
-from crowdbench.evaluate.run import run
-from crowdbench.files import sha256
+from crowdbench.core.types import Outcome
+from crowdbench.metrics import METRICS
+from crowdbench.metrics.load import load_metrics
 from crowdbench.planners.base import Planner
-from crowdbench.scenario.cases import Cases
+from crowdbench.runs import replay as replays
+from crowdbench.runs import rollout as rollouts
+from crowdbench.runs.merge import merge
+from crowdbench.runs.replay import replay
+from crowdbench.runs.results import Episodes, to_json
+from crowdbench.runs.shards import find_finished
+from crowdbench.runs.spec import Replanning
+from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import step
-from crowdbench.types import Outcome
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import sha256
 
 CASES = 12
 SOME = {name: METRICS[name] for name in ("success_rate", "collision_rate", "path_length", "jerk", "discomfort")}
@@ -47,15 +46,13 @@ class Straight(Planner):
 
 
 def go(out, planner="orca", cases=str(CASES), scenario="circle_crossing_5", **settings):
-    name, made = load_planner(planner) if isinstance(planner, str) else ("orca", planner)
     loaded = load_scenario(scenario, settings.pop("overrides", {}), settings.pop("pedestrians", None))
-    settings = {"metrics": SOME, "about": {"options": {}}, "record": "failures"} | settings
-    run(Driver(made, name), loaded, Cases.parse(cases), out, **settings)
+    make(out, planner, loaded, cases, **{"metrics": SOME, "record": "failures"} | settings)
     return out
 
 
 def again(directory, metrics=SOME, pedestrians=()):
-    files = RunFiles.read(directory)
+    files = RunResult.read_unchecked(directory)
     scenario = load_recorded_scenario(files.result["scenario"], "result.json", pedestrians)
     return replay(files, scenario, metrics)
 
@@ -73,7 +70,11 @@ def forged(honest, tmp_path):
 def test_an_honest_run_agrees_to_the_last_bit(honest):
     found = again(honest)
     assert found.differences == []
-    assert (found.cases, found.recorded, found.versions) == (CASES, RunFiles.read(honest).recorded, [])
+    assert (found.cases, found.recorded, found.versions) == (
+        CASES,
+        len(RunResult.read_unchecked(honest).recording.trace),
+        [],
+    )
     assert found.recorded >= 10
     assert "All agree" in str(found)
 
@@ -133,7 +134,7 @@ def test_what_an_interrupted_run_kept_agrees(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             go(tmp_path / "run", batch=5)
     [folder] = tmp_path.glob("run.parts-*")
-    merge(finished([folder])[0], tmp_path / "run")
+    merge(find_finished([folder])[0], tmp_path / "run")
     found = again(tmp_path / "run")
     assert (found.cases, found.differences) == (5, [])
 
@@ -316,7 +317,7 @@ def test_on_another_machine_the_last_bits_may_differ(forged):
 
 
 def test_with_other_code_of_crowdbench_the_last_bits_may_differ(honest, monkeypatch):
-    monkeypatch.setattr(seal, "code", lambda: "other")
+    monkeypatch.setattr(replays, "code", lambda: "other")
     found = again(honest)
     assert found.versions == ["the code of crowdbench is another than in the run"]
     assert found.differences == []
@@ -352,21 +353,21 @@ def test_only_policies_that_the_user_gives_are_loaded_from_files(tmp_path):
 def test_a_run_that_cannot_be_replayed_says_why(forged, tmp_path):
     (tmp_path / "x.rrd").touch()
     with pytest.raises(InputError, match="not the directory of a run, which --replay needs"):
-        RunFiles.read(tmp_path / "x.rrd")
+        RunResult.read_unchecked(tmp_path / "x.rrd")
     commands = forged / "commands.parquet"
     whole = commands.read_bytes()
     commands.write_bytes(whole[:-100])
     with pytest.raises(InputError, match="cut short, damaged or no Parquet file"):
-        RunFiles.read(forged)
+        again(forged)
     pq.write_table(pa.table({"case": [1], "command": [[1.0, 2.0, 3.0]]}), commands)
     with pytest.raises(InputError, match="values are missing"):
-        RunFiles.read(forged)
+        again(forged)
     pq.write_table(pa.table({"case": [1]}), commands)
     with pytest.raises(InputError, match="not a table of commands"):
-        RunFiles.read(forged)
+        again(forged)
     commands.unlink()
     with pytest.raises(InputError, match="was made with --record none"):
-        RunFiles.read(forged)
+        again(forged)
     commands.write_bytes(whole)
     rewrite(forged, cases="test:1000:4611686018427387904")
     with pytest.raises(InputError, match="has no commands of the cases"):
@@ -387,7 +388,7 @@ def test_the_command_says_what_differs_by_its_exit_status_too(forged, capsys):
 
 
 def test_a_replay_does_not_need_the_planner(tmp_path):
-    go(tmp_path / "run", Still(), cases="2", about={"options": {}, "planner_file": "gone"})
+    go(tmp_path / "run", Still(), cases="2", details={"planner_file": "gone"})
     assert again(tmp_path / "run").differences == []
 
 

@@ -6,8 +6,9 @@ import pytest
 from typer.exceptions import TyperException
 
 from crowdbench.cli import app
-from crowdbench.evaluate.replanning import Replanning
-from crowdbench.study import reproduction
+from crowdbench.runs.spec import Replanning
+from crowdbench.study import study
+from crowdbench.study.study import read_reproduction
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -15,7 +16,7 @@ STOPS = """
 from pathlib import Path
 import numpy as np
 from crowdbench import Planner
-from crowdbench.errors import Interrupted
+from crowdbench.utils.errors import Interrupted
 
 class Stops(Planner):
     def plan(self, obs):
@@ -70,7 +71,7 @@ planner = "./stops.py"
 def tiny(monkeypatch):
     Path("stops.py").write_text(STOPS)
     Path("tiny.toml").write_text(TINY)
-    monkeypatch.setattr(reproduction, "FILE", Path("tiny.toml"))
+    monkeypatch.setattr(study, "REPRODUCTION", Path("tiny.toml"))
 
 
 def reproduce(*arguments):
@@ -120,7 +121,9 @@ def test_what_was_interrupted_goes_on_and_repeats_nothing(tiny, capsys):
 def test_a_quick_look_at_one_table_says_that_it_is_one_and_runs_no_more(tiny, capsys):
     reproduce("--quick", "--table", "1")
     printed = capsys.readouterr().out
-    assert printed.startswith("A quick look: ")
+    first, _, second, *_ = printed.splitlines()
+    assert first.startswith("Printed by `crowdbench reproduce --table 1 --quick`.")
+    assert second.startswith("A quick look: ")
     assert "Claims: 0 holds, 0 refuted, 0 undecided, 1 without a verdict" in printed
     assert "On circle_crossing_5, cases test:0:3." in printed
     assert "## Table 2" not in printed
@@ -135,13 +138,13 @@ def test_there_are_four_tables_to_choose_from(tiny):
 
 @pytest.fixture(scope="module")
 def shipped():
-    return reproduction.tables(None, quick=False)
+    return read_reproduction(None, quick=False).tables
 
 
 def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
     assert [table.spec.title[:7] for table in shipped[:5]] == [f"Table {n}" for n in (1, 2, 3, 3, 4)]
-    assert {str(table.cases) for table in shipped} == {"test:0:500"}
-    assert [table.rows[0].runs[0].replanning for table in shipped[1:5]] == [
+    assert {str(table.spec.cases) for table in shipped} == {"test:0:500"}
+    assert [table.rows[0].runs[0].spec.replanning for table in shipped[1:5]] == [
         Replanning(), Replanning(8, 8), Replanning(8, 1), Replanning(),
     ]  # fmt: skip
     assert [len(table.rows) for table in shipped] == [6, 4, 6, 6, 7, 3, 3, 3]
@@ -156,13 +159,13 @@ def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
 
 @pytest.mark.slow
 def test_both_readings_of_the_papers_third_table_are_one_choice():
-    assert [table.spec.look_first for table in reproduction.tables(3, quick=False)] == [8, 1]
+    assert [table.spec.look_first for table in read_reproduction(3, quick=False).tables] == [8, 1]
 
 
 def test_every_headline_is_read_again_on_cases_that_no_table_has(shipped):
     again = [row.second_reading for table in shipped for row in table.rows if row.second_reading]
-    assert [run.planner for run in again] == [
+    assert [run.driver.name for run in again] == [
         "sarl_sgan", "sarl_sgan", "sarl_sgan", "sarl_sgan_seq", "sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded",
         "sarl_sgan", "sarl_sgan", "sarl_sgan",
     ]  # fmt: skip
-    assert {str(run.cases) for run in again} == {"test:5000:7000"}
+    assert {str(run.spec.cases) for run in again} == {"test:5000:7000"}

@@ -1,4 +1,3 @@
-import io
 import json
 import re
 import signal
@@ -8,38 +7,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Still, drive
-from rich.console import Console
+from helpers import Still, drive, make
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.cli.tables import comparison_table, result_table
-from crowdbench.errors import InputError, Interrupted
-from crowdbench.evaluate import directory, rollout
-from crowdbench.evaluate.compare import compare, mcnemar
-from crowdbench.evaluate.directory import new_directory
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import Episodes, planner_label, read_result, replanning_of
-from crowdbench.evaluate.run import directory_name, run
+from crowdbench.cli.results import comparison_table
+from crowdbench.cli.tables import print_table, result_table
+from crowdbench.core.types import Outcome
+from crowdbench.metrics import METRICS
 from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.record.read import read
+from crowdbench.record.contents import read
+from crowdbench.runs import rollout
+from crowdbench.runs.compare import compare, mcnemar
+from crowdbench.runs.results import Episodes, planner_label, read_result, replanning_of
+from crowdbench.runs.spec import RunSpec, directory_name
 from crowdbench.scenario.cases import Cases
-from crowdbench.types import Outcome
+from crowdbench.utils import directory
+from crowdbench.utils.directory import new_directory
+from crowdbench.utils.errors import InputError, Interrupted
 
 
 def go(out, planner="orca", cases="30", **settings):
-    name, made = load_planner(planner) if isinstance(planner, str) else ("mine", planner)
-    overrides = settings.pop("overrides", {})
-    place = load_scenario("circle_crossing_5", overrides)
-    settings = {"metrics": METRICS, "about": {"options": {}}, "record": "none"} | settings
-    return run(Driver(made, name), place, Cases.parse(cases), out, **settings)
+    scenario = load_scenario("circle_crossing_5", settings.pop("overrides", {}))
+    make(out, planner, scenario, cases, **{"record": "none"} | settings)
+    return read_result(out) if (out / "result.json").exists() else None
 
 
 def test_a_result_says_what_was_run_and_what_came_out(tmp_path):
-    finished = go(tmp_path / "a", overrides={"collision": "crowdnav"})
+    written = go(tmp_path / "a", overrides={"collision": "crowdnav"})
     result = read_result(tmp_path / "a")
-    assert result == json.loads(json.dumps(finished.result))
+    assert result == written
     assert (result["planner"], result["cases"]) == ("orca", "test:0:30")
     assert result["scenario"]["collision"] == "crowdnav"
     assert result["scenario"]["name"] == "circle_crossing_5"
@@ -100,7 +97,7 @@ def test_what_a_killed_run_left_is_cleared_away_but_not_a_live_one(tmp_path):
 WRITES_UNTIL_KILLED = """
 import sys, time
 from pathlib import Path
-from crowdbench.evaluate.directory import new_directory
+from crowdbench.utils.directory import new_directory
 with new_directory(Path(sys.argv[1]), False) as directory:
     (directory / "episodes.csv").write_text("half")
     print("written", flush=True)
@@ -157,13 +154,16 @@ def test_a_place_that_cannot_be_is_told(tmp_path):
             go(tmp_path / name, cases="3", overwrite=True)
 
 
-def test_directories_are_told_apart_by_what_was_run():
-    val = Cases.parse("val:100")
-    assert directory_name("orca", "square", Cases.parse("500"), {}) == "orca-square-500"
-    assert directory_name("orca", "square", Cases.parse("50:100"), {}) == "orca-square-50-100"
-    assert (
-        directory_name("orca", "square", val, {"dt": 0.1, "x": "./a b.py"}) == "orca-square-val-100-dt=0.1-x=._a_b.py"
-    )
+@pytest.mark.parametrize(
+    ("cases", "changes", "expected"),
+    [
+        ("500", {}, "orca-square-500"),
+        ("50:100", {}, "orca-square-50-100"),
+        ("val:100", {"dt": 0.1, "x": "./a b.py"}, "orca-square-val-100-dt=0.1-x=._a_b.py"),
+    ],
+)
+def test_directories_are_told_apart_by_what_was_run(cases, changes, expected):
+    assert directory_name("orca", "square", RunSpec("orca", "square", Cases.parse(cases), changes)) == expected
 
 
 class Breaks(Planner):
@@ -228,7 +228,7 @@ def test_an_interrupt_waits_until_a_batch_is_written(tmp_path, monkeypatch):
     assert read_result(part)["recorded"] == 10
     assert len(read(part / "run.rrd").trace) == 10
     # What is asked for after the last batch comes too late: everything is there.
-    assert go(tmp_path / "b", cases="10").result["cases"] == "test:0:10"
+    assert go(tmp_path / "b", cases="10")["cases"] == "test:0:10"
 
 
 @pytest.mark.slow
@@ -280,24 +280,20 @@ def test_a_broken_metric_gets_one_sentence(tmp_path, metric, expected):
         go(tmp_path / "a", cases="3", metrics={"mine": metric})
 
 
-def text(table):
-    with io.StringIO() as file:
-        Console(file=file, width=200).print(table)
-        return file.getvalue()
-
-
-def test_only_booleans_are_rates_whatever_a_metric_is_called(tmp_path):
+def test_only_booleans_are_rates_whatever_a_metric_is_called(tmp_path, capsys):
     def mistake_rate(trace):
         """Mistakes in a minute [1/min]."""
         return np.full(len(trace), 3.5)
 
     metrics = {"success_rate": METRICS["success_rate"], "mistake_rate": mistake_rate}
-    result = go(tmp_path / "a", cases="5", metrics=metrics).result
+    result = go(tmp_path / "a", cases="5", metrics=metrics)
     assert result["rates"] == ["success_rate"]
-    shown = text(result_table("", result, metrics))
+    print_table(result_table("", result, metrics))
+    shown = capsys.readouterr().out
     assert re.search(r"success_rate +[\d.]+ %", shown)
     assert re.search(r"mistake_rate +3\.500 1/min", shown)
-    compared = text(comparison_table(compare(tmp_path / "a", tmp_path / "a")))
+    print_table(comparison_table(compare(tmp_path / "a", tmp_path / "a")))
+    compared = capsys.readouterr().out
     assert re.search(r"success_rate +[\d.]+ % +[\d.]+ % +0\.0 +", compared)
 
 

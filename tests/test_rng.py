@@ -1,6 +1,6 @@
 import numpy as np
 
-from crowdbench import rng
+from crowdbench.core import rng
 
 
 def test_philox_is_numpys():

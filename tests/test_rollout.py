@@ -4,17 +4,17 @@ import pytest
 from helpers import Still, drive, same
 
 from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.core.types import Outcome
 from crowdbench.envs.observations import flatten
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.replanning import Replanning
-from crowdbench.evaluate.rollout import rollout
 from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
-from crowdbench.types import Outcome
+from crowdbench.utils.errors import InputError
 
 SCENARIOS = ["circle_crossing_5", *(f"circle_crossing_5_{kind}" for kind in ("visible", "gaussian", "social_force"))]
 

@@ -1,18 +1,10 @@
-import json
-
 import numpy as np
 import pytest
 
-from crowdbench.catalog import PEDESTRIANS, load_policy, load_scenario, simulated_scenarios
-from crowdbench.errors import InputError
-from crowdbench.scenario import schema
+from crowdbench.catalog import PEDESTRIANS, load_scenario
+from crowdbench.core.types import World
 from crowdbench.scenario.cases import Cases, parse_case
-from crowdbench.scenario.digest import BUILT_IN, digest_of
-from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.scenario.layouts.crossings import circle_crossing
-from crowdbench.sim.pedestrians import ORCA
-from crowdbench.toml_file import number
-from crowdbench.types import World
+from crowdbench.utils.errors import InputError
 
 ARRAYS = ("key", "position", "goal", "radius", "preferred_speed", "present", "policy")
 
@@ -86,157 +78,6 @@ def test_policies_share_a_crowd_as_asked():
     place = load_scenario("circle_crossing_5", {"pedestrians.policy": {"orca": 3, "social_force": 1}})
     assert list(place.policies) == ["orca", "social_force"]
     assert place.draw("val", np.arange(400)).policy.mean() == pytest.approx(0.25, abs=0.04)
-
-
-def flat(table, prefix=""):
-    """The values of a scenario's table by their dotted keys; a Gaussian is one value."""
-    values = {}
-    for key, value in table.items():
-        is_table = isinstance(value, dict) and "mean" not in value and key != "policy"
-        values |= flat(value, f"{prefix}{key}.") if is_table else {f"{prefix}{key}": value}
-    return values
-
-
-def all_defaults(changes):
-    """A scenario in which every key but these has its default."""
-    return load_scenario("circle_crossing_mixed", {"pedestrians.number": 5, **changes})
-
-
-DEFAULTS = {key: value for key, value in flat(all_defaults({}).table).items() if key != "description"}
-
-OTHERS = {
-    "collision": "crowdnav",
-    "dt": 0.2,
-    "layout.generator": "square_crossing",
-    "vehicle.visible": True,
-    "vehicle.dynamics": "unicycle",
-    "vehicle.goal_tolerance": 0.5,
-    "vehicle.max_acceleration": 2.0,
-    "sensor.range": 5.0,
-    "sensor.field_of_view": 90.0,
-    "sensor.occlusion": True,
-    "sensor.missed": 0.5,
-    "sensor.nearest": 7,
-    "sensor.lidar": {"beams": 9, "range": 3.0},
-    "pedestrians.number": [4, 6],
-    "pedestrians.policy": {"orca": 0.5, "social_force": 0.5},
-    "pedestrians.groups": {"1": 0.5, "2": 0.5},
-    "pedestrians.arrival": "stop",
-    "pedestrians.goal_change": {"period": 5.0, "chance": 0.5},
-}
-
-
-def other(key):
-    """Another value than the default."""
-    if key in OTHERS:
-        return OTHERS[key]
-    value = DEFAULTS[key]
-    return {**value, "std": 1e-9, "high": value["high"] + 0.25} if isinstance(value, dict) else value + 1
-
-
-@pytest.mark.parametrize("key", DEFAULTS)
-def test_a_default_that_is_written_out_changes_no_digest(key):
-    assert all_defaults({key: DEFAULTS[key]}).digest == all_defaults({}).digest
-
-
-def test_every_other_value_than_a_default_has_a_digest_of_its_own():
-    # A length belongs to vehicles on wheels, and a share of those who see the vehicle to a visible one.
-    elsewhere = {"vehicle.length", "pedestrians.sees_vehicle"}
-    changes = [{}, *({key: other(key)} for key in DEFAULTS if key not in elsewhere)]
-    changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
-    changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
-    changes.append({"vehicle.visible": True, "pedestrians.sees_vehicle": 0.5})
-    assert len(changes) == 42
-    assert len({all_defaults(change).digest for change in changes}) == len(changes)
-
-
-def test_a_new_key_with_a_default_changes_no_digest(monkeypatch):
-    class Later(schema.ScenarioSpec):
-        sight: float = number(10.0, above=0.0, below=100.0)
-
-    def later(rng, radius, preferred_speed, *, circle_radius=4.0, perturbation=0.0, walls=0.0):
-        return circle_crossing(rng, radius, preferred_speed, circle_radius=circle_radius, perturbation=perturbation)
-
-    scenarios = ("circle_crossing_5", "circle_crossing_5_gaussian", "circle_crossing_5_social_force")
-    before = [load_scenario(name) for name in scenarios]
-    digests = [scenario.digest for scenario in before]
-    monkeypatch.setattr("crowdbench.scenario.file.ScenarioSpec", Later)
-    monkeypatch.setattr("crowdbench.scenario.digest.ScenarioSpec", Later)
-    monkeypatch.setitem(LAYOUTS, "circle_crossing", later)
-    monkeypatch.setattr(ORCA, "parameters", {**ORCA.parameters, "patience": 1.0})
-    after = [load_scenario(name) for name in scenarios]
-    assert {"sight", "layout.walls", "pedestrians.orca.patience"} < set(flat(after[0].table))
-    assert [scenario.digest for scenario in after] == digests
-    assert [digest_of(scenario.table) for scenario in before] == digests
-    for change in ({"sight": 9.0}, {"layout.walls": 1.0}, {"pedestrians.orca.patience": 2.0}):
-        assert load_scenario("circle_crossing_5", change).digest != digests[0]
-
-
-def test_a_results_table_has_the_digest_of_its_scenario_whatever_it_says_of_it():
-    for change in ({}, {"pedestrians.policy": {"orca": 2, "social_force": 1}}, {"pedestrians.number": [1, 3]}):
-        scenario = load_scenario("circle_crossing_5", change)
-        result = {"name": "mine", "digest": "of version 1", **scenario.table, "description": "another"}
-        assert digest_of(json.loads(json.dumps(result))) == scenario.digest
-
-
-DIGESTS = {
-    "blind_corner": "c037ed08131e",
-    "blind_corner_3": "6e63caff4d9b",
-    "blocks_12": "0978c361837f",
-    "car_12": "a94b74653774",
-    "circle_crossing_10": "99db7ad6d68a",
-    "circle_crossing_20": "e2a5890198b7",
-    "circle_crossing_20_wide": "e5da681cd148",
-    "circle_crossing_5": "62b37e5ddf61",
-    "circle_crossing_5_car": "b047cd55b71e",
-    "circle_crossing_5_gaussian": "158d2409960c",
-    "circle_crossing_5_social_force": "bb7bd7ef9d67",
-    "circle_crossing_5_unicycle": "87916ba303c1",
-    "circle_crossing_5_visible": "95bdfee2e846",
-    "circle_crossing_limited_sight": "dba52d1a2617",
-    "circle_crossing_mixed": "ba5dc8813c51",
-    "companions": "6eab92864111",
-    "corridor": "593019e6d69a",
-    "corridor_8": "a596b6ac844f",
-    "crowdnav_plus_20": "2f87b295e48b",
-    "crowdnav_plus_20_random": "a2c4d2eaa318",
-    "doorway": "117ab1cf4b4f",
-    "doorway_8": "90e07422567f",
-    "groups_12": "5f38bbc05cbe",
-    "half_half_20": "0a43f27b8b0a",
-    "intersection": "a6c6c1a6c0a8",
-    "intersection_16": "3c1546c1e1c3",
-    "noisy_10": "e975b4dc20c9",
-    "power_law_10": "f51afeb816b3",
-    "restless": "990aab580523",
-    "restless_20": "7f450e91e165",
-    "room": "c10cd0679e5e",
-    "square_crossing_5": "53f7c8ebd351",
-    "thousand": "c3a456a54a8b",
-    "traffic": "5c3615765887",
-    "unicycle_10": "039b6697c8c9",
-}
-
-
-def test_the_digests_of_the_built_in_scenarios_stay():
-    """Where this fails because a default is another one, `crowdbench.scenario.digest.VERSION` must be raised."""
-    assert {name: load_scenario(name).digest for name in simulated_scenarios()} == DIGESTS
-
-
-def test_the_digest_knows_all_built_in_policies():
-    built_in = {path.stem: load_policy(path.stem)[1].parameters for path in PEDESTRIANS.folder.glob("*.py")}
-    assert {name: policy.parameters for name, policy in BUILT_IN.items()} == built_in
-
-
-def test_the_digest_changes_with_a_policys_file(tmp_path):
-    text = (PEDESTRIANS.folder / "orca.py").read_text()
-    digest = {}
-    for folder, comment in (("a", ""), ("b", ""), ("c", "# changed")):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "crowd.py").write_text(text + comment)
-        (tmp_path / folder / "mine.toml").write_text("[pedestrians]\npolicy = 'crowd.py'\n")
-        digest[folder] = load_scenario(str(tmp_path / folder / "mine.toml")).digest
-    assert digest["a"] == digest["b"] != digest["c"]
 
 
 def test_the_order_of_shares_changes_nothing():

@@ -1,31 +1,30 @@
 import json
 import shutil
+import subprocess
+import sys
 
 import pytest
-from helpers import Still
+from helpers import Still, make
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli import app
-from crowdbench.errors import InputError
-from crowdbench.evaluate.compare import compare
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.kept import read_run
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.run import run
-from crowdbench.evaluate.seal import checked, code, doubts, seal
-from crowdbench.files import sha256
-from crowdbench.scenario.cases import Cases
+from crowdbench.metrics import METRICS
+from crowdbench.runs.compare import compare
+from crowdbench.runs.manifest import check_files, code, doubts, write_manifest
+from crowdbench.runs.store import RunResult
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import sha256
 
 
 def go(out, planner, record="all"):
-    return run(
-        Driver(planner, "mine"),
-        load_scenario("circle_crossing_5"),
-        Cases.parse("12"),
+    return make(
         out,
-        metrics=METRICS,
-        about={"options": {"pace": 1.0}, "planner_files": {"planner": {"mine.py": "ab"}}},
-        asked={"planner": "./mine.py"},
+        planner,
+        load_scenario("circle_crossing_5"),
+        "12",
+        options={"pace": 1.0},
+        details={"planner_files": {"planner": {"mine.py": "ab"}}},
+        origin={"planner": "./mine.py"},
         record=record,
     )
 
@@ -60,7 +59,7 @@ def test_a_manifest_says_what_was_asked_and_what_every_file_is(runs):
 
 
 def test_a_run_that_nobody_touched_is_read(runs):
-    assert len(read_run(runs / "a").episodes) == 12
+    assert len(RunResult.read(runs / "a").episodes) == 12
     assert compare(runs / "a", runs / "b").doubts == []
     assert doubts(runs / "a", ("run.rrd",)) == []
 
@@ -162,10 +161,10 @@ FORGERIES = {
 def test_without_a_manifest_a_table_that_contradicts_its_result_is_refused(a, kind):
     forge, expected = FORGERIES[kind]
     (a / "manifest.json").unlink()
-    assert len(read_run(a).episodes) == 12
+    assert len(RunResult.read(a).episodes) == 12
     forge(a)
     with pytest.raises(InputError, match=expected) as error:
-        read_run(a)
+        RunResult.read(a)
     assert str(error.value).startswith(f"{a / 'episodes.csv'} ")
     assert str(error.value).endswith("; make the run again")
 
@@ -186,7 +185,7 @@ def test_a_result_of_other_types_is_none(a, change):
     (a / "manifest.json").unlink()
     result(change)(a)
     with pytest.raises(InputError, match=r"result\.json"):
-        read_run(a)
+        RunResult.read(a)
 
 
 REST = '"code": "a", "versions": {}, "interrupted": false}'
@@ -209,7 +208,7 @@ REST = '"code": "a", "versions": {}, "interrupted": false}'
 def test_a_manifest_that_is_none_gets_one_sentence(a, manifest, expected):
     (a / "manifest.json").write_text(manifest)
     with pytest.raises(InputError, match=expected) as error:
-        read_run(a)
+        RunResult.read(a)
     assert "\n" not in str(error.value)
 
 
@@ -235,7 +234,28 @@ def test_a_run_that_was_interrupted_is_told(a, runs):
 
 def test_large_files_are_sealed_too(tmp_path):
     (tmp_path / "large").write_bytes(b"0123456789" * 100_000)
-    seal(tmp_path, {"versions": {}, "interrupted": False})
-    manifest = checked(tmp_path, ())
+    write_manifest(tmp_path, {"versions": {}, "interrupted": False})
+    manifest = check_files(tmp_path, ())
     assert list(manifest.files) == ["large"]
     assert manifest.code == code()
+
+
+@pytest.mark.parametrize("arguments", [("sarl_cvm", "--record", "all"), ("orca", "--isolated")])
+def test_what_does_not_count_as_the_code_of_a_run_does_not_run_in_one(arguments, tmp_path):
+    watch = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "entered = set()\n"
+        "def profile(frame, event, argument):\n"
+        "    entered.add(frame.f_code.co_filename)\n"
+        "import crowdbench.cli as cli\n"
+        "from crowdbench.runs.manifest import APART\n"
+        "app = cli.build_app(['run'])\n"
+        "sys.setprofile(profile)\n"
+        f"app(['run', '--planner', *{arguments!r}, '--cases', '1', '--out', 'run'], standalone_mode=False)\n"
+        "sys.setprofile(None)\n"
+        "apart = [name for name in entered if any(Path(name).is_relative_to(place) for place in APART)]\n"
+        "print([name for name in apart if 'cli' not in Path(name).parts and 'agents' not in Path(name).parts])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", watch], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "[]", done.stderr

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.simulator import crowd_velocities, sees_vehicle
+from crowdbench.utils.errors import InputError
 
 CROWD = {"pedestrians.number": 12, "pedestrians.policy": {"orca": 0.5, "distracted": 0.5}}
 

@@ -5,26 +5,27 @@ import pytest
 from helpers import drive, same, world
 from typer.testing import CliRunner
 
-from crowdbench import rng
 from crowdbench.catalog import load_scenario
+from crowdbench.check import check_planner
+from crowdbench.check.inputs import with_more_absent
 from crowdbench.cli import app
+from crowdbench.core import rng
+from crowdbench.core.types import HISTORY, PERFECT, Lidar, Noise, Rules, Sensor
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.envs.views import View, row_of
-from crowdbench.evaluate.check import check_planner
-from crowdbench.evaluate.check.padding import with_more_absent
-from crowdbench.evaluate.replay import RunFiles, replay
 from crowdbench.planners.base import Planner
 from crowdbench.predict.linear import ConstantVelocity, Linear
-from crowdbench.record import drawing
-from crowdbench.record.read import read
+from crowdbench.record.contents import read
+from crowdbench.record.drawing import draw_episode
 from crowdbench.record.write import Recorder
+from crowdbench.runs.replay import replay
+from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.sight import look
 from crowdbench.sim.simulator import crowd_velocities, step
-from crowdbench.types import HISTORY, PERFECT, Lidar, Noise, Rules, Sensor
 
 DT = 0.25
 FIELDS = ("position", "velocity", "radius", "seen", "history", "observed", "age")
@@ -428,7 +429,7 @@ def test_environments_see_through_the_sensor(observation):
     both, _ = many.reset(options={"case": ["val:0", "val:1"]})
     view, now = View(place, observation), place.worlds(Cases("val", 1, 2))
     for _ in range(20):
-        expected = row_of(view.shown(observe(now)), 0)
+        expected = row_of(view.encode(observe(now)), 0)
         for found in (shown, row_of(both, 1)):
             assert env.observation_space.contains(found)
             for one, two in zip(parts(found), parts(expected), strict=True):
@@ -482,9 +483,9 @@ def test_a_recording_keeps_and_shows_what_was_perceived(tmp_path):
     found = read(tmp_path / "run.rrd").trace
     assert same(found, trace)
     assert found.rules == trace.rules
-    chunks = list(drawing.episode(trace, 0, "title", {}))
+    chunks = list(draw_episode(trace, 0, "title", {}))
     assert {"/world/sight", "/world/view", "/world/lidar"} <= {chunk.entity_path for chunk in chunks}
-    perfect = list(drawing.episode(drive("straight", "1", "room"), 0, "title", {}))
+    perfect = list(draw_episode(drive("straight", "1", "room"), 0, "title", {}))
     assert not {"/world/sight", "/world/view", "/world/lidar"} & {chunk.entity_path for chunk in perfect}
 
 
@@ -505,7 +506,7 @@ def test_a_replay_sees_again_what_was_seen_and_finds_what_was_not(tmp_path):
         str(tmp_path / "run"),
     ]
     assert CliRunner().invoke(app, command).exit_code == 0
-    files = RunFiles.read(tmp_path / "run")
+    files = RunResult.read_unchecked(tmp_path / "run")
     assert replay(files, scenario, {}).differences == []
     files.recording.trace.perceived[1, 9] += 0.5
     assert "perceived at step 9" in str(replay(files, scenario, {}).differences[0])

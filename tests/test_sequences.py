@@ -7,31 +7,12 @@ import torch
 from lookahead_scenes import Forks, Nearer, Says, crowded, network, scene, slow_step
 
 from crowdbench import InputError, load_planner
+from crowdbench.core.types import Outcome
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.sequences import CrossEntropy, SequencePlanner
-from crowdbench.planners.sequences.futures import Futures, try_sequences
+from crowdbench.planners.sampling import CrossEntropy, SequencePlanner
+from crowdbench.planners.sampling.futures import try_sequences
+from crowdbench.planners.scene import scene_of
 from crowdbench.predict import ConstantVelocity
-from crowdbench.types import Outcome
-
-
-def futures_of(obs, prediction):
-    """The futures of a prediction."""
-    modes = prediction.position.shape[1]
-    now = np.repeat(obs.pedestrians.position[:, None, None], modes, axis=1)
-    return Futures(
-        state=obs.vehicle.state,
-        goal=obs.vehicle.goal,
-        radius=obs.vehicle.radius,
-        preferred_speed=obs.vehicle.preferred_speed,
-        crowd=np.concatenate([now, prediction.position], axis=2),
-        crowd_velocity=prediction.velocity[:, :, -1].mean(axis=1),
-        crowd_radius=obs.pedestrians.radius,
-        present=obs.pedestrians.seen,
-        route=obs.vehicle.route,
-        waypoint=obs.vehicle.waypoint,
-        obstacles=obs.obstacles,
-        dt=obs.dt,
-    )
 
 
 def some_sequences(obs, number, steps, seed=0):
@@ -48,7 +29,7 @@ def slow_course(obs, prediction, w, mode, commands, margin):
     gamma = 0.9 ** (obs.dt * obs.vehicle.preferred_speed[w])
     for t, command in enumerate(commands):
         seen = scene(obs, prediction, t, position)
-        seen = dataclasses.replace(seen, crowd_radius=seen.crowd_radius + margin * t)
+        seen = dataclasses.replace(seen, crowd=seen.crowd._replace(radius=seen.crowd.radius + margin * t))
         outcome, reward, _ = slow_step(seen, w, mode, command)
         earned += gamma**t * reward
         position[w] += obs.dt * command
@@ -64,7 +45,7 @@ def test_sequences_are_worth_their_rewards_and_the_value_at_their_end(margin):
     lookahead = ValuePlanner(Forks(3), network())
     made = SequencePlanner(lookahead, margin=margin)
     commands = some_sequences(obs, 7, 4)
-    futures = futures_of(obs, prediction)
+    futures = scene_of(obs, prediction, 0, obs.vehicle, prediction.position.shape[2])
     values = made.values(futures, commands)
     tried = try_sequences(futures, commands, margin * np.arange(4))
     ends = SequencePlanner(ValuePlanner(Forks(3), Nearer()), margin=margin)
@@ -100,7 +81,7 @@ def test_a_sequence_of_one_step_is_worth_what_the_lookahead_says():
     lookahead = ValuePlanner(ConstantVelocity(), network())
     prediction = ConstantVelocity().predict(obs, 1)
     commands = lookahead.actions(obs.vehicle.preferred_speed)
-    found = SequencePlanner(lookahead).values(futures_of(obs, prediction), commands[:, :, None])
+    found = SequencePlanner(lookahead).values(scene_of(obs, prediction, 0, obs.vehicle), commands[:, :, None])
     np.testing.assert_allclose(found, lookahead.values(scene(obs, prediction), commands), atol=1e-5)
 
 
@@ -109,7 +90,7 @@ def test_the_best_sequence_is_at_least_as_good_as_the_lookahead_s_and_as_any_con
     lookahead = ValuePlanner(Forks(3), network())
     made = SequencePlanner(lookahead, CrossEntropy(samples=20, elites=5), horizon=5)
     prediction = Forks(3).predict(obs, 5)
-    futures = futures_of(obs, prediction)
+    futures = scene_of(obs, prediction, 0, obs.vehicle, prediction.position.shape[2])
     best = made.values(futures, made.plan_ahead(obs, 5)[:, None])[:, 0]
     mean = dataclasses.replace(
         prediction,
@@ -126,7 +107,7 @@ def test_the_best_sequence_is_at_least_as_good_as_the_lookahead_s_and_as_any_con
 def test_more_rounds_find_better_sequences():
     obs = crowded(worlds=20)
     lookahead = ValuePlanner(Forks(3), network())
-    futures = futures_of(obs, Forks(3).predict(obs, 5))
+    futures = scene_of(obs, Forks(3).predict(obs, 5), 0, obs.vehicle, 5)
     found = []
     for rounds in (1, 4):
         made = SequencePlanner(lookahead, CrossEntropy(samples=30, rounds=rounds, elites=5), horizon=5)

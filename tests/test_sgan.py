@@ -6,9 +6,9 @@ import torch
 from test_predict import bent, observation
 
 from crowdbench import InputError
+from crowdbench.core.types import HISTORY
+from crowdbench.networks.social_gan import HIDDEN, NOISE, Discriminator, Generator
 from crowdbench.predict.social_gan import SocialGAN, extrapolated_history
-from crowdbench.predict.social_gan_network import HIDDEN, NOISE, Discriminator, Generator
-from crowdbench.types import HISTORY
 
 BOTH = pytest.mark.parametrize("pooling", [False, True])
 

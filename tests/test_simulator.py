@@ -1,16 +1,15 @@
 import numpy as np
 import pytest
-from helpers import world
+from helpers import advance, check_step, world
 
-from crowdbench.errors import InputError
-from crowdbench.geometry import toward_goal
-from crowdbench.reward import discount, reward
-from crowdbench.sim.episode import check_step
-from crowdbench.sim.orca import orca_velocities
+from crowdbench.core.geometry import toward_goal
+from crowdbench.core.reward import discount, reward
+from crowdbench.core.types import HISTORY, Outcome, Rules, World
 from crowdbench.sim.pedestrians import ORCA, PedestrianPolicy
+from crowdbench.sim.pedestrians.orca import orca_velocities
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities, step
-from crowdbench.types import HISTORY, Outcome, Rules, World
+from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.utils.errors import InputError
 
 POLICIES = {"orca": ORCA()}
 

@@ -2,15 +2,22 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import drive, same
+from helpers import advance, drive, same
 
-from crowdbench import rng
 from crowdbench.catalog import load_policy, load_scenario
+from crowdbench.core import rng
 from crowdbench.planners.reactive import SocialForcePlanner
 from crowdbench.scenario.cases import Cases
-from crowdbench.sim import social_force
-from crowdbench.sim.simulator import advance, crowd_velocities
-from crowdbench.sim.social_force import SOFTNESS, social_force_velocities
+from crowdbench.sim.pedestrians import forces, social_force
+from crowdbench.sim.pedestrians.social_force import SOFTNESS
+from crowdbench.sim.simulator import crowd_velocities
+
+
+def social_force_velocities(*inputs, **options):
+    """The function of that name, with parameters as arguments."""
+    parameters = {name: options.pop(name) for name in options.keys() & social_force.PARAMETERS.keys()}
+    return social_force.social_force_velocities(*inputs, **options, parameters=parameters)
+
 
 STEADY = {"fluctuation": 0.0}
 CROWD = "circle_crossing_5_social_force"
@@ -242,9 +249,9 @@ def test_the_fluctuation_has_its_size_at_any_time_step(time_step):
 
 def test_one_thread_and_many_give_the_same_bits(monkeypatch):
     inputs = scenes(200, 6)
-    monkeypatch.setattr(social_force, "PARALLEL_PAIRS", 10**9)
+    monkeypatch.setattr(forces, "PARALLEL_PAIRS", 10**9)
     serial = social_force_velocities(*inputs)
-    monkeypatch.setattr(social_force, "PARALLEL_PAIRS", 0)
+    monkeypatch.setattr(forces, "PARALLEL_PAIRS", 0)
     assert np.array_equal(serial, social_force_velocities(*inputs))
 
 

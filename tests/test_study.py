@@ -7,19 +7,19 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from studies import CROWDS, MINE, NETWORKS, made, read, refused, study
 
 from crowdbench import catalog
-from crowdbench.errors import InputError
-from crowdbench.evaluate.metrics import METRICS
-from crowdbench.evaluate.results import read_result
-from crowdbench.evaluate.run import run
+from crowdbench.runs.results import read_result
+from crowdbench.runs.shards import make_run
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.file import read_study
-from crowdbench.study.planned import missing
+from crowdbench.study.folder import make_in_folder, missing_runs, read_episodes, run_directory
+from crowdbench.study.study import read_study
+from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -46,7 +46,7 @@ def test_only_what_is_missing_is_run(capsys):
 
 def digests(text):
     """What the names of the directories end in: all else in them is for people."""
-    return {run.directory.rpartition("-")[2] for run in read(text).runs}
+    return {run_directory(run, Path()).name.rpartition("-")[2] for run in read(text).runs}
 
 
 def test_whatever_changes_a_number_makes_another_run(monkeypatch):
@@ -81,36 +81,38 @@ def test_whatever_changes_a_number_makes_another_run(monkeypatch):
         other.setattr(importlib.metadata, "version", lambda name: "9" if name == "torch" else version(name))
         assert not digests(text) & before
     assert digests(text) == before
-    monkeypatch.setattr("crowdbench.study.planned.code", lambda: "another simulator")
+    monkeypatch.setattr("crowdbench.study.folder.code", lambda: "another simulator")
     assert not digests(text) & before
 
 
 def test_a_run_that_was_interrupted_is_not_taken_for_the_whole(tmp_path):
     one = read(CROWDS).runs[0]
-    run(one.driver, one.scenario, Cases.parse("5"), tmp_path / one.directory, metrics=METRICS, about=one.wanted.about)
-    assert missing([one, one], tmp_path) == [one]
-    one.make(tmp_path, lambda done: None)
-    assert read_result(tmp_path / one.directory)["cases"] == "test:0:8"
-    assert missing([one], tmp_path) == []
-    assert len(one.episodes(tmp_path)) == 8
+    directory = run_directory(one, tmp_path)
+    make_run(replace(one, spec=replace(one.spec, cases=Cases.parse("5"))), directory)
+    assert missing_runs([one, one], tmp_path) == [one]
+    make_in_folder(one, tmp_path, lambda done: None)
+    assert read_result(directory)["cases"] == "test:0:8"
+    assert missing_runs([one], tmp_path) == []
+    assert len(read_episodes(one, tmp_path)) == 8
 
 
 def test_an_edited_run_is_named_and_one_that_cannot_be_checked_is_made_again(tmp_path):
     one = read(CROWDS).runs[0]
-    one.make(tmp_path, lambda done: None)
-    directory = tmp_path / one.directory
+    make_in_folder(one, tmp_path, lambda done: None)
+    directory = run_directory(one, tmp_path)
     table = (directory / "episodes.csv").read_text()
     (directory / "episodes.csv").write_text(table.replace("collision", "success"))
     with pytest.raises(InputError, match=r"episodes\.csv is not the file that the run wrote"):
-        missing([one], tmp_path)
+        missing_runs([one], tmp_path)
     (directory / "episodes.csv").write_text(table)
-    assert missing([one], tmp_path) == []
+    assert missing_runs([one], tmp_path) == []
     (directory / "manifest.json").unlink()
-    assert missing([one], tmp_path) == [one]
+    assert missing_runs([one], tmp_path) == [one]
 
 
 STOPS = """
 import time
+from dataclasses import replace
 from pathlib import Path
 import numpy as np
 from crowdbench import Planner
@@ -255,13 +257,13 @@ def test_the_shipped_studies_can_be_made():
     learned, crowds, kce, worlds = (read_study(STUDIES / f"{name}.toml") for name in names)
     # Five seeds of every row, the first table's under both rules.
     assert len(learned.runs) == 5 * (2 * 6 + 4 + 6 + 5)
-    assert {str(run.cases) for run in learned.runs} == {"test:0:500", "val:500:1000"}
+    assert {str(run.spec.cases) for run in learned.runs} == {"test:0:500", "val:500:1000"}
     assert len(crowds.runs) == 14 * 7
     around = {run.scenario.name for run in worlds.runs}
     assert len(worlds.runs) == 12 * len(around)
     assert not around & {run.scenario.name for run in crowds.runs}
-    assert {run.planner for run in crowds.runs if run.privileged} == {"sarl"}
-    assert {str(run.cases) for run in kce.runs} == {"val:2000:2200"}
+    assert {run.driver.name for run in crowds.runs if run.driver.privileged} == {"sarl"}
+    assert {str(run.spec.cases) for run in kce.runs} == {"val:2000:2200"}
 
 
 @pytest.mark.slow

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from studies import CROWDS, episodes, leave, read
 
-from crowdbench.evaluate.compare import compare
-from crowdbench.evaluate.results import read_result
-from crowdbench.evaluate.summary import bootstrap
+from crowdbench.metrics.summary import bootstrap
+from crowdbench.runs.compare import compare
+from crowdbench.runs.results import read_result
 from crowdbench.study.crowds import CrowdRow, FilledCrowd, Pair
+from crowdbench.study.folder import make_in_folder, run_directory
 from crowdbench.study.measures import LEAST_SHARED
-from crowdbench.study.tables import page
+from crowdbench.utils.tables import printed_by
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -55,8 +56,8 @@ def test_a_few_shared_successes_are_no_evidence_and_the_cell_says_so():
 
 
 def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
-    table = read(CROWDS.replace('"8"', '"20"')).tables[0]
-    for runs in table.by_scenario:
+    study = read('description = "What is compared"\n' + CROWDS.replace('"8"', '"20"'))
+    for runs in study.tables[0].by_scenario:
         one, two = side_by_side(navigation_time=1.0)
         # What a failure has says nothing of those who arrive.
         one.columns["minimum_gap"][12:] = -5.0
@@ -64,7 +65,9 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
         one.columns["discomfort"][:12] = 0.125
         leave(runs[0], tmp_path, one)
         leave(runs[1], tmp_path, two)
-    text = page([table.fill(tmp_path)])
+    text = study.page(study.fill(tmp_path), "study tiny.toml")
+    head = text.split("\n\n")[:3]
+    assert head == [printed_by("study tiny.toml"), "What is compared", "## Crowds"]
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
     assert lines[0] == ["planner", "success", "collision", "time-out", "time", "discomfort", "jerk", "gap"]
@@ -83,10 +86,10 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
 def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
     table = read(CROWDS.replace('"8"', '"40"')).tables[0]
     for one in table.runs:
-        one.make(tmp_path, lambda done: None)
+        make_in_folder(one, tmp_path, lambda done: None)
     found = table.fill(tmp_path)
     for runs, crowd in zip(table.by_scenario, found.crowds, strict=True):
-        expected = compare(*(tmp_path / one.directory for one in runs))
+        expected = compare(*(run_directory(one, tmp_path) for one in runs))
         (pair,) = crowd.pairs
         assert pair.both_solved == expected.both_solved > LEAST_SHARED
         assert pair.p == expected.rows["success_rate"].p
@@ -94,7 +97,7 @@ def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
             row = expected.rows[name].difference
             assert (difference.mean, difference.low, difference.high) == pytest.approx((row.mean, row.low, row.high))
         rates = [entrant.success_rate.mean for entrant in crowd.planners]
-        assert rates == [read_result(tmp_path / one.directory)["metrics"]["success_rate"]["mean"] for one in runs]
+        assert rates == [read_result(run_directory(one, tmp_path))["metrics"]["success_rate"]["mean"] for one in runs]
 
 
 def test_collisions_with_walls_are_shown_where_there_are_any():

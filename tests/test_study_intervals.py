@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import t as student
 from scipy.stats import ttest_1samp
 
-from crowdbench.evaluate.formats import plain
 from crowdbench.study.intervals import difference_over_networks, mean_over_networks, reduction_over_networks
+from crowdbench.utils.tables import plain
 
 SIMULATIONS = 2000
 

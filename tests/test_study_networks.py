@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from studies import MINE, NETWORKS, episodes, leave, read, refused, study
 
-from crowdbench.evaluate.summary import wilson
-from crowdbench.study.tables import page
+from crowdbench.metrics.summary import wilson
+from crowdbench.study.folder import run_directory
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -20,7 +20,9 @@ def test_a_row_of_networks_is_what_one_computes_by_hand(tmp_path):
     leave(row.variant[0], tmp_path, episodes([1] * 8 + [0] * 2))
     leave(row.variant[1], tmp_path, episodes([1] * 4 + [0] * 6))
     leave(row.second_reading, tmp_path, episodes([1] * 9 + [0] * 3, navigation_time=[9.5] * 9 + [nan] * 3))
-    assert sorted(run.directory for run in asked.runs) == sorted(path.name for path in tmp_path.glob("mine-*"))
+    assert sorted(run_directory(run, tmp_path).name for run in asked.runs) == sorted(
+        path.name for path in tmp_path.glob("mine-*")
+    )
     text = asked.tables[0].fill(tmp_path).markdown()
     assert text.startswith("## Learned planners\n\nOn circle_crossing_5, cases test:0:10.\n")
     header, _, line = [line for line in text.splitlines() if line.startswith("| ")]
@@ -39,12 +41,12 @@ def test_a_row_of_networks_is_what_one_computes_by_hand(tmp_path):
     second, first = again.removeprefix("- mine with one: ").split("; ")
     assert re.fullmatch(r"75\.0 % \(.*\) in 9\.50 s \(.*\) on test:12:24", second)
     assert re.fullmatch(r"90\.0 % \(.*\) in 11\.00 s \(.*\) on test:0:10", first)
-    assert r"\*" not in page([asked.tables[0].fill(tmp_path)])
+    assert r"\*" not in asked.page(asked.fill(tmp_path), "study tiny.toml")
 
 
 def test_the_variant_and_the_cases_are_what_is_run():
     runs = read(NETWORKS).tables[0].rows[0].all_runs
-    assert [str(one.cases) for one in runs] == ["test:0:10"] * 4 + ["test:12:24"]
+    assert [str(one.spec.cases) for one in runs] == ["test:0:10"] * 4 + ["test:12:24"]
     assert [one.scenario.rules.collision for one in runs] == ["swept"] * 2 + ["crowdnav"] * 2 + ["swept"]
     assert [one.spec.options["weights"] for one in runs] == ["one", "two", "one", "two", "one"]
 
@@ -54,8 +56,8 @@ def test_the_variant_may_be_run_by_the_first_network_alone_and_the_heading_says_
     (row,) = asked.tables[0].rows
     assert [one.spec.options["weights"] for one in row.all_runs] == ["one", "two", "one", "one"]
     for each in asked.runs:
-        success = [1] * len(each.cases) if each not in row.variant else [1] * 8 + [0] * 2
-        leave(each, tmp_path, episodes(success, navigation_time=[9.0] * len(each.cases)))
+        success = [1] * len(each.spec.cases) if each not in row.variant else [1] * 8 + [0] * 2
+        leave(each, tmp_path, episodes(success, navigation_time=[9.0] * len(each.spec.cases)))
     found = asked.tables[0].fill(tmp_path)
     assert found.rows[0].variant_success_rate == wilson(episodes([1] * 8 + [0] * 2).columns["success_rate"])
     assert "| success, CrowdNav's rule (first network) |" in found.markdown()
@@ -65,7 +67,7 @@ def test_a_table_may_have_no_variant_and_no_second_reading(tmp_path):
     asked = read("".join(line for line in NETWORKS.splitlines(True) if not line.startswith(("variant", "second"))))
     assert len(asked.runs) == 2
     for each in asked.runs:
-        leave(each, tmp_path, episodes([1] * each.cases.stop, navigation_time=[9.0] * each.cases.stop))
+        leave(each, tmp_path, episodes([1] * each.spec.cases.stop, navigation_time=[9.0] * each.spec.cases.stop))
     text = asked.tables[0].fill(tmp_path).markdown()
     header, _, line = [line for line in text.splitlines() if line.startswith("|")]
     assert header == "| planner | networks | success, reported | success | time, reported | time |"
@@ -78,14 +80,15 @@ def test_a_label_replan_every_options_and_privilege_are_shown():
     Path("mine.py").write_text(MINE.replace("return made", "made.privileged = True; return made"))
     every = NETWORKS.replace("cases", "replan_every = 8\ncases", 1)
     (row,) = read(every).tables[0].rows
-    assert (row.label, row.second_reading.replanning.every) == ("mine", 8)
-    assert row.second_reading.directory.startswith(
+    assert (row.label, row.second_reading.spec.replanning.every) == ("mine", 8)
+    assert run_directory(row.second_reading, Path()).name.startswith(
         "mine-circle_crossing_5-12-24-weights=one-replan_every=8-look_first=8-"
     )
     (row,) = read(every + "options = { margin = 0.3 }").tables[0].rows
     assert row.label == "mine (margin=0.3)"
     study(NETWORKS.replace("planner =", 'label = "trained | alone"\nplanner ='), "--out", "there")
-    text = page([table.fill(Path("there")) for table in read(Path("tiny.toml").read_text()).tables])
+    again = read(Path("tiny.toml").read_text())
+    text = again.page(again.fill(Path("there")), "study tiny.toml")
     assert r"| trained \| alone * | 2 |" in text
     assert text.splitlines()[-1].startswith(r"\* uses")
 

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from studies import episodes, fill, read, refused, study
 
-from crowdbench.evaluate.summary import bootstrap, wilson
+from crowdbench.metrics.summary import bootstrap, wilson
 from crowdbench.study.intervals import difference_over_networks, mean_over_networks
 from crowdbench.study.measures import LEAST_SHARED
+from crowdbench.study.planners import PlannersTable
+from crowdbench.utils.toml import Location
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -130,8 +132,9 @@ def test_what_nobody_reports_has_no_column(tmp_path):
 
 
 def test_a_quick_look_has_the_first_network_and_its_own_cases():
-    quick = read(VARIANT).tables[0].quick_look()
-    assert [str(run.cases) for run in quick.runs] == ["test:0:4"] * 6
+    spec = read(VARIANT).tables[0].spec.quick_look()
+    quick = PlannersTable.of(spec, Location("tiny.toml"))
+    assert [str(run.spec.cases) for run in quick.runs] == ["test:0:4"] * 6
     assert [run.spec.options.get("weights") for run in quick.runs] == ["one", "one", "two", "two", None, None]
 
 

@@ -5,8 +5,8 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from crowdbench.evaluate import summary
-from crowdbench.evaluate.summary import Estimate, bootstrap, by_block, rate, summarize, weighted_mean, wilson
+from crowdbench.metrics import summary
+from crowdbench.metrics.summary import Estimate, bootstrap, by_block, rate, summarize, weighted_mean, wilson
 
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 10), (7, 10), (500, 500), (212, 500), (1, 1)])
@@ -73,7 +73,7 @@ def test_the_same_episodes_have_the_same_interval():
 
 def test_scipys_statistics_are_imported_only_when_something_is_summarized():
     code = (
-        "import sys, crowdbench.evaluate.run, crowdbench.evaluate.compare, crowdbench.evaluate.prediction_errors\n"
+        "import sys, crowdbench.runs.run, crowdbench.runs.compare, crowdbench.metrics.prediction_errors\n"
         "print('scipy.stats' in sys.modules)"
     )
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "False\n"

@@ -6,7 +6,7 @@ import torch
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.sim.sensor import observe
-from crowdbench.threads import in_chunks
+from crowdbench.utils.threads import in_chunks
 
 
 @pytest.fixture

@@ -6,8 +6,20 @@ from typing import Annotated
 import pytest
 from pydantic import AfterValidator, Field
 
-from crowdbench.errors import InputError
-from crowdbench.toml_file import Flag, Location, Name, Names, TomlTable, Values, choice, integer, number, parsed, table
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import (
+    Flag,
+    Location,
+    Name,
+    Names,
+    TomlTable,
+    Values,
+    choice,
+    integer,
+    number,
+    parse_table,
+    table,
+)
 
 
 def even(value: int) -> int:
@@ -62,18 +74,18 @@ WRONG = [
 @pytest.mark.parametrize(("given", "sentence"), WRONG)
 def test_what_is_wrong_is_said_in_one_sentence(given, sentence):
     with pytest.raises(InputError) as error:
-        parsed(Car, given, Location("car.toml"))
+        parse_table(Car, given, Location("car.toml"))
     assert str(error.value).startswith(f"car.toml: {sentence}")
     assert "\n" not in str(error.value)
 
 
 def test_a_table_within_a_file_is_named_from_the_top():
     with pytest.raises(InputError, match=r"car.toml: cars\[3\].spare.name is missing"):
-        parsed(Car, {"spare": {}}, Location("car.toml").at("cars", 2))
+        parse_table(Car, {"spare": {}}, Location("car.toml").at("cars", 2))
 
 
 def test_what_is_left_out_has_its_default_and_whole_numbers_are_numbers():
-    car = parsed(Car, {"wheels": [{"name": "a", "radius": 1}]}, Location("car.toml"))
+    car = parse_table(Car, {"wheels": [{"name": "a", "radius": 1}]}, Location("car.toml"))
     assert car.complete() == {
         "wheels": [{"name": "a", "radius": 1.0, "spokes": 8}],
         "spare": None,

@@ -5,20 +5,19 @@ import pytest
 from rerun.chunk import RrdReader
 
 from crowdbench import InputError, load_network, load_scenario
-from crowdbench.dynamics.grids import speeds_and_headings
+from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.networks.value import NETWORKS
+from crowdbench.networks.weights import digest, read_card
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.predict import ConstantVelocity
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.train import value, value_figures
+from crowdbench.train import driving, value
 from crowdbench.train.directories import CHECKPOINT
-from crowdbench.train.exploration import EpsilonGreedy
+from crowdbench.train.planner_requests import ValueRequest
 from crowdbench.train.training_run import TrainingRun
-from crowdbench.train.value import Training
-from crowdbench.train.value_request import ValueRequest
-from crowdbench.value.networks import NETWORKS
-from crowdbench.weights.store import digest, read_card
+from crowdbench.train.value import EpsilonGreedy, Training
 
 
 @pytest.fixture(autouse=True)
@@ -27,9 +26,9 @@ def small(monkeypatch):
     sizes = {"DEMONSTRATIONS": 30, "ROUND": 10, "VALIDATIONS": 4, "IMITATION_EPOCHS": 1, "REPLAY_RATIO": 4}
     for name, size in sizes.items():
         monkeypatch.setattr(value, name, size)
-    monkeypatch.setattr(value, "VALIDATION_CASES", Cases("val", 0, 5))
-    cases = {split: dataclasses.replace(cases, stop=cases.start + 6) for split, cases in value_figures.CASES.items()}
-    monkeypatch.setattr(value_figures, "CASES", cases)
+    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 5))
+    cases = {split: dataclasses.replace(cases, stop=cases.start + 6) for split, cases in driving.CASES.items()}
+    monkeypatch.setattr(driving, "CASES", cases)
 
 
 # Episodes are short, because a network that has hardly been trained drives to the end of the time.
@@ -75,7 +74,7 @@ def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
     with pytest.raises(Killed):
         killed.train(stopped_after(2))
     resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
-    assert resumed.training.setup.limits == whole.training.setup.limits
+    assert resumed.training.limits == whole.training.limits
     assert 0 < resumed.training.rounds < whole.training.rounds
     resumed.train(ignore)
     for part in ("network", "average", "best"):
@@ -119,7 +118,10 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
         "training.rrd",
     }
     text = (tmp_path / "run" / "weights.md").read_text()
-    assert f"| checkpoint | chosen at episode {running.training.chosen().episodes} of 40, on val:0:5 of circle_" in text
+    assert (
+        f"| checkpoint | chosen at episode {running.training.best_point().episodes} of 40, on val:0:5 of circle_"
+        in text
+    )
     assert "| test test:0:6 |" in text
     with pytest.raises(InputError, match="is finished: its weights are"):
         TrainingRun.resumed(tmp_path / "run", "cpu")
@@ -217,8 +219,7 @@ def test_random_commands_are_within_the_limits_and_evenly_spread_over_them():
     obs = dataclasses.replace(obs, vehicle=dataclasses.replace(obs.vehicle, velocity=velocity))
     commands = EpsilonGreedy(planner, 1.0, 0).plan(obs)
     assert limits.allow(velocity, commands[:, None], obs.dt).all()
-    vehicle = obs.vehicle
-    offered = planner.commands(vehicle.state, vehicle.dynamics, vehicle.preferred_speed, obs.dt)[:1]
+    offered = planner.commands(obs.vehicle, obs.dt)[:1]
     allowed = offered[0][limits.allow(velocity[:1], offered, obs.dt)[0]]
     assert np.array_equal(offered[0, -1], limits.brake(velocity[:1], obs.dt)[0])
     share = [np.isclose(commands, each, atol=1e-12).all(axis=1).mean() for each in allowed]
@@ -230,7 +231,7 @@ def test_random_commands_are_within_the_limits_and_evenly_spread_over_them():
 
 def validated(success, seconds):
     """A point of a training curve."""
-    return value.Validated(0, 0.0, 0.0, 0.0, success, seconds, 0.0)
+    return value.CurvePoint(0, 0.0, 0.0, 0.0, success, seconds, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -248,7 +249,7 @@ def validated(success, seconds):
 )
 def test_a_checkpoint_is_chosen_by_success_within_noise_and_then_by_time(curve, expected):
     points = [validated(*point) for point in curve]
-    assert value.chosen(points, 200) is points[expected]
+    assert driving.choose_point(points, 200) is points[expected]
 
 
 @pytest.mark.slow
@@ -279,7 +280,7 @@ def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenar
 
 
 def test_no_case_that_chooses_a_checkpoint_is_on_the_card():
-    chosen_by = set(value.VALIDATION_CASES.indices)
-    on_cards = [cases for cases in value_figures.CASES.values() if cases.split == "val"]
+    chosen_by = set(driving.VALIDATION_CASES.indices)
+    on_cards = [cases for cases in driving.CASES.values() if cases.split == "val"]
     assert on_cards
     assert all(chosen_by.isdisjoint(cases.indices) for cases in on_cards)

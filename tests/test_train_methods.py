@@ -9,13 +9,13 @@ from typer.testing import CliRunner
 
 from crowdbench import InputError
 from crowdbench.cli import app, train
+from crowdbench.networks.value import NETWORKS
 from crowdbench.predict.social_gan import NAME
 from crowdbench.train import training_run
 from crowdbench.train.method import option
 from crowdbench.train.methods import METHODS, check_options, own_options
+from crowdbench.train.planner_requests import ValueRequest
 from crowdbench.train.social_gan_request import SocialGANRequest
-from crowdbench.train.value_request import ValueRequest
-from crowdbench.value.networks import NETWORKS
 
 
 def test_every_network_has_a_method():

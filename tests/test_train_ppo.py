@@ -7,15 +7,15 @@ import pytest
 import torch
 
 from crowdbench import InputError, load_planner, load_scenario
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.networks.weights import digest, weights_file
+from crowdbench.planners.driver import Driver
 from crowdbench.planners.policy.planner import load_policy
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import ppo, value_figures
+from crowdbench.train import driving, ppo
 from crowdbench.train.directories import CHECKPOINT
-from crowdbench.train.ppo_request import PPORequest
+from crowdbench.train.planner_requests import PPORequest
 from crowdbench.train.training_run import TrainingRun
-from crowdbench.weights.store import digest, weights_file
 
 torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
 
@@ -25,9 +25,9 @@ def small(monkeypatch):
     """A training of seconds."""
     for name, size in {"WORLDS": 8, "STEPS": 16, "BATCH": 64, "EPOCHS": 2, "VALIDATIONS": 3, "CASES": 16}.items():
         monkeypatch.setattr(ppo, name, size)
-    monkeypatch.setattr(ppo, "VALIDATION_CASES", Cases("val", 0, 4))
-    cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in value_figures.CASES.items()}
-    monkeypatch.setattr(value_figures, "CASES", cases)
+    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
+    cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in driving.CASES.items()}
+    monkeypatch.setattr(driving, "CASES", cases)
 
 
 REQUEST = PPORequest(network="ppo", overrides={"pedestrians.number": [1, 3], "time_limit": 8.0}, seed=7, steps=700)
@@ -76,13 +76,13 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
 @pytest.mark.slow
 def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
     one, two = (trained(tmp_path / name).training for name in ("a", "b"))
-    assert digest(one.policy) == digest(two.policy)
+    assert digest(one.current) == digest(two.current)
     assert [dataclasses.replace(point, seconds=0.0) for point in one.curve] == [
         dataclasses.replace(point, seconds=0.0) for point in two.curve
     ]
     other = TrainingRun.new(dataclasses.replace(REQUEST, seed=8), tmp_path / "c", "cpu")
     other.train(ignore)
-    assert digest(other.training.policy) != digest(one.policy)
+    assert digest(other.training.current) != digest(one.current)
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):
         TrainingRun.new(REQUEST, tmp_path / "killed", "cpu").train(killed_after(points))
     again = TrainingRun.resumed(tmp_path / "killed", "cpu")
     again.train(ignore)
-    assert digest(again.training.policy) == digest(whole.policy)
+    assert digest(again.training.current) == digest(whole.current)
     assert [dataclasses.replace(point, seconds=0.0) for point in again.training.curve] == [
         dataclasses.replace(point, seconds=0.0) for point in whole.curve
     ]

@@ -5,15 +5,15 @@ import pytest
 import torch
 
 from crowdbench import InputError, load_predictor, load_scenario
+from crowdbench.core.types import HISTORY
+from crowdbench.networks.weights import digest, read_card
 from crowdbench.scenario.cases import Cases
-from crowdbench.tracks.eth_ucy import FRAME_STEP
+from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP
 from crowdbench.train import checkpoint, social_gan, social_gan_samples, training_run
 from crowdbench.train.social_gan import cross_entropy, non_saturating_loss, variety_loss
 from crowdbench.train.social_gan_request import SocialGANRequest
 from crowdbench.train.social_gan_samples import from_scenario
 from crowdbench.train.training_run import TrainingRun
-from crowdbench.types import HISTORY
-from crowdbench.weights.store import digest, read_card
 
 
 @pytest.fixture(autouse=True)
@@ -125,7 +125,7 @@ def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkey
     training = request.training("cpu")
     training.run(ignore)
     assert training.curve[-1].loss < 0.8 * training.curve[0].loss
-    assert training.chosen().ade == min(point.ade for point in training.curve)
+    assert training.best_point().ade == min(point.ade for point in training.curve)
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
     card = read_card(path)
     assert card["command"] == "crowdbench train sgan --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
     assert card["training"]["scenes"] == ["eth"]
-    assert card["figures"]["validation"]["ade"] == running.training.chosen().ade
+    assert card["figures"]["validation"]["ade"] == running.training.best_point().ade
     assert "| scene held out | hotel |" in path.with_suffix(".md").read_text()
     made = load_predictor("sgan", {"weights": str(path), "modes": 2})[1]
     assert made.unseen("hotel") is made
@@ -146,8 +146,8 @@ def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(reco
 
 
 def test_the_held_out_scene_is_in_no_sample(recordings):
-    both = dataclasses.replace(REQUEST, data=str(recordings)).training("cpu").setup
-    one = dataclasses.replace(REQUEST, data=str(recordings), held_out="eth").training("cpu").setup
+    both = dataclasses.replace(REQUEST, data=str(recordings)).training("cpu")
+    one = dataclasses.replace(REQUEST, data=str(recordings), held_out="eth").training("cpu")
     assert len(both.training) == 2 * len(one.training) > 0
     assert len(both.validation) == 2 * len(one.validation) > 0
 

@@ -11,13 +11,13 @@ from typer.testing import CliRunner
 
 from crowdbench import InputError
 from crowdbench.cli import app
+from crowdbench.networks.weights import load_into, read_card
 from crowdbench.train import checkpoint, training_run
 from crowdbench.train.checkpoint import State
-from crowdbench.train.directories import CHECKPOINT, LOCK, WEIGHTS, lock, unlock
+from crowdbench.train.directories import CHECKPOINT, LOCK, WEIGHTS, hold
 from crowdbench.train.method import Request
 from crowdbench.train.methods import METHODS
 from crowdbench.train.training_run import TrainingRun
-from crowdbench.weights.store import load_into, read_card
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Counting:
         torch.nn.init.zeros_(self.best.bias)
         self.curve = []
 
-    def chosen(self):
+    def best_point(self):
         return self.curve[-1]
 
     @property
@@ -197,10 +197,8 @@ def test_a_directory_with_a_users_file_is_refused_and_kept(name, tmp_path):
 
 def test_two_processes_do_not_train_in_the_same_directory(tmp_path):
     running = TrainingRun.new(REQUEST, tmp_path, "cpu")
-    held = lock(tmp_path)
-    with pytest.raises(InputError, match="another process trains in"):
+    with hold(tmp_path), pytest.raises(InputError, match="another process trains in"):
         running.train(ignore)
-    unlock(held)
     running.train(ignore)
 
 

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from crowdbench.errors import InputError
-from crowdbench.predict.training_tracks import resampled, training_split
-from crowdbench.predict.windows import windows
-from crowdbench.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_folder
+from crowdbench.predict.windows import resample, training_split, windows
+from crowdbench.scenario.tracks.eth_ucy import DT, FRAME_STEP, Tracks, read_folder
+from crowdbench.utils.errors import InputError
 
 PUBLISHED = {  # where validation starts, as the data's README has it
     "biwi_eth": 10240,
@@ -72,25 +71,25 @@ def resampled_slowly(tracks, dt):
 
 @pytest.mark.parametrize("dt", [0.25, 0.4, 0.1, 0.7, 0.8])
 def test_resampled_tracks_are_interpolated_within_unbroken_stretches(dt):
-    found, expected = rows(resampled(recording(), dt)), resampled_slowly(recording(), dt)
+    found, expected = rows(resample(recording(), dt)), resampled_slowly(recording(), dt)
     assert [row[:2] for row in found] == [row[:2] for row in expected]
     np.testing.assert_allclose([row[2] for row in found], [row[2] for row in expected], atol=1e-9)
 
 
 def test_resampled_at_its_own_step_a_recording_stays_as_it_is():
-    assert rows(resampled(recording(), DT)) == rows(recording())
+    assert rows(resample(recording(), DT)) == rows(recording())
 
 
 def test_windows_of_resampled_tracks_have_their_step():
     time = np.arange(30)
     pair = Tracks("pair", np.tile(time * 10, 2), np.repeat([1, 2], 30), np.tile(time[:, None] * [0.4, -0.2], (2, 1)))
-    found = windows(resampled(pair, 0.25), 16)
+    found = windows(resample(pair, 0.25), 16)
     assert len(found) == int(29 * 0.4 / 0.25) + 1 - 15
     obs = found.observation(8)
     assert obs.dt == 0.25
     np.testing.assert_allclose(obs.pedestrians.velocity, np.broadcast_to([1.0, -0.5], (len(found), 2, 2)))
 
 
-def test_nobody_can_be_resampled():
+def test_nobody_can_be_resample():
     none = np.zeros(0, np.int64)
-    assert rows(resampled(Tracks("none", none, none, np.zeros((0, 2))), 0.25)) == []
+    assert rows(resample(Tracks("none", none, none, np.zeros((0, 2))), 0.25)) == []

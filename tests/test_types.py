@@ -4,19 +4,19 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import drive, trace
+from helpers import advance, drive, trace
 
 from crowdbench import load_scenario
-from crowdbench.evaluate.metrics import collision_rate, discomfort, discounted_return, success_rate
+from crowdbench.core.reward import COLLISION, WALL_COLLISION, reward
+from crowdbench.core.types import Outcome
+from crowdbench.metrics import collision_rate, discomfort, discounted_return, success_rate
 from crowdbench.planners.base import Planner
-from crowdbench.reward import COLLISION, WALL_COLLISION, reward
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts.crossings import circle_crossing
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import LayoutCall, Placement
+from crowdbench.scenario.starts import LayoutStarts
 from crowdbench.sim.episode import step_outcome
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance
-from crowdbench.types import Outcome
 
 
 def remembering(deep):
@@ -63,7 +63,7 @@ def walled(rng, radius, preferred_speed):
 
 
 def test_routes_and_obstacles_of_a_layout_reach_the_world_and_the_observation():
-    place = dataclasses.replace(load_scenario("circle_crossing_5"), layout=walled, layout_options={})
+    place = dataclasses.replace(load_scenario("circle_crossing_5"), starts=LayoutStarts(LayoutCall(walled)))
     start = place.worlds(Cases("val", 0, 12))
     assert start.route.shape == (12, 6, 2, 2)
     assert start.obstacles.shape == (12, 1, 2, 2)

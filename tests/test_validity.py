@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from crowdbench.cli import app
-from crowdbench.errors import InputError
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.validity import door, measure, page, texts
-from crowdbench.study.validity.corridor import corridor, direction, forward_speed, people_of, walk
+from crowdbench.study.validity import door, experiments, page
+from crowdbench.study.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
 from crowdbench.study.validity.door import STILL, Passages
-from crowdbench.study.validity.lanes import lane_order
-from crowdbench.study.validity.measure import Setting, measured
+from crowdbench.study.validity.experiments import Setting, run_experiment
+from crowdbench.study.validity.page import single_file_speed, weidmann_speed
 from crowdbench.study.validity.people import DEFAULT, MEASURED, POINTS, crowd, spread
-from crowdbench.study.validity.published import single_file_speed, weidmann_speed
+from crowdbench.utils.errors import InputError
 
 DOCS = Path(__file__).parent.parent / "docs"
 FEW = dataclasses.replace(DEFAULT, densities=(0.5,), per_metre=(0.8,))
@@ -88,9 +87,10 @@ def test_in_single_file_nobody_leaves_the_middle():
 def test_a_world_does_not_depend_on_those_beside_it(policy, experiment, monkeypatch):
     monkeypatch.setattr(door, "TIME", 10.0)
     setting = Setting(experiment, policy, MEASURED, 1.0)
-    alone, many = (measured(setting, worlds, 5.0) for worlds in (1, 3))
+    alone, many = (run_experiment(setting, worlds, 5.0) for worlds in (1, 3))
     for name, values in vars(many).items():
-        np.testing.assert_array_equal(getattr(alone, name), values[:1])
+        of_one = values[:1] if isinstance(values, np.ndarray) else values
+        np.testing.assert_array_equal(getattr(alone, name), of_one)
 
 
 def test_lanes_of_one_direction_have_order_1():
@@ -129,31 +129,32 @@ def test_published_figures():
 
 
 def speed(policy, people, density):
-    return measured(Setting("one way", policy, people, density), 2, 20.0).speed.mean()
+    return run_experiment(Setting("one way", policy, people, density), 2, 20.0).speed.mean()
 
 
 @pytest.mark.slow
 def test_the_limits_that_the_page_names_are_there(monkeypatch):
-    """If one of these fails because a policy has become better, mend `texts.LIMITS` and print the page again."""
+    """If one of these fails because a policy has become better, mend `page.LIMITS` and print the page again."""
     monkeypatch.setattr(door, "TIME", 40.0)
     assert speed("orca", DEFAULT, 1.5) > 0.99  # does not slow down
     assert speed("orca", MEASURED, 2.0) > 1.5 * weidmann_speed(2.0)  # slows down too little
     assert speed("social_force", DEFAULT, 1.5) < 0.0  # walks backwards
     assert speed("social_force", POINTS, 1.0) > 0.5  # as points it goes on
-    assert measured(Setting("two ways", "orca", DEFAULT, 2.0), 2, 20.0).stuck.all()
-    assert measured(Setting("two ways", "social_force", POINTS, 0.5), 2, 40.0).order.max() < 0.2  # no lanes
-    assert measured(Setting("two ways", "orca", MEASURED, 0.5), 2, 40.0).order.min() > 0.5
-    assert measured(Setting("door", "social_force", MEASURED, 0.8), 2).share.max() < 0.5
-    assert measured(Setting("door", "orca", MEASURED, 1.6), 2).share.min() == 1.0
+    assert run_experiment(Setting("two ways", "orca", DEFAULT, 2.0), 2, 20.0).stuck.all()
+    assert run_experiment(Setting("two ways", "social_force", POINTS, 0.5), 2, 40.0).order.max() < 0.2  # no lanes
+    assert run_experiment(Setting("two ways", "orca", MEASURED, 0.5), 2, 40.0).order.min() > 0.5
+    assert run_experiment(Setting("door", "social_force", MEASURED, 0.8), 2).share.max() < 0.5
+    assert run_experiment(Setting("door", "orca", MEASURED, 1.6), 2).share.min() == 1.0
 
 
 def test_the_command_prints_the_page(monkeypatch, capsys):
-    for module in (measure, page):
+    for module in (experiments, page):
         monkeypatch.setattr(module, "EVERYBODY", (FEW,))
-    monkeypatch.setattr(measure, "DOORS", (1.6,))
-    monkeypatch.setattr(measure, "measured", functools.partial(measured, worlds=2, time=3.0))
+    monkeypatch.setattr(experiments, "DOORS", (1.6,))
+    monkeypatch.setattr(experiments, "run_experiment", functools.partial(run_experiment, worlds=2, time=3.0))
     app(["validity", "orca"], standalone_mode=False)
     printed = capsys.readouterr().out
+    assert printed.splitlines()[2].startswith("Printed by `crowdbench validity orca`.")
     assert "a mean over 2 worlds" in printed
     assert "**orca**: " in printed
     assert "**social_force**: " not in printed
@@ -162,18 +163,18 @@ def test_the_command_prints_the_page(monkeypatch, capsys):
 
 
 def test_a_policy_that_does_not_exist_is_refused_at_once(monkeypatch):
-    monkeypatch.setattr(measure, "measured", None)
+    monkeypatch.setattr(experiments, "run_experiment", None)
     with pytest.raises(InputError, match="nobody"):
         app(["validity", "orca", "nobody"], standalone_mode=False)
 
 
 def test_the_page_in_docs_is_of_this_code():
     printed = (DOCS / "validity.md").read_text()
-    parts = [texts.INTRODUCTION.format(worlds=measure.WORLDS), *texts.LIMITS.values(), texts.ONE_WAY, texts.SINGLE_FILE]
-    assert [part for part in [*parts, texts.TWO_WAYS, texts.DOOR] if part not in printed] == []
+    parts = [page.INTRODUCTION.format(worlds=experiments.WORLDS), *page.LIMITS.values(), page.ONE_WAY, page.SINGLE_FILE]
+    assert [part for part in [*parts, page.TWO_WAYS, page.DOOR] if part not in printed] == []
     sources = page.SOURCES.read_text()
     assert sources in printed
     references = (DOCS / "references.md").read_text()
     assert [each for each in sources.split("\n- ") if each.strip().lstrip("- ") not in references] == []
     widths = [row.split(" | ")[1] for row in printed.splitlines() if row.startswith("| radius") and " m | " in row]
-    assert set(widths) == {f"{width:g} m" for width in measure.DOORS}
+    assert set(widths) == {f"{width:g} m" for width in experiments.DOORS}

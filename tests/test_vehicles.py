@@ -6,28 +6,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import drive, same, world
+from helpers import advance, check_step, drive, same, world
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.dynamics import Bicycle, State, Unicycle, chain, hull
+from crowdbench.core.dynamics import Bicycle, State, Unicycle, chain, hull
+from crowdbench.core.geometry import wrap_angle
+from crowdbench.core.types import Outcome, Rules
 from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.vehicle import VehicleEnv
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import spl
-from crowdbench.geometry import wrap_angle
+from crowdbench.metrics import spl
 from crowdbench.planners.base import Planner
-from crowdbench.planners.lookahead.one_step import moved as one_moved
-from crowdbench.planners.lookahead.one_step import scene_of, try_commands
-from crowdbench.planners.sequences.planner import _driven
+from crowdbench.planners.driver import Driver
+from crowdbench.planners.lookahead.one_step import propagate_vehicle, try_commands
+from crowdbench.planners.sampling.planner import drive_sequences
+from crowdbench.planners.scene import scene_of
 from crowdbench.predict import Prediction
-from crowdbench.record.read import read
+from crowdbench.record.contents import read
 from crowdbench.record.write import Recorder
-from crowdbench.sim.episode import check_step
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import advance, crowd_velocities, step
-from crowdbench.types import Outcome, Rules
+from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.utils.errors import InputError
 
 UNICYCLE = {"vehicle__dynamics": "unicycle"}
 CAR = {"vehicle__dynamics": "bicycle", "vehicle__radius": 0.9, "vehicle__length": 4.5, "layout__circle_radius": 12.0}
@@ -231,7 +230,7 @@ def test_a_lookahead_foresees_what_the_simulator_does(vehicle):
         assert tried.gap[:, 0] == pytest.approx(check.gap, abs=1e-12)
         assert tried.outcome[:, 0].tolist() == check.outcome.tolist()
         assert np.array_equal(tried.velocity, after.velocity[:, 0])
-        assert np.array_equal(one_moved(obs.vehicle, command, obs).position, after.position[:, 0])
+        assert np.array_equal(propagate_vehicle(obs.vehicle, command, obs).position, after.position[:, 0])
         now = after
 
 
@@ -240,7 +239,7 @@ def test_sequences_are_rolled_by_the_dynamics():
     now = start = place.draw("val", np.arange(2))
     commands = np.random.default_rng(1).uniform([0.0, -2.0], [1.0, 2.0], (2, 1, 6, 2))
     obs = observe(start)
-    way = _driven(obs.vehicle.state, commands, place.rules.dynamics, obs.vehicle.preferred_speed, obs.dt)
+    way = drive_sequences(obs.vehicle, commands, obs.dt)
     for t in range(6):
         now = advance(now, commands[:, 0, t][:, None])
         assert np.array_equal(way.position[:, 0, t], now.position[:, 0])

@@ -6,9 +6,9 @@ from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from crowdbench.cli import app
-from crowdbench.errors import InputError
-from crowdbench.evaluate.results import EPISODES, Episodes
 from crowdbench.record import rrd, view, viewer
+from crowdbench.runs.results import EPISODES, Episodes
+from crowdbench.utils.errors import InputError
 
 
 @pytest.fixture(scope="module")

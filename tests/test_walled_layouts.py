@@ -5,8 +5,8 @@ import pytest
 import shapely
 
 from crowdbench.catalog import load_scenario
-from crowdbench.errors import InputError
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
 
 WALLED = ("blind_corner", "corridor", "doorway", "intersection", "room", "traffic")
 CASES = Cases.parse("val:20")

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from crowdbench.errors import InputError
-from crowdbench.scenario.ways import CLEARANCE, LEAST_CLEARANCE, SIDES, shortest_ways
+from crowdbench.scenario.visibility_graph import CLEARANCE, LEAST_CLEARANCE, SIDES, find_routes
+from crowdbench.utils.errors import InputError
 
 RADIUS = 0.3
 WALL = np.array([[[-5.0, 0.0], [1.0, 0.0]]])
@@ -14,7 +14,7 @@ WALL = np.array([[[-5.0, 0.0], [1.0, 0.0]]])
 
 def way(start, goal, obstacles, radius=RADIUS):
     """All points of a way, the start and the goal too."""
-    route = shortest_ways(np.array([start], float), np.array([goal], float), np.array([radius]), obstacles)[0]
+    route = find_routes(np.array([start], float), np.array([goal], float), np.array([radius]), obstacles)[0]
     return np.vstack([start, route[np.isfinite(route[:, 0])], goal])
 
 
@@ -54,7 +54,7 @@ def test_a_way_around_the_end_of_a_wall_is_two_tangents_and_an_arc():
 def test_nobody_is_sent_around_what_is_not_in_the_way():
     assert len(way((2, -4), (2, 4), WALL)) == 2
     assert len(way((0, -4), (-6, -4), WALL)) == 2
-    assert shortest_ways(np.zeros((2, 2)), np.ones((2, 2)), np.full(2, 0.3), np.empty((0, 0, 2))).shape == (2, 0, 2)
+    assert find_routes(np.zeros((2, 2)), np.ones((2, 2)), np.full(2, 0.3), np.empty((0, 0, 2))).shape == (2, 0, 2)
 
 
 def test_a_way_keeps_its_clearance_from_every_corner():
@@ -103,7 +103,7 @@ def test_agents_of_all_sizes_have_their_own_ways_and_none_leads_over_the_start_o
     start = np.array([[0.0, -4.0], [1.5, 0.0], [0.0, -4.0], [-3.0, -1.0]])
     goal = np.array([[0.0, 4.0], [1.5, 5.0], [0.0, 4.0], [-3.0, 1.0]])
     radius = np.array([0.3, 0.3, 0.6, 0.3])
-    together = shortest_ways(start, goal, radius, WALL)
+    together = find_routes(start, goal, radius, WALL)
     for agent in range(4):
         alone = way(start[agent], goal[agent], WALL, radius[agent])[1:-1]
         assert np.array_equal(together[agent][np.isfinite(together[agent, :, 0])], alone)

@@ -6,10 +6,10 @@ import torch
 from safetensors.torch import save_file
 
 from crowdbench import InputError, load_network, load_predictor
-from crowdbench.predict.social_gan_network import Generator
+from crowdbench.networks.social_gan import Generator
+from crowdbench.networks.value import NETWORKS
+from crowdbench.networks.weights import built_in, digest, read_card, save_network
 from crowdbench.train.methods import headline, markdown
-from crowdbench.value.networks import NETWORKS
-from crowdbench.weights.store import built_in, digest, read_card, save_network
 
 FIGURES = {
     f"{name}_rate": {"mean": 0.5, "low": 0.4, "high": 0.6, "n": 10} for name in ("success", "collision", "timeout")

@@ -5,12 +5,12 @@ import pytest
 from helpers import drive
 
 from crowdbench.catalog import load_scenario, simulated_scenarios
-from crowdbench.evaluate.metrics import sct, spl
-from crowdbench.geometry import norm
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import Outcome
+from crowdbench.metrics import sct, spl
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.simulator import crowd_velocities, step
-from crowdbench.types import Outcome
 
 WALLED = ["doorway", "corridor", "blind_corner", "intersection", "room", "traffic"]
 

@@ -1,7 +1,6 @@
 """ORCA with pauses: people who stop and go, such as those who look at their phones."""
 
-from crowdbench.sim.habits import StopAndGo
-from crowdbench.sim.pedestrians import ORCA
+from crowdbench.sim.pedestrians import ORCA, StopAndGo
 
 
 def policy() -> StopAndGo:

@@ -1,6 +1,6 @@
 """Stands somewhere on the way; groups stand in a circle, as people do who talk."""
 
-from crowdbench.sim.habits import Standing
+from crowdbench.sim.pedestrians import Standing
 
 
 def policy() -> Standing:

@@ -1,6 +1,6 @@
 """Walks straight to the goal and gives way to nobody."""
 
-from crowdbench.sim.habits import Straight
+from crowdbench.sim.pedestrians import Straight
 
 
 def policy() -> Straight:

@@ -4,26 +4,8 @@ Chen, Liu, Everett and How, "Decentralized Non-communicating Multiagent Collisio
 Learning", ICRA 2017, arXiv:1609.07845.
 """
 
-from crowdbench import load_network, load_predictor
-from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.kce import Limits
+from functools import partial
 
+from crowdbench.planners.sarl import network_planner
 
-def planner(
-    weights: str = "cadrl",
-    predictor: str = "constant_velocity",
-    device: str = "cpu",
-    limits: Limits | None = None,
-) -> ValuePlanner:
-    """Compose the planner.
-
-    Args:
-        weights: The trained value network: a name (`crowdbench list weights`) or a file.
-        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
-        device: Where the value network runs: `cpu` or `cuda`.
-        limits: Commands that the vehicle can follow; false for all.
-
-    Returns:
-        The planner.
-    """
-    return ValuePlanner(load_predictor(predictor)[1], load_network("cadrl", weights, device), limits=limits)
+planner = partial(network_planner, "cadrl", weights="cadrl")

@@ -12,7 +12,7 @@ from statistics import median
 
 from crowdbench.bench import time_and_memory
 from crowdbench.bench.measurement import Measurement
-from crowdbench.errors import InputError
+from crowdbench.utils.errors import InputError
 
 REPETITIONS = 3
 """Runs of a command; the median of their times counts."""

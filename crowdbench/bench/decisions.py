@@ -1,4 +1,4 @@
-"""How long decisions of the learned planners take, and how close they come to what the processor can compute.
+"""How long decisions of planners and the training of a learned one take, and how close they come to the processor.
 
 SARL's networks have random weights here, which cost as much as trained ones. SARL-SGAN-KCE and SARL-SGAN-SEQ have the
 weights that come with crowdbench unless their options name others.
@@ -6,33 +6,46 @@ weights that come with crowdbench unless their options name others.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Iterator
-from statistics import median
+from statistics import mean, median
 from typing import Any
 
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from crowdbench.bench.measurement import Measurement
-from crowdbench.bench.timing import in_turns, seconds
+from crowdbench.bench.measurement import Measurement, in_turns, seconds
 from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.core.types import Observation
+from crowdbench.isolation.planner import IsolatedPlanner
+from crowdbench.isolation.sandbox import level
+from crowdbench.networks.value import SARL
 from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.types import Observation
-from crowdbench.value.networks import SARL
+from crowdbench.train import value as method
+from crowdbench.train.planner_requests import EPISODES, ValueRequest
 
 CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
 """Seconds that CrowdNav's code took for a decision of SARL, by number of pedestrians. Recorded once, not measured
 here."""
 
-SARL_SGAN_KCE_PEDESTRIANS = 5
+SGAN_PEDESTRIANS = 5
 
 SEQUENCE = 8
 """Commands of a decision of SARL-SGAN-SEQ."""
+
+PARTS = (1 / 6, 1 / 2, 5 / 6)
+"""Shares of the training after which a round is measured: the middles of its thirds, whose mean exploration is the
+mean exploration of the training."""
+
+QUICK_PLANNER = "orca"
+"""A planner that decides fast, so that its share in the time is small and that of the pipes large."""
 
 
 def measure_sarl_batch(worlds: int = 500, rounds: int = 5) -> Iterator[Measurement]:
@@ -86,9 +99,9 @@ def measure_sarl_sgan_kce_batch(worlds: int = 500, rounds: int = 5, **options: A
         options: Options of the planner.
     """
     _, planner = load_planner("sarl_sgan_kce", options)
-    decide = functools.partial(planner.plan, observation(SARL_SGAN_KCE_PEDESTRIANS, worlds))
+    decide = functools.partial(planner.plan, observation(SGAN_PEDESTRIANS, worlds))
     [took] = in_turns(rounds, functools.partial(seconds, decide))
-    yield _sarl_sgan_kce(f"{worlds} worlds at once, per world", took / worlds)
+    yield _sarl_sgan("SARL-SGAN-KCE decision", f"{worlds} worlds at once, per world", took / worlds)
 
 
 def measure_sarl_sgan_kce_single(decisions: int = 100, **options: Any) -> Iterator[Measurement]:
@@ -99,7 +112,8 @@ def measure_sarl_sgan_kce_single(decisions: int = 100, **options: Any) -> Iterat
         options: Options of the planner.
     """
     _, planner = load_planner("sarl_sgan_kce", options)
-    yield _sarl_sgan_kce("one world", one_by_one(planner, observation(SARL_SGAN_KCE_PEDESTRIANS, decisions)))
+    took = one_by_one(planner, observation(SGAN_PEDESTRIANS, decisions))
+    yield _sarl_sgan("SARL-SGAN-KCE decision", "one world", took)
 
 
 def measure_sarl_sgan_seq_batch(worlds: int = 500, rounds: int = 3, **options: Any) -> Iterator[Measurement]:
@@ -111,10 +125,45 @@ def measure_sarl_sgan_seq_batch(worlds: int = 500, rounds: int = 3, **options: A
         options: Options of the planner.
     """
     _, planner = load_planner("sarl_sgan_seq", options)
-    decide = functools.partial(planner.plan_ahead, observation(SARL_SGAN_KCE_PEDESTRIANS, worlds), SEQUENCE)
+    decide = functools.partial(planner.plan_ahead, observation(SGAN_PEDESTRIANS, worlds), SEQUENCE)
     [took] = in_turns(rounds, functools.partial(seconds, decide))
-    work = f"SARL-SGAN-SEQ decision of {SEQUENCE} commands, {SARL_SGAN_KCE_PEDESTRIANS} pedestrians, 20 futures"
-    yield Measurement(f"{work}, {worlds} worlds at once, per world", 1e3 * took / worlds, "ms")
+    work = f"SARL-SGAN-SEQ decision of {SEQUENCE} commands"
+    yield _sarl_sgan(work, f"{worlds} worlds at once, per world", took / worlds)
+
+
+def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measurement]:
+    """Rollouts of one batch, the planner here and in its own process by turns.
+
+    Args:
+        worlds: Number of worlds.
+        rounds: How many times both are measured.
+    """
+    with contextlib.closing(IsolatedPlanner(QUICK_PLANNER, {})) as apart:
+        scenario, cases = load_scenario("circle_crossing_5"), Cases("val", 0, worlds)
+        drivers = [Driver(planner, QUICK_PLANNER) for planner in (load_planner(QUICK_PLANNER)[1], apart)]
+        works = [functools.partial(rollout, driver, scenario, cases) for driver in drivers]
+        here, there = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
+    work = f"rollout of {worlds} worlds, ORCA vehicle"
+    yield Measurement(work, 1e3 * here, "ms")
+    yield Measurement(f"the same, the vehicle in its own process ({level()})", 1e3 * there, "ms")
+    yield Measurement("more time with the vehicle in its own process", 100 * (there / here - 1), "%")
+
+
+def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
+    """The length of a training: its imitation, and as many rounds as it has of the mean length of a few.
+
+    Args:
+        episodes: Number of episodes of the training. Its validations are not counted.
+    """
+    training = method.Training(ValueRequest(network="sarl", episodes=episodes), "cpu")
+    rounds = episodes / method.ROUND
+    imitation = seconds(training.imitate)
+    driven = []
+    for part in PARTS:
+        training.rounds = int(part * rounds)
+        driven.append(seconds(training.improve))
+    work = f"training of SARL, {episodes:,} episodes, estimated from imitation and {len(PARTS)} of {rounds:.0f} rounds"
+    yield Measurement(work, (imitation + rounds * mean(driven)) / 60, "min")
 
 
 def sarl_decision(pedestrians: int, worlds: int) -> Callable[[], object]:
@@ -165,6 +214,5 @@ def _sarl(where: str, took: float, pedestrians: int) -> Measurement:
     return Measurement(work, 1e3 * took, "ms", 1e3 * CROWDNAV_SECONDS[pedestrians])
 
 
-def _sarl_sgan_kce(where: str, took: float) -> Measurement:
-    work = f"SARL-SGAN-KCE decision, {SARL_SGAN_KCE_PEDESTRIANS} pedestrians, 20 futures, {where}"
-    return Measurement(work, 1e3 * took, "ms")
+def _sarl_sgan(work: str, where: str, took: float) -> Measurement:
+    return Measurement(f"{work}, {SGAN_PEDESTRIANS} pedestrians, 20 futures, {where}", 1e3 * took, "ms")

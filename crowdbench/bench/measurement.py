@@ -1,8 +1,11 @@
-"""What is measured."""
+"""What is measured, and how times are taken."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from statistics import median
 
 
 @dataclass(frozen=True)
@@ -28,33 +31,23 @@ class Measurement:
         return None if self.crowdnav is None else self.crowdnav / self.value
 
 
-@dataclass(frozen=True)
-class Variant:
-    """A variant of the lookahead of SARL-SGAN-KCE.
+def seconds(work: Callable[[], object]) -> float:
+    """Time in seconds that a call takes."""
+    begin = time.perf_counter()
+    work()
+    return time.perf_counter() - begin
 
-    Attributes:
-        name: What it does differently.
-        seconds: Time for all its decisions, in seconds.
-        changed_commands: Number of decisions in which its command differs from the first variant's.
-        changed_outcomes: Number of episodes that end differently when it drives than when the first variant drives.
+
+def in_turns(rounds: int, *works: Callable[[], float]) -> list[float]:
+    """Measure several works by turns, so that other load on the machine affects all of them alike.
+
+    Args:
+        rounds: How many times each work is measured, after once that does not count.
+        works: Each does something and returns how long it took, or another measure of it.
+
+    Returns:
+        The median of what each work returned.
     """
-
-    name: str
-    seconds: float
-    changed_commands: int
-    changed_outcomes: int
-
-
-@dataclass(frozen=True)
-class VariantComparison:
-    """Variants of the lookahead, compared on the same decisions.
-
-    Attributes:
-        variants: The variants. The first one is the reference: it has no speed-up that could change a command.
-        decisions: Number of decisions that each variant made.
-        episodes: Number of episodes that each variant drove.
-    """
-
-    variants: tuple[Variant, ...]
-    decisions: int
-    episodes: int
+    for work in works:
+        work()
+    return [median(column) for column in zip(*([work() for work in works] for _ in range(rounds)), strict=True)]

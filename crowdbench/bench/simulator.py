@@ -1,25 +1,31 @@
-"""How long steps of the simulator and of the PettingZoo environment take."""
+"""How long steps take: of the simulator, with limited sight, and of the environments in which policies are trained."""
 
 from __future__ import annotations
 
 import functools
+import importlib.util
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
+import gymnasium
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.bench.measurement import Measurement
-from crowdbench.bench.timing import in_turns
+from crowdbench.bench.measurement import Measurement, in_turns
 from crowdbench.catalog import load_scenario
+from crowdbench.core.geometry import toward_goal
+from crowdbench.core.types import World
+from crowdbench.envs import VEHICLE
 from crowdbench.envs.parallel import parallel_env
-from crowdbench.geometry import toward_goal
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.orca import orca_velocities
+from crowdbench.sim.pedestrians.orca import orca_velocities
+from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, step
-from crowdbench.types import World
+
+SCENARIO = "circle_crossing_5"
 
 RADIUS = 0.3
 """Radius of every agent in metres."""
@@ -41,38 +47,85 @@ DENSITY = 0.25
 FEW_STEPS = 12
 """Steps of a large world that are timed."""
 
+LIMITED_SIGHT = "circle_crossing_limited_sight"
+
+SENSORS: Mapping[str, Mapping[str, Any]] = {
+    "perfect sight": {"sensor": {}},
+    "limited sight": {},
+    "limited sight and a lidar of 360 beams": {"sensor.lidar": {"beams": 360, "range": 10.0}},
+}
+"""The sensors that are compared, as changes of the scenario."""
+
+VEC_ENV_ROUNDS = 7
+
+VEC_ENV_OPTIONS: dict[str, Any] = {
+    "reward": "progress",
+    "observation": "goal_frame",
+    "action": "goal_frame",
+    "nearest": 5,
+}
+
 
 def measure_one_world() -> Iterator[Measurement]:
     """ORCA and motion in one world, called step by step, among few and among many agents."""
     for agents in (6, 51):
         work = f"ORCA and motion, one world, {agents} agents, per step"
-        yield _measured(work, ROUNDS * 10, functools.partial(many_worlds, circle(agents, 1), STEPS))
+        yield _measure_time(work, ROUNDS * 10, functools.partial(many_worlds, circle(agents, 1), STEPS))
 
 
 def measure_many_worlds() -> Iterator[Measurement]:
     """ORCA and motion in many worlds at once, on all cores."""
     work = "ORCA and motion, 1,000 worlds, 6 agents, all cores, per world-step"
-    yield _measured(work, 5, functools.partial(many_worlds, circle(6, 1000), STEPS))
+    yield _measure_time(work, 5, functools.partial(many_worlds, circle(6, 1000), STEPS))
 
 
 def measure_whole_step() -> Iterator[Measurement]:
     """A step as in a rollout: pedestrians, motion, collision check."""
-    yield _measured("a step of the simulator with its collision check, one world, 6 agents", ROUNDS, whole_step)
+    yield _measure_time("a step of the simulator with its collision check, one world, 6 agents", ROUNDS, whole_step)
 
 
 def measure_thousands() -> Iterator[Measurement]:
     """The same in one world of thousands, per agent."""
     for agents in THOUSANDS:
         work = f"the same, one world, {agents:,} agents, one on 4 m^2: processor time per agent-step"
-        yield _measured(work, 5, functools.partial(thousands, start_of_thousands(agents)))
+        yield _measure_time(work, 5, functools.partial(thousands, start_of_thousands(agents)))
 
 
 def measure_environment() -> Iterator[Measurement]:
     """A step of the PettingZoo environment."""
-    yield _measured("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
+    yield _measure_time("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
 
 
-def _measured(work: str, rounds: int, seconds: Callable[[], float]) -> Measurement:
+def measure_sight() -> Iterator[Measurement]:
+    """A step with the observation before it, among ten pedestrians: with perfect and with limited sight."""
+    scenarios = [load_scenario(LIMITED_SIGHT, changes) for changes in SENSORS.values()]
+    for worlds, name, rounds in ((1, "one world", 30), (1000, "1,000 worlds, per world-step", 5)):
+        took = in_turns(rounds, *(functools.partial(observed_steps, each, worlds) for each in scenarios))
+        for sensor, seconds in zip(SENSORS, took, strict=True):
+            yield Measurement(
+                f"processor time of a step and its observation, 10 pedestrians, {name}: {sensor}", 1e6 * seconds, "us"
+            )
+
+
+def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]:
+    """Steps of the vehicle in many worlds: stable-baselines3's VecEnv and Gymnasium's, by turns.
+
+    Nothing is measured where stable-baselines3 is not installed.
+
+    Args:
+        worlds: Number of worlds.
+        steps: Number of steps of each.
+    """
+    if importlib.util.find_spec("stable_baselines3") is None:
+        return
+    works = [functools.partial(work, worlds, steps) for work in (gymnasium_step, stable_baselines_step)]
+    gym, own = in_turns(VEC_ENV_ROUNDS, *works)
+    work = f"{worlds} worlds, 5 pedestrians, frame of the goal, per vehicle and step"
+    yield Measurement(f"Gymnasium's vector environment, {work}", 1e6 * gym, "us")
+    yield Measurement("the same as stable-baselines3's VecEnv", 1e6 * own, "us")
+
+
+def _measure_time(work: str, rounds: int, seconds: Callable[[], float]) -> Measurement:
     """A measurement in microseconds of something that returns seconds."""
     [took] = in_turns(rounds, seconds)
     return Measurement(work, 1e6 * took, "us")
@@ -114,8 +167,8 @@ def many_worlds(start: Float[np.ndarray, "world agent 2"], steps: int) -> float:
 
 def whole_step() -> float:
     """Seconds per step of one world as in a rollout, in which the vehicle stands still."""
-    scenario = load_scenario("circle_crossing_5")
-    return _steps(scenario, scenario.worlds(Cases("test", 0, 1)), STEPS)
+    scenario = load_scenario(SCENARIO)
+    return _stand_still(scenario, scenario.worlds(Cases("test", 0, 1)), STEPS)
 
 
 def start_of_thousands(agents: int) -> tuple[Scenario, World]:
@@ -132,18 +185,23 @@ def thousands(start: tuple[Scenario, World]) -> float:
     Args:
         start: What `start_of_thousands` made.
     """
-    return _steps(*start, FEW_STEPS, time.process_time) / start[1].radius.size
+    return _stand_still(*start, FEW_STEPS, time.process_time) / start[1].radius.size
 
 
-def _steps(scenario: Scenario, world: World, steps: int, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Seconds per step of one world as in a rollout, in which the vehicle stands still.
+def observed_steps(scenario: Scenario, worlds: int) -> float:
+    """Seconds of processor time per step and world, in which the vehicle drives on and observes."""
+    now = scenario.worlds(Cases("test", 0, worlds))
+    command = np.tile([0.0, 0.5], (worlds, 1))
+    begin = time.process_time()
+    for _ in range(STEPS):
+        crowd = crowd_velocities(now, scenario.policies)
+        observe(now)
+        now, _ = step(now, command, crowd)
+    return (time.process_time() - begin) / (STEPS * worlds)
 
-    Args:
-        scenario: Its scenario.
-        world: The world at the start.
-        steps: Number of steps.
-        clock: Tells the time in seconds.
-    """
+
+def _stand_still(scenario: Scenario, world: World, steps: int, clock: Callable[[], float] = time.perf_counter) -> float:
+    """Seconds per step, by a clock, of one world as in a rollout, in which the vehicle stands still."""
     standing = np.zeros((1, 2))
     begin = clock()
     for _ in range(steps):
@@ -152,15 +210,32 @@ def _steps(scenario: Scenario, world: World, steps: int, clock: Callable[[], flo
 
 
 def environment(steps: int) -> float:
-    """Seconds per step of the PettingZoo environment, in which all six agents are given actions.
-
-    Args:
-        steps: Number of steps.
-    """
-    env = parallel_env("circle_crossing_5")
+    """Seconds per step of the PettingZoo environment, in which all six agents are given actions."""
+    env = parallel_env(SCENARIO)
     env.reset(seed=0)
     actions = {agent: np.array([0.1, 0.0]) for agent in env.agents}
+    return _repeat(functools.partial(env.step, actions), steps)
+
+
+def gymnasium_step(worlds: int, steps: int) -> float:
+    """Seconds per vehicle and step of `gymnasium.make_vec`."""
+    envs = gymnasium.make_vec(VEHICLE, num_envs=worlds, scenario=SCENARIO, **VEC_ENV_OPTIONS)
+    envs.reset(seed=0)
+    return _repeat(functools.partial(envs.step, np.tile([0.5, 0.1], (worlds, 1))), steps) / worlds
+
+
+def stable_baselines_step(worlds: int, steps: int) -> float:
+    """Seconds per vehicle and step of `CrowdVecEnv`."""
+    from crowdbench.envs.stable_baselines import CrowdVecEnv
+
+    envs = CrowdVecEnv(worlds, SCENARIO, **VEC_ENV_OPTIONS, cases=worlds)
+    envs.reset()
+    return _repeat(functools.partial(envs.step, np.tile([0.5, 0.1], (worlds, 1))), steps) / worlds
+
+
+def _repeat(work: Callable[[], object], times: int) -> float:
+    """Seconds that a call takes, on average of several."""
     begin = time.perf_counter()
-    for _ in range(steps):
-        env.step(actions)
-    return (time.perf_counter() - begin) / steps
+    for _ in range(times):
+        work()
+    return (time.perf_counter() - begin) / times

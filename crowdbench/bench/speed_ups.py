@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -11,22 +12,53 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from crowdbench.bench.measurement import Variant, VariantComparison
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.core.types import Observation
+from crowdbench.networks.social_gan import Generator
+from crowdbench.networks.value import ValueNetwork
 from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict.social_gan import SocialGAN
-from crowdbench.predict.social_gan_network import Generator
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.types import Observation
-from crowdbench.value.networks import ValueNetwork
 
 PLANNER = "sarl_sgan_kce"
 
 SHORTLISTS = (16, 8, 4)
 """Lengths of the shortlists that are measured."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A variant of the lookahead of SARL-SGAN-KCE.
+
+    Attributes:
+        name: What it does differently.
+        seconds: Time for all its decisions, in seconds.
+        changed_commands: Number of decisions in which its command differs from the first variant's.
+        changed_outcomes: Number of episodes that end differently when it drives than when the first variant drives.
+    """
+
+    name: str
+    seconds: float
+    changed_commands: int
+    changed_outcomes: int
+
+
+@dataclass(frozen=True)
+class VariantComparison:
+    """Variants of the lookahead, compared on the same decisions.
+
+    Attributes:
+        variants: The variants. The first one is the reference: it has no speed-up that could change a command.
+        decisions: Number of decisions that each variant made.
+        episodes: Number of episodes that each variant drove.
+    """
+
+    variants: tuple[Variant, ...]
+    decisions: int
+    episodes: int
 
 
 def variants(**options: Any) -> dict[str, Planner]:

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from crowdbench.bench import commands, decisions, environments, isolation, sight, simulator, training
+from crowdbench.bench import commands, decisions, simulator
 from crowdbench.bench.measurement import Measurement
 
 SUITE: tuple[Callable[[], Iterator[Measurement]], ...] = (
     simulator.measure_one_world,
     simulator.measure_many_worlds,
     simulator.measure_whole_step,
-    sight.measure_sight,
+    simulator.measure_sight,
     simulator.measure_thousands,
     simulator.measure_environment,
-    environments.measure_vec_env,
-    isolation.measure_isolation,
+    simulator.measure_vec_env,
+    decisions.measure_isolation,
     decisions.measure_sarl_batch,
     decisions.measure_sarl_single,
     decisions.measure_share_of_limit,
-    training.measure_training,
+    decisions.measure_training,
     decisions.measure_sarl_sgan_kce_batch,
     decisions.measure_sarl_sgan_kce_single,
     decisions.measure_sarl_sgan_seq_batch,

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench import plugins
 from crowdbench.boards.schema import BoardSpec
 from crowdbench.catalog import load_scenario
-from crowdbench.errors import InputError
-from crowdbench.evaluate.metrics import METRICS, Metric
-from crowdbench.evaluate.replanning import Replanning
+from crowdbench.metrics import METRICS, Metric
+from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
+from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.toml_file import Location, parsed, read_toml
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location, parse_table, read_toml
 
 FILE = "board.toml"
 
@@ -44,23 +44,14 @@ SHOWN = (
 )
 """The metrics that every board shows."""
 
-ROOT = plugins.ROOT / "leaderboards"
+_SHOWN_ONLY = ("title", "description", "position", "recorded", "ranked")
+"""Keys of a board that are not in its digest."""
+
+_COUNTED = ("version", "families", "cases", "public_cases", "replan_every", "look_first", "collision", "ranks_flagged")
+"""Keys that are in the digest of every board. One that comes later is where it differs from its default."""
+
+ROOT = PACKAGE_ROOT / "leaderboards"
 """The folder of the boards that ship."""
-
-
-@dataclass(frozen=True)
-class BoardScenario:
-    """One of the scenarios of a board.
-
-    Attributes:
-        family: The family that it belongs to.
-        name: Its name.
-        weight: How much it counts: all families count alike, and in a family all scenarios. The sum is 1.
-    """
-
-    family: str
-    name: str
-    weight: float
 
 
 @dataclass(frozen=True)
@@ -81,9 +72,13 @@ class Board:
     @property
     def digest(self) -> str:
         """The sha256 of all that its figures depend on. Texts, the position, and what ranks are not in it."""
-        rules = self.spec.complete()
-        for key in ("title", "description", "position", "recorded", "ranked"):
-            del rules[key]
+        table = self.spec.complete()
+        defaults = {key: field.default for key, field in type(self.spec).model_fields.items()}
+        rules = {
+            key: value
+            for key, value in table.items()
+            if key in _COUNTED or (key not in _SHOWN_ONLY and value != defaults[key])
+        }
         rules["flags"] = {flag: bound for flag, bound in rules["flags"].items() if bound is not None}
         return hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
 
@@ -99,11 +94,7 @@ class Board:
         return Cases("test", 0, self.spec.cases)
 
     def cases_at(self, seconds: float) -> Cases:
-        """The cases of each scenario that an entry drives in a season: fewer where a case takes it long.
-
-        Args:
-            seconds: How long a case of its public runs took.
-        """
+        """The cases of each scenario that an entry drives in a season: fewer where one takes it so many seconds."""
         return Cases("test", 0, min(self.spec.cases, CASES_IF_SLOW)) if seconds > SLOW else self.cases
 
     @property
@@ -117,34 +108,26 @@ class Board:
         return Replanning(self.spec.replan_every, self.spec.look_first)
 
     @property
-    def scenarios(self) -> list[BoardScenario]:
-        """Its scenarios, family by family."""
-        families = self.spec.families
-        return [
-            BoardScenario(family, name, 1.0 / (len(families) * len(names)))
-            for family, names in families.items()
-            for name in names
-        ]
+    def scenarios(self) -> list[str]:
+        """The names of its scenarios, family by family."""
+        return [name for names in self.spec.families.values() for name in names]
 
     @property
     def weights(self) -> Float[np.ndarray, "scenario"]:
-        """How much each scenario counts; they add up to 1."""
-        return np.array([scenario.weight for scenario in self.scenarios])
+        """How much each scenario counts: all families count alike, and in a family all scenarios. The sum is 1."""
+        families = self.spec.families
+        return np.array([1.0 / (len(families) * len(names)) for names in families.values() for _ in names])
 
     def overrides(self, seed: int | None) -> dict[str, Any]:
-        """What the board changes in each of its scenarios.
-
-        Args:
-            seed: The seed of the cases; None for the public cases, on which entries are developed.
-        """
+        """What the board changes in its scenarios, for the cases of a seed; None for the public ones, known to all."""
         rules: dict[str, Any] = {"collision": self.spec.collision}
         return rules if seed is None else {**rules, "seed": seed, "crowdnav_cases": 0}
 
-    def load(self, seed: int | None) -> Iterator[tuple[BoardScenario, Scenario]]:
-        """Its scenarios with its rules. Raises InputError where one of them does not exist, or recorded tracks are not
-        given."""
-        for scenario in self.scenarios:
-            yield scenario, load_scenario(scenario.name, self.overrides(seed), data=self.data)
+    def load(self, seed: int | None) -> Iterator[Scenario]:
+        """Its scenarios with its rules and the cases of a seed, see `overrides`. Raises InputError where one of them
+        does not exist, or recorded tracks are not given."""
+        for name in self.scenarios:
+            yield load_scenario(name, self.overrides(seed), data=self.data)
 
     def with_data(self, data: Path | None) -> Board:
         """The board with the folder of the recorded tracks that its scenarios need, in which it can be driven.
@@ -162,46 +145,35 @@ class Board:
         if data is None:
             return self
         board = dataclasses.replace(self, data=data)
-        for _ in board.load(None):
-            pass
+        board.check_scenarios()
         return board
+
+    def check_scenarios(self) -> None:
+        """Raise InputError where one of its scenarios cannot be loaded."""
+        for _ in self.load(None):
+            pass
 
 
 def read_board(folder: Path) -> Board:
-    """Read a board.
-
-    Args:
-        folder: The folder of the board.
-
-    Returns:
-        The board.
+    """Read a board from its folder.
 
     Raises:
         InputError: Its `board.toml` is missing, or something in it is wrong. A scenario that does not exist is, but
             scenarios with recorded people are looked at by `with_data`.
     """
     file = Location(f"{folder.name}/{FILE}")
-    spec = parsed(BoardSpec, read_toml(folder / FILE, "board"), file)
-    names = [name for family in spec.families.values() for name in family]
+    board = Board(folder.name, parse_table(BoardSpec, read_toml(folder / FILE, "board"), file))
+    names = board.scenarios
     if double := [name for i, name in enumerate(names) if name in names[:i]]:
         raise InputError(f"{file.file}: the scenario {double[0]} is in two families")
-    board = Board(folder.name, spec)
-    if not spec.recorded:
+    if not board.spec.recorded:
         with file.at("families").named():
-            for _ in board.load(None):
-                pass
+            board.check_scenarios()
     return board
 
 
 def find_board(name: str, root: Path = ROOT) -> Board:
-    """A board by its name.
-
-    Args:
-        name: Its name.
-        root: The folder of boards. Where it does not have the board, that which ships is taken.
-
-    Returns:
-        The board.
+    """A board by its name: that in a folder of boards or, where it has none of the name, that which ships.
 
     Raises:
         InputError: There is none, or something in it is wrong.

@@ -20,10 +20,10 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from crowdbench import files
 from crowdbench.boards.schema import CardSpec
-from crowdbench.errors import InputError
-from crowdbench.toml_file import Location, parsed, read_toml
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location, parse_table, read_toml
 
 ENTRY = "entry.json"
 CARD = "card.toml"
@@ -190,6 +190,15 @@ class Entry:
         """Its name."""
         return self.directory.name
 
+    def verification_in(self, season: str) -> Verification | None:
+        """What was found in a season; None where it was not verified in it."""
+        return next((each for each in self.spec.verifications if each.season == season), None)
+
+    @property
+    def public(self) -> Path:
+        """The folder of its runs on the public cases."""
+        return self.directory / PUBLIC
+
     @property
     def digest(self) -> str:
         """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
@@ -207,9 +216,6 @@ def read_entry(directory: Path, check_files: bool = True) -> Entry:
         directory: Its directory.
         check_files: Whether its files are checked, which are not all there while another process verifies it.
 
-    Returns:
-        The entry.
-
     Raises:
         InputError: A file is missing, was changed or is not named, or `entry.json` or `card.toml` are not as they must
             be.
@@ -223,14 +229,14 @@ def read_entry(directory: Path, check_files: bool = True) -> Entry:
         raise InputError(f"{directory} is no entry: {path} cannot be read ({error.strerror})") from None
     except ValueError as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
-    spec = _parsed(table, path)
+    spec = _parse(table, path)
     if check_files:
         _check_files(directory, spec.files)
-    card = parsed(CardSpec, read_toml(directory / CARD, "card"), Location(f"{directory.name}/{CARD}"))
+    card = parse_table(CardSpec, read_toml(directory / CARD, "card"), Location(f"{directory.name}/{CARD}"))
     return Entry(directory, spec, card)
 
 
-def _parsed(table: Any, path: Path) -> EntrySpec:
+def _parse(table: Any, path: Path) -> EntrySpec:
     if isinstance(table, dict) and table.get("format") != SCHEMA:
         raise InputError(f"{path} has the format {table.get('format')!r}, but this version reads format {SCHEMA}")
     try:
@@ -264,11 +270,6 @@ def _check_files(directory: Path, named: Mapping[str, str]) -> None:
 
 
 def write_entry(directory: Path, spec: EntrySpec) -> None:
-    """Write `entry.json`, whole.
-
-    Args:
-        directory: The folder of the entry.
-        spec: What the file holds.
-    """
+    """Write `entry.json` into the folder of an entry, whole."""
     with files.whole(directory / ENTRY) as partial:
         partial.write_text(json.dumps(spec.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")

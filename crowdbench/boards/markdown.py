@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from crowdbench import files
 from crowdbench.boards.board import read_boards
+from crowdbench.boards.entry import Range
 from crowdbench.boards.season import Season, read_season
 from crowdbench.boards.standings import Standing, Standings, read_entries, standings
-from crowdbench.evaluate.summary import Estimate
+from crowdbench.metrics.summary import Estimate
+from crowdbench.utils import files
+from crowdbench.utils.tables import markdown
 
 README = "README.md"
-
-HEAD = ("rank", "entry", "success", "method", "collisions", "SCT", "time", "time within 0.45 m", "jerk", "decision", "")
 
 INTRODUCTION = """# Leaderboards
 
@@ -31,19 +31,13 @@ the vehicle, where they see it. An asterisk marks the Pareto set: no ranked entr
 
 
 def write_readme(root: Path) -> Path:
-    """Write the standings of all boards.
-
-    Args:
-        root: The folder of boards.
-
-    Returns:
-        The file.
+    """Write the standings of all boards of a folder, and return the file.
 
     Raises:
         InputError: A board or an entry is not as it must be.
     """
     season = read_season(root)
-    parts = [INTRODUCTION + _season(season)]
+    parts = [INTRODUCTION + _describe(season)]
     for board in read_boards(root):
         parts.append(section(standings(board, read_entries(board, root), season.spec.name)))
     with files.whole(root / README) as partial:
@@ -51,7 +45,7 @@ def write_readme(root: Path) -> Path:
     return root / README
 
 
-def _season(season: Season) -> str:
+def _describe(season: Season) -> str:
     spec = season.spec
     rehearsal = ", a rehearsal: its round was known before it closed" if spec.rehearsal else ""
     return (
@@ -61,30 +55,19 @@ def _season(season: Season) -> str:
 
 
 def section(found: Standings) -> str:
-    """The standings of one board.
-
-    Args:
-        found: The standings.
-
-    Returns:
-        Markdown.
-    """
-    spec = found.board.spec
-    lines = [f"## {spec.title}", "", spec.description, ""]
-    if not found.ranked and not found.others:
+    """The standings of one board in Markdown."""
+    lines = [f"## {found.board.spec.title}", "", found.board.spec.description, ""]
+    if not found.entries:
         return "\n".join([*lines, "No entries yet.", ""])
-    worst = len(found.board.scenarios) > 1
-    delays = ["imposed delay"] * (spec.flags.imposed_delay is not None)
-    head = [*HEAD[:3], *["worst scenario"] * worst, *HEAD[3:-3], *delays, *HEAD[-3:]]
-    lines += [_row(head), _row(["---"] * len(head))]
-    lines += [_row(_cells(one, worst, one in found.slow)) for one in (*found.ranked, *found.others)]
+    rows = [_cells(found, one) for one in found.entries]
+    lines.append(markdown(list(rows[0]), [list(row.values()) for row in rows]))
     if found.ranked:
         counts = sorted({one.cases for one in found.ranked}, reverse=True)
-        lines += ["", " ".join(_told_apart(found, cases) for cases in counts)]
+        lines += ["", " ".join(_resolution(found, cases) for cases in counts)]
     return "\n".join([*lines, ""])
 
 
-def _told_apart(found: Standings, cases: int) -> str:
+def _resolution(found: Standings, cases: int) -> str:
     """What difference in success so many cases of each scenario tell apart."""
     total = f"{cases * len(found.board.scenarios)} cases"
     least = found.smallest_difference(cases)
@@ -99,54 +82,39 @@ def _told_apart(found: Standings, cases: int) -> str:
     )
 
 
-def _row(cells: list[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def _cells(one: Standing, worst: bool, is_slow: bool) -> list[str]:
-    rank = "" if one.rank is None else f"{one.rank.rank} ({one.rank.rank} to {one.rank.last})"
-    name = one.entry.name + (" \\*" if one.is_pareto else "")
-    figures = one.figures
-    speed = one.season.decision_time if one.season else None
+def _cells(found: Standings, one: Standing) -> dict[str, str]:
+    """The cells of an entry, by the headings of the columns of its board."""
+    figures, speed, method = one.figures, one.decision_time, one.method
+    pareto = " \\*" if one.is_pareto else ""
     slow = "" if speed is None or speed.is_real_time else ", not real-time"
-    cells = [
-        rank,
-        f"{name}, {one.entry.spec.submitted_by}",
-        _percent(figures["success_rate"]),
-        _method(one),
-        _number(100 * figures["collision_rate"].mean, 1, " %"),
-        _with_interval(figures["sct"], 3),
-        _number(figures["navigation_time"].mean, 2, " s"),
-        _number(100 * figures["intimate_zone"].mean, 0, " %"),
-        _number(figures["jerk"].mean, 1, ""),
-        "" if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}",
-        one.reason or ", ".join([*one.flags, *[f"{one.cases} cases"] * is_slow]),
-    ]
+    notes = [*one.flags, *[f"{one.cases} cases"] * (one in found.slow)]
+    cells = {
+        "rank": "" if one.rank is None else f"{one.rank.rank} ({one.rank.rank} to {one.rank.last})",
+        "entry": f"{one.entry.name}{pareto}, {one.entry.spec.submitted_by}",
+        "success": _with_interval(figures["success_rate"], 2, " %"),
+    }
+    if len(found.board.scenarios) > 1:
+        cells["worst scenario"] = _number(one.worst, 1, " %")
+    success = "" if method is None else _with_interval(method.metrics["success_rate"], 1, " %")
+    cells["method"] = "" if method is None else f"{success}, {method.networks} networks"
+    cells["collisions"] = _number(figures["collision_rate"].mean, 1, " %")
+    cells["SCT"] = _with_interval(figures["sct"], 3)
+    cells["time"] = _number(figures["navigation_time"].mean, 2, " s")
+    cells["time within 0.45 m"] = _number(figures["intimate_zone"].mean, 0, " %")
     if "imposed_delay" in figures:
-        cells.insert(-3, _number(figures["imposed_delay"].mean, 1, " s"))
-    return [*cells[:3], _number(100 * one.worst, 1, " %"), *cells[3:]] if worst else cells
+        cells["imposed delay"] = _number(figures["imposed_delay"].mean, 1, " s")
+    cells["jerk"] = _number(figures["jerk"].mean, 1)
+    cells["decision"] = "" if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}"
+    cells[""] = one.reason or ", ".join(notes)
+    return cells
 
 
-def _method(one: Standing) -> str:
-    found = one.season.method if one.season else None
-    if found is None:
-        return ""
-    success = found.metrics["success_rate"]
-    interval = f"{100 * success.low:.1f} to {100 * success.high:.1f}"
-    return f"{100 * success.mean:.1f} % ({interval}), {found.networks} networks"
+def _with_interval(estimate: Estimate | Range, digits: int, unit: str = "") -> str:
+    mean, low, high = (_number(value, digits, unit) for value in (estimate.mean, estimate.low, estimate.high))
+    return f"{mean} ({low.removesuffix(unit)} to {high.removesuffix(unit)})" if mean else ""
 
 
-def _percent(estimate: Estimate) -> str:
-    if math.isnan(estimate.mean):
-        return ""
-    return f"{100 * estimate.mean:.2f} % ({100 * estimate.low:.2f} to {100 * estimate.high:.2f})"
-
-
-def _with_interval(estimate: Estimate, digits: int) -> str:
-    if math.isnan(estimate.mean):
-        return ""
-    return f"{estimate.mean:.{digits}f} ({estimate.low:.{digits}f} to {estimate.high:.{digits}f})"
-
-
-def _number(value: float, digits: int, unit: str) -> str:
-    return "" if math.isnan(value) else f"{value:.{digits}f}{unit}"
+def _number(value: float, digits: int, unit: str = "") -> str:
+    """A number with its unit, in per cent where that is the unit; empty where it is undefined."""
+    factor = 100 if unit == " %" else 1
+    return "" if math.isnan(value) else f"{factor * value:.{digits}f}{unit}"

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.errors import InputError
-from crowdbench.evaluate.compare import holm, mcnemar
+from crowdbench.runs.compare import holm, mcnemar
+from crowdbench.utils.errors import InputError
 
 ALPHA = 0.05
 """The probability, over all comparisons of a board, with which any of them finds a difference that is none."""

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, InstanceOf
 
-from crowdbench.evaluate.replanning import LOOK_FIRST
-from crowdbench.toml_file import Flag, Name, Names, Text, TomlTable, choice, integer, number
-from crowdbench.types.rules import COLLISION_RULES
+from crowdbench.core.types.rules import COLLISION_RULES
+from crowdbench.runs.spec import LOOK_FIRST
+from crowdbench.utils.toml import Flag, Name, Names, Text, TomlTable, choice, integer, number
 
 Families = Annotated[
     dict[str, Names], Field(min_length=1, description="a table of families, each with a list of scenarios")

@@ -13,16 +13,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from crowdbench import files
+from pydantic import BaseModel, StrictStr
+
 from crowdbench.boards.schema import SeasonSpec
-from crowdbench.errors import InputError
-from crowdbench.toml_file import Location, parsed, read_toml
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location, parse_table, read_toml
 
 SEASON = "season.toml"
 FROZEN = "frozen.json"
 
 Frozen = Mapping[str, Mapping[str, str]]
 """By board and entry, the entry's digest."""
+
+
+class _FrozenFile(BaseModel):
+    season: StrictStr
+    entries: dict[str, dict[str, StrictStr]]
 
 
 class TooEarly(InputError):
@@ -57,44 +64,23 @@ class Season:
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 
     def takes_part(self, board: str, entry: str, digest: str) -> bool:
-        """Whether an entry of a board is one of those that were frozen, as it was then.
-
-        Args:
-            board: The board's name.
-            entry: The entry's name.
-            digest: The entry's digest.
-        """
+        """Whether an entry of a board is one of those that were frozen, with the digest that it had then."""
         return self.frozen.get(board, {}).get(entry) == digest
 
 
 def read_season(root: Path) -> Season:
-    """Read the season of a folder of boards.
-
-    Args:
-        root: The folder.
-
-    Returns:
-        The season.
-
-    Raises:
-        InputError: One of its files is missing or wrong.
-    """
-    spec = parsed(SeasonSpec, read_toml(root / SEASON, "season"), Location(SEASON))
+    """Read the season of a folder of boards. Raises InputError where one of its files is missing or wrong."""
+    spec = parse_table(SeasonSpec, read_toml(root / SEASON, "season"), Location(SEASON))
     path = root / FROZEN
     if not path.exists():
         return Season(spec, {})
     try:
-        table = files.read_json(path)
-        frozen = {
-            str(board): {str(name): str(digest) for name, digest in entries.items()}
-            for board, entries in table["entries"].items()
-        }
-        season = str(table["season"])
+        frozen = _FrozenFile.model_validate(files.read_json(path))
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except ValueError:
         raise InputError(f"{path} must hold the name of a season and the digests of its entries") from None
-    return Season(spec, frozen if season == spec.name else {})
+    return Season(spec, frozen.entries if frozen.season == spec.name else {})
 
 
 def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
@@ -126,7 +112,7 @@ def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
     if not entries:
         raise InputError(f"the board {board} has no entries to freeze")
     frozen = {**season.frozen, board: dict(entries)}
-    table = {"season": season.spec.name, "entries": frozen}
+    table = {"season": spec.name, "entries": frozen}
     with files.whole(root / FROZEN) as partial:
         partial.write_text(json.dumps(table, indent=2, sort_keys=True) + "\n", encoding="utf-8")
-    return Season(season.spec, frozen)
+    return Season(spec, frozen)

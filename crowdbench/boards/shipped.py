@@ -5,6 +5,7 @@ Which planners these are is in `leaderboards/shipped.toml`, what their authors s
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,14 +14,11 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.driving import Progress
-from crowdbench.boards.entry import Entry
-from crowdbench.boards.rerun import cases_of
 from crowdbench.boards.season import Season, freeze, read_season
 from crowdbench.boards.standings import MAINTAINERS, read_entries
 from crowdbench.boards.submission import ENTRIES, Submission, submit
-from crowdbench.boards.verification import verify
-from crowdbench.toml_file import Location, Name, TomlTable, parsed, read_toml
+from crowdbench.boards.verification import count_cases, verify
+from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
 
 SHIPPED = "shipped.toml"
 CARDS = "cards"
@@ -59,78 +57,49 @@ class Job:
     Attributes:
         title: What it is, for people.
         cases: How many cases it drives or replays.
-        do: Does it.
+        do: Does it; takes `progress`, see `submit` and `verify`.
     """
 
     title: str
     cases: int
-    do: Callable[[Progress], object]
+    do: Callable[..., object]
 
 
 def read_shipped(root: Path) -> list[ShippedSpec]:
     """The planners that ship. Raises InputError where `shipped.toml` is missing or wrong."""
-    return parsed(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped
+    return parse_table(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """Entries of planners that ship which a board does not have yet.
-
-    Args:
-        board: The board.
-        root: The folder of boards.
-        work: The folder that keeps finished runs until an entry is made.
-    """
-    return [
-        _submission(board, spec, root, work)
-        for spec in read_shipped(root)
-        if spec.is_for(board.name) and not (root / board.name / ENTRIES / spec.name).exists()
-    ]
-
-
-def _submission(board: Board, spec: ShippedSpec, root: Path, work: Path) -> Job:
-    networks = [{"weights": name} for name in spec.weights] if board.name in spec.method_on else []
-    card = root / CARDS / f"{spec.name}.toml"
-    wanted = Submission(board, spec.name, spec.planner, spec.options, networks, card, MAINTAINERS)
-    cases = len(board.public_cases) * len(board.scenarios)
-    return Job(f"{spec.name} on {board.name}", cases, lambda tell: submit(wanted, root, work, tell))
+    """Entries of planners that ship which a board does not have yet; `root` and `work` as for `submit`."""
+    jobs = []
+    for spec in read_shipped(root):
+        if not spec.is_for(board.name) or (root / board.name / ENTRIES / spec.name).exists():
+            continue
+        networks = [{"weights": name} for name in spec.weights] if board.name in spec.method_on else []
+        card = root / CARDS / f"{spec.name}.toml"
+        submission = Submission(board, spec.name, spec.planner, spec.options, networks, card, MAINTAINERS)
+        cases = len(board.public_cases) * len(board.scenarios)
+        do = functools.partial(submit, submission, root, work)
+        jobs.append(Job(f"{spec.name} on {board.name}", cases, do))
+    return jobs
 
 
 def freeze_entries(board: Board, root: Path) -> Season:
-    """Freeze all entries of a board, if those of the season are not frozen yet.
-
-    Args:
-        board: The board.
-        root: The folder of boards.
-
-    Returns:
-        The season.
-    """
+    """Freeze all entries of a board in a folder of boards, if those of the season are not frozen yet."""
     entries = read_entries(board, root, check_files=False)
-    return freeze(
-        root, board.name, {each.name: each.digest for each in entries if each.spec.board_digest == board.digest}
-    )
+    digests = {each.name: each.digest for each in entries if each.spec.board_digest == board.digest}
+    return freeze(root, board.name, digests)
 
 
 def to_verify(board: Board, root: Path, work: Path) -> list[Job]:
-    """Entries of a board that take part in the season and were not verified in it yet.
-
-    Args:
-        board: The board.
-        root: The folder of boards.
-        work: The folder that keeps finished runs until the verdict.
-    """
+    """Entries of a board that take part in the season and were not verified in it yet; `work` as for `verify`."""
     season = read_season(root)
-    return [
-        _verification(board, entry, season, work)
-        for entry in read_entries(board, root, check_files=False)
-        if season.takes_part(board.name, entry.name, entry.digest)
-        and not any(each.season == season.spec.name for each in entry.spec.verifications)
-    ]
-
-
-def _verification(board: Board, entry: Entry, season: Season, work: Path) -> Job:
-    return Job(
-        f"{entry.name} on {board.name}",
-        cases_of(entry, board),
-        lambda tell: verify(entry, board, by=MAINTAINERS, work=work, season=season, progress=tell),
-    )
+    jobs = []
+    for entry in read_entries(board, root, check_files=False):
+        is_verified = entry.verification_in(season.spec.name) is not None
+        if is_verified or not season.takes_part(board.name, entry.name, entry.digest):
+            continue
+        do = functools.partial(verify, entry, board, by=MAINTAINERS, work=work, season=season)
+        jobs.append(Job(f"{entry.name} on {board.name}", count_cases(entry, board), do))
+    return jobs

@@ -12,21 +12,23 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.driving import episodes, made
-from crowdbench.boards.entry import ENTRY, PUBLIC, SEASONS, Entry, Verdict, Verification, read_entry
-from crowdbench.boards.ranking import (
-    CRITERIA,
-    Comparison,
-    Rank,
-    compare_all,
-    pareto,
-    ranks,
-    smallest_difference,
+from crowdbench.boards.entry import (
+    ENTRY,
+    PUBLIC,
+    SEASONS,
+    DecisionTime,
+    Entry,
+    Method,
+    Verdict,
+    Verification,
+    read_entry,
 )
+from crowdbench.boards.ranking import CRITERIA, Comparison, Rank, compare_all, pareto, ranks, smallest_difference
+from crowdbench.boards.run_entry import read_episodes
 from crowdbench.boards.submission import ENTRIES
-from crowdbench.errors import InputError
-from crowdbench.evaluate.results import RESULT, Episodes, read_result
-from crowdbench.evaluate.summary import NOTHING, Estimate
+from crowdbench.metrics.summary import NOTHING, Estimate
+from crowdbench.runs.results import RESULT, Episodes, read_estimate, read_result
+from crowdbench.utils.errors import InputError
 
 MAINTAINERS = "crowdbench"
 """Who submits the planners that ship, of which any number is ranked."""
@@ -43,7 +45,7 @@ class Standing:
 
     Attributes:
         entry: The entry.
-        season: What was found in the season; None where it was not verified in it.
+        verification: What was found in the season; None where it was not verified in it.
         columns: The metrics case by case, of the season's cases or else of the public ones.
         blocks: The blocks of recorded time of these cases, by scenario; none where nobody was recorded.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
@@ -55,7 +57,7 @@ class Standing:
     """
 
     entry: Entry
-    season: Verification | None
+    verification: Verification | None
     columns: Columns
     blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Mapping[str, Mapping[str, Estimate]]
@@ -64,6 +66,21 @@ class Standing:
     reason: str
     rank: Rank | None = None
     is_pareto: bool = False
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether its figures were measured in the season; otherwise they are what its authors report."""
+        return self.verification is not None and bool(self.verification.figures)
+
+    @property
+    def decision_time(self) -> DecisionTime | None:
+        """How long its decisions took, if that was measured in the season."""
+        return self.verification.decision_time if self.verification else None
+
+    @property
+    def method(self) -> Method | None:
+        """What holds of its method, if that was measured in the season."""
+        return self.verification.method if self.verification else None
 
     @property
     def cases(self) -> int:
@@ -97,30 +114,31 @@ class Standings:
     comparisons: Sequence[Comparison]
 
     @property
+    def entries(self) -> Sequence[Standing]:
+        """Both."""
+        return [*self.ranked, *self.others]
+
+    @property
+    def has_methods(self) -> bool:
+        """Whether some entry claims something of its method."""
+        return any(one.method for one in self.entries)
+
+    def is_tied(self, standing: Standing) -> bool:
+        """Whether another entry has the same rank."""
+        return [one.rank and one.rank.rank for one in self.ranked].count(standing.rank and standing.rank.rank) > 1
+
+    @property
     def slow(self) -> Sequence[Standing]:
         """The ranked entries that drove fewer cases than others, because a case takes them long."""
         return [one for one in self.ranked if one.cases < self.board.spec.cases]
 
     def smallest_difference(self, cases: int) -> float:
-        """The smallest difference in success that cases of the board can tell apart, above 1 where they tell none.
-
-        Args:
-            cases: How many cases of each scenario.
-        """
+        """The smallest difference in success that so many cases of each scenario tell apart; above 1 if they do not."""
         return smallest_difference(cases * len(self.board.scenarios), len(self.ranked))
 
 
 def read_entries(board: Board, root: Path, check_files: bool = True) -> list[Entry]:
-    """The entries of a board, by name.
-
-    Args:
-        board: The board.
-        root: The folder of boards.
-        check_files: Whether the files of the entries are checked.
-
-    Raises:
-        InputError: One of them is not as it must be.
-    """
+    """The entries of a board, by name. Raises InputError where one of them is not as it must be, see `read_entry`."""
     folders = sorted((root / board.name / ENTRIES).glob(f"*/{ENTRY}"))
     entries = [read_entry(path.parent, check_files) for path in folders]
     for entry in entries:
@@ -137,28 +155,42 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
         entries: Its entries.
         season: The name of the season whose verifications rank.
 
-    Returns:
-        The standings.
-
     Raises:
         InputError: The runs of an entry are damaged.
     """
-    each = _at_most([_standing(board, entry, season) for entry in entries])
+    each = _limit_ranked([_standing(board, entry, season) for entry in entries])
     candidates = [one for one in each if not one.reason]
     comparisons = compare_all([one.columns for one in candidates], board.weights, _blocks(candidates))
-    found = ranks(len(candidates), comparisons)
     costs = [(-one.figures["success_rate"].mean, one.figures["navigation_time"].mean) for one in candidates]
     # A time that is undefined, because nobody arrives, is the longest.
-    best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf))
-    order = sorted(range(len(candidates)), key=lambda i: _order(candidates[i], found[i]))
+    best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
+    ranked = [
+        dataclasses.replace(one, rank=rank, is_pareto=is_best)
+        for one, rank, is_best in zip(candidates, ranks(len(candidates), comparisons), best, strict=True)
+    ]
+    order = sorted(range(len(ranked)), key=lambda i: _order(ranked[i]))
     place = {index: number for number, index in enumerate(order)}
     return Standings(
         board=board,
         season=season,
-        ranked=[_with_rank(candidates[i], found[i], bool(best[i])) for i in order],
+        ranked=[ranked[i] for i in order],
         others=sorted((one for one in each if one.reason), key=lambda one: one.entry.name),
-        comparisons=[_renumbered(one, place) for one in comparisons],
+        comparisons=[_renumber(one, place) for one in comparisons],
     )
+
+
+def _order(standing: Standing) -> tuple[float, ...]:
+    """Entries with the same rank stand in the order of the metrics that rank, which says nothing more."""
+    assert standing.rank is not None
+    means = (standing.figures[metric].mean * -sign for metric, sign in CRITERIA.items())
+    return (standing.rank.rank, standing.rank.last, *means)
+
+
+def _renumber(comparison: Comparison, place: Mapping[int, int]) -> Comparison:
+    a, b = (place[index] for index in comparison.entries)
+    better = None if comparison.better is None else place[comparison.better]
+    worse = None if comparison.worse is None else place[comparison.worse]
+    return dataclasses.replace(comparison, better=better, worse=worse, entries=(a, b))
 
 
 def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None:
@@ -177,7 +209,7 @@ def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None
     return np.stack(found)
 
 
-def _at_most(each: Sequence[Standing]) -> list[Standing]:
+def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
     """The same, with a reason for those that are one too many of their submitter, by name."""
     ranked: Counter[str] = Counter()
     found = []
@@ -189,51 +221,40 @@ def _at_most(each: Sequence[Standing]) -> list[Standing]:
     return found
 
 
-def _unranked(entry: Entry, board: Board) -> str:
-    """Why an entry cannot have a rank on a board whatever it achieves; empty if it can."""
-    if not board.spec.ranked:
-        return "not ranked"
-    return "privileged" if entry.spec.privileged else "ablation" if entry.card.ablation else ""
-
-
 def _standing(board: Board, entry: Entry, season: str) -> Standing:
-    verified = next((each for each in entry.spec.verifications if each.season == season), None)
+    verified = entry.verification_in(season)
     is_measured = verified is not None and bool(verified.figures)
     runs = entry.directory / (f"{SEASONS}/{season}" if is_measured else PUBLIC)
     is_present = entry.spec.board_digest == board.digest
-    own, there = (episodes(board, runs), made(board, runs)) if is_present else ({}, [])
+    own = read_episodes(board, runs) if is_present else {}
     length = min((len(run.columns["sct"]) for run in own.values()), default=1)
     columns = {
-        metric: np.stack([_column(own.get(scenario.name), metric, length) for scenario in board.scenarios])
+        metric: np.stack([_column(own.get(name), metric, length) for name in board.scenarios])
         for metric in board.metrics
     }
-    scenarios = {
-        each.name: estimates(runs / each.name, board.metrics) if each.name in there else {} for each in board.scenarios
-    }
+    scenarios = {name: read_estimates(runs / name, board.metrics) if name in own else {} for name in board.scenarios}
     figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
     flags = _flags(board, figures, columns["jerk"])
-    bad = [] if board.spec.ranks_flagged else flags
-    reason = _unranked(entry, board) or _unverified(entry, board, verified) or ", ".join(bad)
     blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
+    reason = _why_unranked(board, entry, verified, flags)
     return Standing(entry, verified, columns, blocks, scenarios, figures, flags, reason)
 
 
-def _unverified(entry: Entry, board: Board, verified: Verification | None) -> str:
+def _why_unranked(board: Board, entry: Entry, verified: Verification | None, flags: Sequence[str]) -> str:
+    """Why an entry has no rank; empty if it has one."""
+    if not board.spec.ranked:
+        return "not ranked"
+    if entry.spec.privileged or entry.card.ablation:
+        return "privileged" if entry.spec.privileged else "ablation"
     if entry.spec.board_digest != board.digest:
         return f"of version {entry.spec.board_version}"
-    if verified is None:
-        return "reported only"
-    return "" if verified.verdict == Verdict.RERUN else str(verified.verdict)
+    if verified is None or verified.verdict != Verdict.RERUN:
+        return "reported only" if verified is None else str(verified.verdict)
+    return "" if board.spec.ranks_flagged else ", ".join(flags)
 
 
 def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray, "case"]:
-    """A metric's values in the cases of a scenario; without a run, success and collisions are 0, the rest undefined.
-
-    Args:
-        run: The episodes.
-        metric: The metric.
-        cases: How many cases there are.
-    """
+    """A metric's values in the cases of a scenario; without a run, success and collisions are 0, the rest undefined."""
     if run is not None:
         if metric not in run.columns:
             raise InputError(f"the runs of an entry lack the metric {metric}, which its board shows")
@@ -241,28 +262,13 @@ def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray,
     return np.full(cases, 0.0 if metric in CRITERIA else np.nan)
 
 
-def estimates(directory: Path, names: Iterable[str]) -> dict[str, Estimate]:
-    """The means of a run with their intervals.
-
-    Args:
-        directory: The run.
-        names: The names of metrics.
-
-    Returns:
-        The estimates by name.
-
-    Raises:
-        InputError: The run lacks one of them.
-    """
+def read_estimates(directory: Path, names: Iterable[str]) -> dict[str, Estimate]:
+    """The means of metrics in a run, with their intervals. Raises InputError where the run lacks one of them."""
     metrics = read_result(directory)["metrics"]
     try:
-        known = {name: {key: metrics[name][key] for key in ("mean", "low", "high", "n", "max")} for name in names}
+        return {name: read_estimate(metrics[name]) for name in names}
     except KeyError as error:
         raise InputError(f"{directory / RESULT} lacks {error} of a metric that its board shows") from None
-    return {
-        name: Estimate(**{key: np.nan if value is None else value for key, value in each.items()})  # type: ignore[arg-type]
-        for name, each in known.items()
-    }
 
 
 def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Estimate]:
@@ -314,33 +320,10 @@ def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | 
 
 
 def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> list[str]:
-    """What is beyond the bounds of a board.
-
-    Args:
-        board: The board.
-        figures: The means over the board.
-        jerk: The jerk in every case, in m/s^3.
-    """
+    """What is beyond the bounds of a board; `jerk` is that in every case, in m/s^3."""
     bounds = board.spec.flags
     highest = float(np.nanpercentile(jerk, 95)) if not np.isnan(jerk).all() else 0.0
     is_close = figures["intimate_zone"].mean > bounds.intimate_zone
     delays = bounds.imposed_delay is not None and figures["imposed_delay"].mean > bounds.imposed_delay
     beyond = {"intrusive": is_close or delays, "jerky": highest > bounds.jerk}
     return [flag for flag, is_beyond in beyond.items() if is_beyond]
-
-
-def _order(standing: Standing, rank: Rank) -> tuple[float, ...]:
-    """Entries with the same rank stand in the order of the metrics that rank, which says nothing more."""
-    means = (standing.figures[metric].mean * -sign for metric, sign in CRITERIA.items())
-    return (rank.rank, rank.last, *means)
-
-
-def _with_rank(standing: Standing, rank: Rank, is_pareto: bool) -> Standing:
-    return dataclasses.replace(standing, rank=rank, is_pareto=is_pareto)
-
-
-def _renumbered(comparison: Comparison, place: Mapping[int, int]) -> Comparison:
-    a, b = (place[index] for index in comparison.entries)
-    better = None if comparison.better is None else place[comparison.better]
-    worse = None if comparison.worse is None else place[comparison.worse]
-    return dataclasses.replace(comparison, better=better, worse=worse, entries=(a, b))

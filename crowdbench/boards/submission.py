@@ -10,20 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.copying import check_size, copied_value
-from crowdbench.boards.driving import (
-    NO_RUNS,
-    Entrant,
-    InUse,
-    Progress,
-    check_finished,
-    drive,
-    figures,
-    locked,
-    made,
-    run_digest,
-    timed,
-)
 from crowdbench.boards.entry import (
     CARD,
     NAMES,
@@ -37,14 +23,24 @@ from crowdbench.boards.entry import (
     read_entry,
     write_entry,
 )
-from crowdbench.boards.packaged import package, package_files
+from crowdbench.boards.planner_files import check_size, copy_named_files, package, package_files
+from crowdbench.boards.run_entry import (
+    NO_RUNS,
+    EntryPlanner,
+    EntryRun,
+    InUse,
+    Progress,
+    driven_scenarios,
+    lock_runs,
+    read_figures,
+)
 from crowdbench.boards.schema import CardSpec
-from crowdbench.errors import InputError
-from crowdbench.evaluate.directory import new_directory
-from crowdbench.evaluate.results import read_result
-from crowdbench.evaluate.shard import WHOLE, Shard
-from crowdbench.evaluate.wanted import versions
-from crowdbench.toml_file import Location, parsed, read_toml
+from crowdbench.runs.results import read_result
+from crowdbench.runs.run import read_versions
+from crowdbench.runs.shards import WHOLE, Shard
+from crowdbench.utils.directory import new_directory
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location, parse_table, read_toml
 
 ENTRIES = "entries"
 
@@ -104,22 +100,23 @@ def submit(
     name = f"submit-{board.name}-{submission.name}"
     with contextlib.ExitStack() as lock:
         if shard == WHOLE:
-            lock.enter_context(locked(work / name))
+            lock.enter_context(lock_runs(work / name))
         _check_free(directory)
         directory.parent.mkdir(parents=True, exist_ok=True)
         with new_directory(directory, overwrite=False) as folder:
-            entrant, networks = _copied(submission, folder)
-            kept = work / f"{name}-{run_digest(board, entrant, package_files(entrant.planner))}"
-            failed = drive(board, entrant, kept, cases=board.public_cases, seed=None, shard=shard, progress=progress)
+            planner, networks = _copy(submission, folder)
+            out = work / f"{name}-{planner.run_digest(board, package_files(planner.name))}"
+            run = EntryRun(board, planner, out, board.public_cases, shard=shard, progress=progress)
+            failed = run.drive()
             if shard != WHOLE:
-                lock.enter_context(locked(work / name))
+                lock.enter_context(lock_runs(work / name))
                 _check_free(directory)  # another shard may have been the last one
-            check_finished(board, kept, failed)
-            shutil.copytree(kept, folder / PUBLIC, ignore=NO_RUNS)
+            run.check_finished(failed)
+            shutil.copytree(out, folder / PUBLIC, ignore=NO_RUNS)
             if (folder / PLANNER).exists():  # what is built in is known to be quick enough
-                timed(board, entrant, folder / PUBLIC, [])
-            write_entry(folder, _spec(submission, entrant, networks))
-    shutil.rmtree(kept)
+                run.time_decisions()
+            write_entry(folder, _spec(submission, planner, networks))
+    shutil.rmtree(out)
     return read_entry(directory), failed
 
 
@@ -132,15 +129,11 @@ def read_card(path: Path) -> CardSpec:
     """Read the card of an entry. Raises InputError where it is missing or wrong."""
     if not path.exists():
         raise InputError(f"there is no card {path}, which says what the planner is: `crowdbench new-planner` makes one")
-    return parsed(CardSpec, read_toml(path, "card"), Location(path.name))
+    return parse_table(CardSpec, read_toml(path, "card"), Location(path.name))
 
 
-def _copied(submission: Submission, folder: Path) -> tuple[Entrant, list[dict[str, Any]]]:
+def _copy(submission: Submission, folder: Path) -> tuple[EntryPlanner, list[dict[str, Any]]]:
     """Copy the card, and the files of the planner and those that its options name, into the folder of an entry.
-
-    Args:
-        submission: What is entered.
-        folder: The folder of the entry.
 
     Returns:
         The planner and the other networks, as the entry has them.
@@ -149,41 +142,35 @@ def _copied(submission: Submission, folder: Path) -> tuple[Entrant, list[dict[st
         InputError: A file cannot be read, they are too large, or a network is entered twice.
     """
     shutil.copyfile(submission.card, folder / CARD)
-    planner = copied_value(submission.planner, folder)
+    planner = copy_named_files(submission.planner, folder)
     package_files(planner)  # refuses one that does not exist
-    options = copied_value(submission.options, folder)
-    networks = [{**options, **copied_value(each, folder)} for each in submission.networks]
+    options = copy_named_files(submission.options, folder)
+    networks = [{**options, **copy_named_files(each, folder)} for each in submission.networks]
     if any(one in (options, *networks[:index]) for index, one in enumerate(networks)):
         raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
     check_size(folder)
-    return Entrant(folder, planner, options), networks
+    return EntryPlanner(folder, planner, options), networks
 
 
-def _spec(submission: Submission, entrant: Entrant, networks: list[dict[str, Any]]) -> EntrySpec:
-    """The contents of `entry.json` for an entry whose other files are there.
-
-    Args:
-        submission: What is entered.
-        entrant: The planner as the entry has it.
-        networks: The other networks as the entry has them.
-    """
-    board, folder = submission.board, entrant.folder
-    first = read_result(folder / PUBLIC / made(board, folder / PUBLIC)[0])
+def _spec(submission: Submission, planner: EntryPlanner, networks: list[dict[str, Any]]) -> EntrySpec:
+    """The contents of `entry.json` for an entry whose other files are there."""
+    board, folder = submission.board, planner.folder
+    first = read_result(folder / PUBLIC / driven_scenarios(board, folder / PUBLIC)[0])
     return EntrySpec(
         format=SCHEMA,
         board=board.name,
         board_version=board.spec.version,
         board_digest=board.digest,
         submitted_by=submission.by,
-        planner=entrant.planner,
-        package=package(entrant.planner),
-        package_files=package_files(entrant.planner),
+        planner=planner.name,
+        package=package(planner.name),
+        package_files=package_files(planner.name),
         facts=first.get("planner_facts", {}),
-        options=dict(entrant.options),
+        options=dict(planner.options),
         networks=networks,
         privileged=bool(first.get("privileged")),
-        environment=versions(),
+        environment=read_versions(),
         files=file_digests(folder),
-        reported=figures(board, folder / PUBLIC),
+        reported=read_figures(board, folder / PUBLIC),
         verifications=[],
     )

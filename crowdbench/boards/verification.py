@@ -1,37 +1,75 @@
-"""Verifies an entry: runs it again, and records in a season what was found."""
+"""Verifies an entry: runs it again, compares, and records in a season what was found.
+
+First every public case is simulated again from its recorded commands, in this process, which never loads the planner.
+Then the planner drives cases that it cannot know, in a process of its own. What no replay can see is in
+`docs/boards.md`.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import secrets
 import shutil
 import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-from crowdbench.boards.board import Board
-from crowdbench.boards.driving import (
-    NO_RUNS,
-    InUse,
-    Progress,
-    Unfinished,
-    locked,
-    run_digest,
-)
+from crowdbench.boards.board import FILE, ROOT, Board
+from crowdbench.boards.consistency_test import lower_than_claimed
 from crowdbench.boards.entry import (
     SEASONS,
+    DecisionTime,
     Entry,
+    Figures,
+    Method,
+    Verdict,
     Verification,
     file_digests,
     read_entry,
     write_entry,
 )
-from crowdbench.boards.rerun import cases_of_season, drive_all, entrant_of, found
+from crowdbench.boards.method import drive_networks, method_cases, method_networks, summarize_method
+from crowdbench.boards.planner_files import describe_change
+from crowdbench.boards.run_entry import (
+    NO_RUNS,
+    EntryPlanner,
+    EntryRun,
+    InUse,
+    Progress,
+    Unfinished,
+    driven_scenarios,
+    lock_runs,
+    read_episodes,
+    read_figures,
+)
 from crowdbench.boards.season import Season
-from crowdbench.errors import InputError, MachineFault
-from crowdbench.evaluate.seal import code
-from crowdbench.evaluate.shard import WHOLE, Shard
 from crowdbench.isolation import sandbox
+from crowdbench.runs.manifest import code
+from crowdbench.runs.replay import replay
+from crowdbench.runs.results import read_result
+from crowdbench.runs.shards import WHOLE, Shard
+from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError, MachineFault
+
+
+def cases_of_season(entry: Entry, board: Board) -> Cases:
+    """The cases of each scenario that an entry drives in a season. Raises InputError where a public run is damaged."""
+    results = [read_result(entry.public / name) for name in driven_scenarios(board, entry.public)]
+    try:
+        seconds = sum(float(result["timing"]["seconds"]) for result in results)
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{entry.public} has a run that does not say how many seconds it took") from None
+    return board.cases_at(seconds / (len(board.public_cases) * max(len(results), 1)))
+
+
+def count_cases(entry: Entry, board: Board, cases: Cases | None = None) -> int:
+    """How many cases a verification replays and drives; `cases` are those of each scenario, if not a season's."""
+    driven = cases or cases_of_season(entry, board)
+    own = (len(driven) + board.spec.public_cases) * len(board.scenarios)
+    return own + len(method_networks(entry, board)) * len(method_cases(driven))
 
 
 def verify(
@@ -68,54 +106,44 @@ def verify(
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
     _check_possible(entry, board, season)
-    if season is None:
-        wanted = cases or cases_of_season(entry, board)
-        work.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
-            return _verified(entry, board, by, secrets.randbits(63), wanted, Path(folder), progress)
-    cases = cases_of_season(entry, board)
-    seed = season.seed(board.name)
-    digest = run_digest(board, entrant_of(entry), entry.spec.package_files)
-    kept = work / f"verify-{board.name}-{entry.name}-{digest}-{seed:016x}"
-    if shard != WHOLE:
+    run = EntryRun(
+        board,
+        EntryPlanner(entry.directory, entry.spec.planner, entry.spec.options),
+        work,
+        cases if cases and season is None else cases_of_season(entry, board),
+        secrets.randbits(63) if season is None else season.seed(board.name),
+        _hidden(entry, work),
+        shard,
+        progress,
+    )
+    if season is not None:
+        return _verify_in_season(entry, run, by, season)
+    work.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
+        return _verify(entry, dataclasses.replace(run, out=Path(folder)), by, "")
+
+
+def _verify_in_season(entry: Entry, run: EntryRun, by: str, season: Season) -> Verification:
+    board, digest = run.board, run.planner.run_digest(run.board, entry.spec.package_files)
+    run = dataclasses.replace(run, out=run.out / f"verify-{board.name}-{entry.name}-{digest}-{run.seed:016x}")
+    if run.shard != WHOLE:
         try:
-            drive_all(entry, board, seed, cases, kept, shard, progress)
+            _drive_all(entry, run)
         except (MachineFault, Unfinished):
             raise
         except InputError:
-            # A fault of the planner's is no end: `_verified` below drives the same cases, meets it again, and makes a
+            # A fault of the planner's is no end: `_verify` below drives the same cases, meets it again, and makes a
             # verdict of it, which says that the entry is refused.
             pass
-    with locked(kept):
+    with lock_runs(run.out):
         _check_possible(read_entry(entry.directory, check_files=False), board, season)  # another process may be done
         # Of a process that was killed between writing its runs and its verdict.
         shutil.rmtree(entry.directory / SEASONS / season.spec.name, ignore_errors=True)
         entry = read_entry(entry.directory)
-        outside = _verified(entry, board, by, seed, cases, kept, progress)
-        verification = outside.model_copy(update={"season": season.spec.name})
-        _record(entry, verification, kept)
-    shutil.rmtree(kept, ignore_errors=True)
+        verification = _verify(entry, dataclasses.replace(run, shard=WHOLE), by, season.spec.name)
+        _record(entry, verification, run.out)
+    shutil.rmtree(run.out, ignore_errors=True)
     return verification
-
-
-def _verified(
-    entry: Entry, board: Board, by: str, seed: int, cases: Cases, kept: Path, progress: Progress | None
-) -> Verification:
-    """Run an entry again on the cases of a seed, and say what was found, outside any season."""
-    rerun = found(entry, board, seed, cases, kept, progress)
-    return Verification(
-        by=by,
-        on=datetime.datetime.now(datetime.UTC).date().isoformat(),
-        season="",
-        seed=seed,
-        code=code(),
-        level=sandbox.level(),
-        verdict=rerun.verdict,
-        reason=rerun.reason,
-        figures=rerun.figures,
-        decision_time=rerun.decision_time,
-        method=rerun.method,
-    )
 
 
 def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
@@ -134,20 +162,127 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
             f"{entry.directory} takes no part in the season {season.spec.name}: it was not among the entries that were "
             "frozen, or was changed since"
         )
-    if any(each.season == season.spec.name for each in spec.verifications):
+    if entry.verification_in(season.spec.name):
         raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
 
 
-def _record(entry: Entry, verification: Verification, kept: Path) -> None:
-    """Write a verification and its runs into an entry."""
-    runs = entry.directory / SEASONS / verification.season
-    if verification.figures:
-        shutil.copytree(kept, runs, ignore=NO_RUNS)
-    spec = entry.spec.model_copy(
-        update={
-            "files": file_digests(entry.directory),
-            "verifications": [*entry.spec.verifications, verification],
-        }
+def _hidden(entry: Entry, work: Path) -> list[Path]:
+    """What an entry's planner must not read: the boards with their seeds, other entries, and the runs."""
+    around = entry.directory.resolve().parents
+    roots = [ROOT, around[2]] if len(around) > 2 and (around[2] / entry.spec.board / FILE).exists() else [ROOT]
+    return [*roots, work]
+
+
+def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
+    found = _rerun(entry, run)
+    assert run.seed is not None  # as it is for public cases alone
+    return Verification(
+        by=by,
+        on=datetime.datetime.now(datetime.UTC).date().isoformat(),
+        season=season,
+        seed=run.seed,
+        code=code(),
+        level=sandbox.level(),
+        **vars(found),
     )
-    write_entry(entry.directory, spec)
+
+
+def _record(entry: Entry, verification: Verification, runs: Path) -> None:
+    """Write a verification and its runs into an entry."""
+    if verification.figures:
+        shutil.copytree(runs, entry.directory / SEASONS / verification.season, ignore=NO_RUNS)
+    verifications = [*entry.spec.verifications, verification]
+    update = {"files": file_digests(entry.directory), "verifications": verifications}
+    write_entry(entry.directory, entry.spec.model_copy(update=update))
     read_entry(entry.directory)
+
+
+@dataclass(frozen=True)
+class _Finding:
+    """What a `Verification` says, but for who ran the entry again, when, where and on which seed."""
+
+    verdict: Verdict
+    reason: str
+    figures: Figures
+    decision_time: DecisionTime | None = None
+    method: Method | None = None
+
+
+def _rerun(entry: Entry, run: EntryRun) -> _Finding:
+    """Replay the public runs, run the planner on other cases, and compare."""
+    if difference := next(_differences(entry, run.board, run.progress), None):
+        return _Finding(Verdict.NOT_REPRODUCED, difference, {})
+    networks = method_networks(entry, run.board)
+    try:
+        if change := describe_change(entry.spec):
+            return _Finding(Verdict.REFUSED, change, {})
+        failed = _drive_all(entry, run)
+        if unexpected := [name for name in failed if name in entry.spec.reported]:
+            return _Finding(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}", {})
+        method = summarize_method(run, networks) if networks else None
+        speed = run.time_decisions()
+    except MachineFault:
+        raise
+    except InputError as error:
+        return _Finding(Verdict.REFUSED, str(error), {})
+    verdict, reason = _judge(entry, run)
+    figures = {} if verdict == Verdict.REFUSED else read_figures(run.board, run.out)
+    return _Finding(verdict, reason, figures, speed, method)
+
+
+def _differences(entry: Entry, board: Board, progress: Progress | None) -> Iterator[str]:
+    """What the public runs of an entry say and their commands do not lead to, sentence by sentence."""
+    for scenario in board.load(None):
+        directory = entry.public / scenario.name
+        if not directory.exists():
+            continue
+        try:
+            files = RunResult.read_unchecked(directory)
+            request = {
+                "cases": str(board.public_cases),
+                "replan_every": board.replanning.every,
+                "options": entry.spec.options,
+                "privileged": entry.spec.privileged,
+                "planner_facts": entry.spec.facts,
+                **board.replanning.settings,
+            }
+            for key, value in request.items():
+                if files.result.get(key) != value:
+                    yield f"{scenario.name}: {key} is {files.result.get(key)!r}, but must be {value!r}"
+            found = replay(files, scenario, board.metrics, progress)
+        except InputError as error:
+            yield f"{scenario.name}: {error}"
+            continue
+        yield from (f"{scenario.name}: {difference}" for difference in found.differences)
+    try:
+        if entry.spec.reported != read_figures(board, entry.public):
+            yield "the reported figures of entry.json are not those of its runs"
+    except InputError as error:
+        yield str(error)
+
+
+def _drive_all(entry: Entry, run: EntryRun) -> dict[str, str]:
+    """Drive the planner of an entry, and the other networks of its method; returns and raises as `EntryRun.drive`.
+
+    Raises:
+        Unfinished: Runs are missing that other shards make.
+    """
+    failed = run.drive()
+    drive_networks(run, method_networks(entry, run.board))
+    run.check_finished(failed)
+    return failed
+
+
+def _judge(entry: Entry, run: EntryRun) -> tuple[Verdict, str]:
+    """The verdict on an entry whose planner has driven, and why."""
+    for name in driven_scenarios(run.board, run.out):
+        result = read_result(run.out / name)
+        if (result.get("planner_facts"), result.get("privileged")) != (entry.spec.facts, entry.spec.privileged):
+            return Verdict.REFUSED, f"{name}: the planner says other facts of itself than as entered"
+    public, other = read_episodes(run.board, entry.public), read_episodes(run.board, run.out)
+    if doubts := lower_than_claimed(public, {name: other[name] for name in public}):
+        return Verdict.LOWER, "; ".join(doubts)
+    is_apart = sandbox.level() == sandbox.BUBBLEWRAP
+    how = "in a sandbox without network and without our files"
+    how = how if is_apart else "in a process of its own, which could read files and the network"
+    return Verdict.RERUN, f"the recorded commands lead to the reported figures; ran {how}"

@@ -13,13 +13,13 @@ from jaxtyping import Float
 
 from crowdbench.catalog import load_planner
 from crowdbench.certify.crowds import Crowd, Known, Reacting, known_steps, with_perfect_sight
-from crowdbench.certify.search import Effort, Found, Task, search
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.playback import Playback
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.certify.search import Effort, SearchResult, Task, search
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.replay import Playback
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.types import Outcome, Trace
 
 PLANNERS = ("orca_margin", "orca", "social_force")
 """Planners that decide fast, and need no torch. A run of theirs that succeeds is a certificate."""
@@ -38,18 +38,21 @@ class Certificate(NamedTuple):
     Attributes:
         case: Its number.
         means: What gave the commands, the name of a planner or `SEARCH`; empty where none were found.
-        commands: The commands of all steps until the vehicle arrives; none where none were found.
         margin: The margin that was asked for in metres, not a number where none were found.
-        gap: The smallest gap to pedestrians and obstacles in metres, not a number where none were found.
+        gap: The smallest gap to pedestrians and obstacles in metres, likewise.
+        seconds: The time to the goal, likewise.
         is_exhausted: Whether the whole grid of a search was looked through, and none were found.
+        commands: The commands of all steps until the vehicle arrives; none where none were found, nor in a row of a
+            table.
     """
 
     case: int
     means: str = ""
-    commands: Float[np.ndarray, "step 2"] = np.empty((0, 2))
     margin: float = math.nan
     gap: float = math.nan
+    seconds: float = math.nan
     is_exhausted: bool = False
+    commands: Float[np.ndarray, "step 2"] = np.empty((0, 2))
 
 
 def certificates(
@@ -69,9 +72,11 @@ def certificates(
     Raises:
         InputError: The scenario breaks its contract.
     """
-    driven = [(name, _driven(name, scenario, cases)) for name in PLANNERS]
+    driven = [
+        (name, rollout(Driver(load_planner(name)[1], name), scenario, cases, undisturbed=False)) for name in PLANNERS
+    ]
     found: dict[int, Certificate] = {}
-    searched = _Searched(scenario, cases)
+    exhausted: set[int] = set()
     for margin in margins:
         there = len(found)
         for name, trace in driven:
@@ -79,114 +84,80 @@ def certificates(
                 found.setdefault(each.case, each)
         if len(found) > there:
             progress(len(found) - there)
-        for each in searched.certificates([case for case in cases.indices.tolist() if case not in found], margin):
+        left = [case for case in cases.indices.tolist() if case not in found]
+        for each in _search_cases(scenario, cases.split, left, margin, exhausted):
             found[each.case] = each
             progress(1)
     if len(found) < len(cases):
         progress(len(cases) - len(found))
-    numbers = cases.indices.tolist()
-    return [found.get(case, Certificate(case, is_exhausted=case in searched.exhausted)) for case in numbers]
-
-
-def _driven(name: str, scenario: Scenario, cases: Cases) -> Trace:
-    """The episodes of a planner."""
-    return rollout(Driver(load_planner(name)[1], name), scenario, cases)
+    return [found.get(case, Certificate(case, is_exhausted=case in exhausted)) for case in cases.indices.tolist()]
 
 
 def _in_trace(trace: Trace, means: str, margin: float) -> Iterator[Certificate]:
-    """The certificates among some episodes.
-
-    Args:
-        trace: The episodes.
-        means: What gave their commands.
-        margin: Smallest gap in metres.
-    """
+    """The certificates among some episodes, with gaps of at least `margin` in metres; `means` gave their commands."""
     gaps = np.fmin(np.fmin.reduce(trace.gap, axis=1), np.fmin.reduce(trace.wall_gap, axis=1))
     for row in np.flatnonzero((trace.outcome == Outcome.SUCCESS) & (gaps >= margin)).tolist():
         commands = trace.command[row, : trace.steps[row]]
-        yield Certificate(int(trace.case[row]), means, commands, margin, float(gaps[row]))
+        seconds = trace.rules.dt * len(commands)
+        yield Certificate(int(trace.case[row]), means, margin, float(gaps[row]), seconds, commands=commands)
 
 
-class _Searched:
-    """Looks for commands in cases that no planner has solved.
+def _search_cases(
+    scenario: Scenario, split: str, cases: list[int], margin: float, exhausted: set[int]
+) -> Iterator[Certificate]:
+    """Search for commands in cases that no planner has solved, and yield those by which the vehicle succeeds.
 
-    Attributes:
-        exhausted: The cases whose whole grid was looked through at the narrowest margin so far.
-
-    Args:
-        scenario: The scenario.
-        cases: The cases.
+    The cases whose whole grid was looked through are added to `exhausted`.
     """
+    if not cases:
+        return
+    simulated, is_visible = with_perfect_sight(scenario), scenario.rules.visible
+    # Whether anybody's way depends on the vehicle's: who sees it does, and who is placed where it is not.
+    is_placed = scenario.crowd.arrival in ("new_goal", "respawn") or scenario.crowd.goal_change is not None
+    heeds_vehicle = is_visible or is_placed or scenario.tracks is not None
+    world = simulated.draw(split, np.array(cases))
+    tasks = [Task.of(world, row) for row in range(len(cases))]
 
-    def __init__(self, scenario: Scenario, cases: Cases) -> None:
-        self.scenario = scenario
-        self.split = cases.split
-        self.exhausted: set[int] = set()
-        self._simulated = with_perfect_sight(scenario)
-
-    def certificates(self, cases: list[int], margin: float) -> Iterator[Certificate]:
-        """Yield what is found, each replayed.
-
-        Args:
-            cases: The numbers of cases.
-            margin: Smallest gap in metres.
-        """
-        if not cases:
-            return
-        world = self._simulated.draw(self.split, np.array(cases))
-        tasks = [Task.of(world, row) for row in range(len(cases))]
-        rows, left = list(range(len(cases))), list[int]()
-        if not self.scenario.rules.visible:
-            steps = known_steps(self._simulated, world)
-
-            def look(row: int) -> Found:
-                return _looked(tasks[row], Known([step.row(row) for step in steps]), margin, KNOWN)
-
-            # Threads, because the compiled search lets others go on.
-            with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-                for row, found in zip(rows, pool.map(look, rows), strict=True):
-                    certificate = self._replayed(cases[row], found, margin)
-                    if certificate is not None:
-                        yield certificate
-                    elif found.is_exhaustive and not _heeds_vehicle(self.scenario):
-                        self.exhausted.add(cases[row])
-                    left += [row] if certificate is None else []
-        if _heeds_vehicle(self.scenario):
-            for row in rows if self.scenario.rules.visible else left:
-                crowd = Reacting(self._simulated, world.take(np.array([row])))
-                certificate = self._replayed(cases[row], _looked(tasks[row], crowd, margin, REACTING), margin)
-                if certificate is not None:
-                    yield certificate
-
-    def _replayed(self, case: int, found: Found, margin: float) -> Certificate | None:
+    def replay(row: int, result: SearchResult) -> Certificate | None:
         """The certificate that commands are if the vehicle succeeds by them in the simulator."""
-        if found.commands is None:
+        if result.commands is None:
             return None
-        commands = np.zeros((1, self.scenario.rules.max_steps, 2))
-        commands[0, : len(found.commands)] = found.commands
-        driver = Driver(Playback(commands), SEARCH)
-        trace = rollout(driver, self.scenario, Cases(self.split, case, case + 1))
+        commands = np.zeros((1, scenario.rules.max_steps, 2))
+        commands[0, : len(result.commands)] = result.commands
+        alone = Cases(split, cases[row], cases[row] + 1)
+        trace = rollout(Driver(Playback(commands), SEARCH), scenario, alone, undisturbed=False)
         return next(_in_trace(trace, SEARCH, margin), None)
 
+    left = list(range(len(cases)))
+    if not is_visible:
+        steps, rows, left = known_steps(simulated, world), left, []
 
-def _heeds_vehicle(scenario: Scenario) -> bool:
-    """Whether anybody's way depends on the vehicle's: who sees it does, and who is placed where it is not."""
-    placed = scenario.arrival in ("new_goal", "respawn") or scenario.goal_change is not None
-    return scenario.rules.visible or placed or scenario.tracks is not None
+        def search_known(row: int) -> SearchResult:
+            return _search_harder(tasks[row], Known([step.row(row) for step in steps]), margin, KNOWN)
+
+        # Threads, because the compiled search lets others go on.
+        with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+            for row, result in zip(rows, pool.map(search_known, rows), strict=True):
+                certificate = replay(row, result)
+                if certificate is not None:
+                    yield certificate
+                    continue
+                left.append(row)
+                if result.is_exhaustive and not heeds_vehicle:
+                    exhausted.add(cases[row])
+    if heeds_vehicle:
+        for row in left:
+            crowd = Reacting(simulated, world.take(np.array([row])))
+            certificate = replay(row, _search_harder(tasks[row], crowd, margin, REACTING))
+            if certificate is not None:
+                yield certificate
 
 
-def _looked(task: Task, crowd: Crowd, margin: float, efforts: Sequence[Effort]) -> Found:
-    """Search with one effort after the other until commands are found.
-
-    Args:
-        task: Where the vehicle goes.
-        crowd: The crowd at the start.
-        margin: Smallest gap in metres.
-        efforts: How thoroughly to search.
-    """
-    found = Found(None, False)
+def _search_harder(task: Task, crowd: Crowd, margin: float, efforts: Sequence[Effort]) -> SearchResult:
+    """Search with one effort after the other until commands are found; the margin is in metres."""
+    result = SearchResult(None, False)
     for effort in efforts:
-        found = search(task, crowd, margin, effort)
-        if found.commands is not None:
+        result = search(task, crowd, margin, effort)
+        if result.commands is not None:
             break
-    return found
+    return result

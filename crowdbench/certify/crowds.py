@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.core.types import Outcome, World
+from crowdbench.core.types.rules import PERFECT
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_decisions, move, settled, step
-from crowdbench.types import Outcome, World
-from crowdbench.types.sensor import PERFECT
+from crowdbench.sim.simulator import crowd_decisions, finish_step, move, step
 
 
 class CrowdStep(NamedTuple):
@@ -134,5 +134,5 @@ def known_steps(scenario: Scenario, world: World) -> list[CrowdStep]:
         velocities, world = crowd_decisions(world, scenario.policies)
         moved, check = move(world, standing, velocities)
         steps.append(CrowdStep.of(world, moved))
-        world = settled(moved, check._replace(outcome=goes_on), scenario.renewal)
+        world = finish_step(moved, check._replace(outcome=goes_on), scenario.renewal)
     return steps

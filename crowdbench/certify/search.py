@@ -8,19 +8,18 @@ that no faster way was found on this grid.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from crowdbench.certify.cost_to_go import CostToGo, find_cost_to_go
 from crowdbench.certify.crowds import Crowd
-from crowdbench.certify.expand import expand
-from crowdbench.certify.ways import CELL, Ways
-from crowdbench.dynamics import Bicycle, Dynamics, Holonomic, State, Unicycle
-from crowdbench.dynamics.grids import HEADINGS, REACHED, SPEEDS, TURNS
-from crowdbench.geometry import toward_goal
-from crowdbench.types import Rules, World
+from crowdbench.certify.expand import Grid, Layer, Vehicle, expand
+from crowdbench.core.dynamics import Bicycle, Holonomic, State, Unicycle
+from crowdbench.core.dynamics.base import HEADINGS, REACHED, SPEEDS, TURNS
+from crowdbench.core.geometry import toward_goal
+from crowdbench.core.types import Rules, World
 
 _HEADINGS, _SPEEDS = (16, 96), (4, 8)
 """The least and the largest number of cells of headings and speeds, where the vehicle cannot change them at once."""
@@ -35,8 +34,7 @@ _OF_REACHED = np.array([speed * TURNS + turn for speed in (0, 3, REACHED - 1) fo
 """Of those of a vehicle on wheels: three speeds and five turns."""
 
 
-@dataclass(frozen=True)
-class Effort:
+class Effort(NamedTuple):
     """How thoroughly is searched.
 
     Attributes:
@@ -48,7 +46,7 @@ class Effort:
     states: int
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """What a search has found.
 
     Attributes:
@@ -60,45 +58,33 @@ class Found(NamedTuple):
     is_exhaustive: bool
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """The way of one vehicle that is looked for.
 
     Attributes:
         rules: The rules of the scenario.
         start: Position, velocity, heading and turn rate at the start.
-        goal: In metres.
-        radius: The vehicle's, in metres.
-        max_speed: Its preferred and largest speed in m/s.
-        obstacles: Polygons in metres.
-        ways: The ways to the goal.
+        vehicle: How it moves.
+        cost: The ways to its goal.
     """
 
     rules: Rules
     start: Float[np.ndarray, "6"]
-    goal: Float[np.ndarray, "2"]
-    radius: float
-    max_speed: float
-    obstacles: Float[np.ndarray, "polygon corner 2"]
-    ways: Ways
+    vehicle: Vehicle
+    cost: CostToGo
 
     @classmethod
     def of(cls, world: World, row: int) -> Task:
         """The task in one of several worlds at their start."""
-        position, goal, radius = world.position[row, 0], world.goal[row, 0], float(world.radius[row, 0])
-        turning = world.heading[row], world.angular_speed[row]
-        return cls(
-            world.rules,
-            np.array([*position, *world.velocity[row, 0], *turning]),
-            goal.copy(),
-            radius,
-            float(world.preferred_speed[row, 0]),
-            np.ascontiguousarray(world.obstacles[row]),
-            Ways.of(position, goal, radius, world.obstacles[row]),
-        )
+        rules, position, radius = world.rules, world.position[row, 0], float(world.radius[row, 0])
+        speed, tolerance = float(world.preferred_speed[row, 0]), float(rules.goal_tolerance or radius)
+        vehicle = Vehicle(rules.numbers, speed, tolerance, np.ascontiguousarray(world.obstacles[row]))
+        start = np.array([*position, *world.velocity[row, 0], world.heading[row], world.angular_speed[row]])
+        cost = find_cost_to_go(position, world.goal[row, 0].copy(), radius, world.obstacles[row])
+        return cls(rules, start, vehicle, cost)
 
 
-def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> Found:
+def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchResult:
     """Look for commands by which the vehicle succeeds.
 
     Args:
@@ -106,110 +92,39 @@ def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> Found:
         crowd: The crowd at the start.
         margin: Smallest gap to pedestrians and obstacles on the way, in metres.
         effort: How thoroughly to search.
-
-    Returns:
-        What is found.
     """
-    states, layers, is_exhaustive = task.start[None], list[_Layer](), True
-    grid = _Grid.of(task, effort)
-    for left in reversed(range(task.rules.max_steps - 1)):  # the last step is a time-out in any case
-        layer, arrived, is_cut = grid.expanded(states, crowd, margin, left)
+    rules, vehicle, cost = task.rules, task.vehicle, task.cost
+    cell = min(effort.cell, _OF_STEP * vehicle.max_speed * rules.dt)
+    number = np.array([*np.ceil((cost.high - cost.low) / cell).astype(np.int64), *_turns_and_speeds(task)])
+    cells = int(number.prod())
+    grid = Grid(cell, number, np.empty(cells, np.int32))
+    most = min(cells, 4 * effort.states) + 1
+    space = Layer(np.empty((most, 6)), np.empty(most), np.empty(most, np.int64), np.empty((most, 2)))
+    states, layers, is_exhaustive = task.start[None], list[Layer](), True
+    for left in reversed(range(rules.max_steps - 1)):  # the last step is a time-out in any case
+        grid.table.fill(-1)
+        farthest = vehicle.tolerance + (left + 1) * rules.dt * vehicle.max_speed
+        actions, which = commands(task, states), crowd.rows(len(states))
+        count, arrived, is_cut = expand(
+            vehicle, cost, margin, farthest, states, actions, which, crowd.ahead(), grid, space
+        )
+        layer = space.take(np.arange(count))
         if arrived >= 0:
-            return Found(_backwards([*layers, layer], arrived), is_exhaustive)
-        kept = _kept(layer.way, effort.states)
-        is_exhaustive &= not is_cut and len(kept) == len(layer.way)
-        if not len(kept):
+            return SearchResult(_trace_back([*layers, layer], arrived), is_exhaustive)
+        rows = _select_states(layer.cost, effort.states)
+        is_exhaustive &= not is_cut and len(rows) == len(layer.cost)
+        if not len(rows):
             break
-        layer = layer.take(kept)
+        layer = layer.take(rows)
         crowd = crowd.after(layer.parent, layer.command)
         states = layer.state
         layers.append(layer)
-    return Found(None, is_exhaustive)
-
-
-class _Layer(NamedTuple):
-    """The states after a step.
-
-    Attributes:
-        state: Position, velocity, heading and turn rate.
-        way: The way left in metres.
-        parent: The state of the layer before that each comes from.
-        command: The command by which.
-    """
-
-    state: Float[np.ndarray, "state 6"]
-    way: Float[np.ndarray, "state"]
-    parent: Int[np.ndarray, "state"]
-    command: Float[np.ndarray, "state 2"]
-
-    def take(self, rows: Int[np.ndarray, "row"]) -> _Layer:
-        return _Layer(*(each[rows] for each in self))
-
-
-@dataclass(frozen=True)
-class _Grid:
-    """The cells of states, and the arrays in which layers are made."""
-
-    task: Task
-    cell: float
-    number: Int[np.ndarray, "4"]
-    table: Int[np.ndarray, "cell"]
-    layer: _Layer
-
-    @classmethod
-    def of(cls, task: Task, effort: Effort) -> _Grid:
-        cell = min(effort.cell, _OF_STEP * task.max_speed * task.rules.dt)
-        positions = np.ceil((task.ways.high - task.ways.low) / cell).astype(np.int64)
-        number = np.array([*positions, *_turns_and_speeds(task)])
-        most = min(int(number.prod()), 4 * effort.states) + 1
-        arrays = np.empty((most, 6)), np.empty(most), np.empty(most, np.int64), np.empty((most, 2))
-        return cls(task, cell, number, np.full(int(number.prod()), -1, np.int32), _Layer(*arrays))
-
-    def expanded(
-        self, states: Float[np.ndarray, "state 6"], crowd: Crowd, margin: float, left: int
-    ) -> tuple[_Layer, int, bool]:
-        """The next layer, which of its states has arrived, -1 if none, and whether states were left out.
-
-        Args:
-            states: Those of this layer.
-            crowd: The crowd around them.
-            margin: Smallest gap in metres.
-            left: Steps after this one.
-        """
-        task, rules, ways = self.task, self.task.rules, self.task.ways
-        self.table.fill(-1)
-        tolerance = rules.goal_tolerance or task.radius
-        count, arrived, is_cut = expand(
-            rules.dynamics.code,
-            rules.dynamics.limits,
-            rules.discs,
-            tolerance,
-            rules.collision_code,
-            rules.dt,
-            task.max_speed,
-            margin,
-            tolerance + (left + 1) * rules.dt * task.max_speed,
-            states,
-            commands(rules.dynamics, states, task),
-            crowd.rows(len(states)),
-            *crowd.ahead(),
-            task.obstacles,
-            task.goal,
-            ways.length,
-            ways.low,
-            CELL,
-            ways.low,
-            self.cell,
-            self.number,
-            self.table,
-            *self.layer,
-        )
-        return self.layer.take(np.arange(count)), arrived, is_cut
+    return SearchResult(None, is_exhaustive)
 
 
 def _turns_and_speeds(task: Task) -> tuple[int, int]:
     """The numbers of cells of headings and speeds, so small that a step leads from one into the next."""
-    dynamics, dt, speed = task.rules.dynamics, task.rules.dt, task.max_speed
+    dynamics, dt, speed = task.rules.dynamics, task.rules.dt, task.vehicle.max_speed
     if isinstance(dynamics, Unicycle):
         turn = dt * min(dynamics.max_angular_speed, dt * dynamics.max_angular_acceleration)
     elif isinstance(dynamics, Bicycle):
@@ -219,38 +134,28 @@ def _turns_and_speeds(task: Task) -> tuple[int, int]:
     else:
         return 1, 1  # its velocity can be any other one after the step
     change = dt * float(dynamics.limits[0])  # of speed
-    return _between(_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), _between(_SPEEDS, speed / change + 1.0)
+    wanted = (_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), (_SPEEDS, speed / change + 1.0)
+    headings, speeds = (min(max(least, math.ceil(number)), most) for (least, most), number in wanted)
+    return headings, speeds
 
 
-def _between(bounds: tuple[int, int], number: float) -> int:
-    return min(max(bounds[0], math.ceil(number)), bounds[1])
-
-
-def commands(
-    dynamics: Dynamics, states: Float[np.ndarray, "state 6"], task: Task
-) -> Float[np.ndarray, "state action 2"]:
-    """The commands that are tried in each state: some of those of the dynamics, and the one straight to the goal.
-
-    Args:
-        dynamics: Of the vehicle.
-        states: Position, velocity, heading and turn rate of each.
-        task: Where it goes.
-    """
+def commands(task: Task, states: Float[np.ndarray, "state 6"]) -> Float[np.ndarray, "state action 2"]:
+    """The commands that are tried in each state: some of those of the dynamics, and the one straight to the goal."""
+    dynamics, dt = task.rules.dynamics, task.rules.dt
     of = State(states[:, :2], states[:, 2:4], states[:, 4], states[:, 5])
-    speed = np.full(len(states), task.max_speed)
+    speed = np.full(len(states), task.vehicle.max_speed)
     chosen = _OF_GRID if isinstance(dynamics, Holonomic) else _OF_REACHED
-    ahead = toward_goal(of.position, np.broadcast_to(task.goal, of.position.shape), speed)
-    straight = dynamics.follow(of, ahead, speed, task.rules.dt)
-    grid = dynamics.commands(of, speed, task.rules.dt)[:, chosen]
-    return np.concatenate([straight[:, None], grid], axis=1)
+    ahead = toward_goal(of.position, np.broadcast_to(task.cost.goal, of.position.shape), speed)
+    straight = dynamics.follow(of, ahead, speed, dt)
+    return np.concatenate([straight[:, None], dynamics.commands(of, speed, dt)[:, chosen]], axis=1)
 
 
-def _kept(way: Float[np.ndarray, "state"], most: int) -> Int[np.ndarray, "kept"]:
+def _select_states(cost: Float[np.ndarray, "state"], most: int) -> Int[np.ndarray, "kept"]:
     """Which states go on, those nearest to the goal first: where there are too many, half of them are the nearest ones.
 
     The others are spread evenly over the rest, because those who wait or go back must go on too.
     """
-    order = np.argsort(way, kind="stable")
+    order = np.argsort(cost, kind="stable")
     if len(order) <= most:
         return order
     first, rest = order[: most // 2], order[most // 2 :]
@@ -258,7 +163,7 @@ def _kept(way: Float[np.ndarray, "state"], most: int) -> Int[np.ndarray, "kept"]
     return np.concatenate([first, rest[others]])
 
 
-def _backwards(layers: list[_Layer], last: int) -> Float[np.ndarray, "step 2"]:
+def _trace_back(layers: list[Layer], last: int) -> Float[np.ndarray, "step 2"]:
     """The commands that lead to a state of the last layer."""
     found = []
     for layer in reversed(layers):

@@ -1,70 +1,50 @@
 """The command line: reads options, calls the modules that do the work, prints.
 
-Commands import what they need when they run, so that the command line starts fast.
+Only the module of the command that is asked for is imported, and it imports what it needs when it runs, so that the
+command line starts fast.
 """
 
 from __future__ import annotations
 
+import functools
+import importlib
 import importlib.metadata
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Iterable
 from typing import Annotated
 
 import typer
 
-from crowdbench import interrupts
-from crowdbench.cli import (
-    bench,
-    boards,
-    certify,
-    check,
-    evaluate_predictor,
-    figures,
-    listing,
-    results,
-    run,
-    streams,
-    study,
-    train,
-    validity,
-)
-from crowdbench.cli.console import say
-from crowdbench.cli.failures import DEBUG, NOTHING_KEPT, failure
-from crowdbench.cli.options import INTERRUPTED
+from crowdbench.cli.console import flush_output, prepare_streams, say
+from crowdbench.cli.failures import DEBUG, INTERRUPTED, NOTHING_KEPT, failure
+from crowdbench.utils import interrupts
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "run": run.run,
-    "merge": run.merge,
-    "train": train.train,
-    "list": listing.list_,
-    "check": check.check,
-    "certify": certify.certify,
-    "compare": results.compare,
-    "study": study.study,
-    "reproduce": study.reproduce,
-    "view": results.view,
-    "table": figures.table,
-    "plot": figures.plot,
-    "render": figures.render,
-    "score": results.score,
-    "evaluate-predictor": evaluate_predictor.evaluate_predictor,
-    "validity": validity.validity,
-    "bench": bench.bench,
-    "new-planner": boards.new_planner,
-    "submit": boards.submit,
-    "verify": boards.verify,
+COMMANDS = {
+    "run": "run:run",
+    "run-board": "run_board:run_board",
+    "merge": "run:merge",
+    "train": "train:train",
+    "list": "listing:list_",
+    "check": "check:check",
+    "certify": "certify:certify",
+    "compare": "results:compare",
+    "study": "study:study",
+    "reproduce": "study:reproduce",
+    "view": "results:view",
+    "table": "figures:table",
+    "plot": "figures:plot",
+    "render": "figures:render",
+    "score": "results:score",
+    "evaluate-predictor": "evaluate_predictor:evaluate_predictor",
+    "validity": "study:validity",
+    "bench": "bench:bench",
+    "new-planner": "boards:new_planner",
+    "submit": "boards:submit",
+    "verify": "boards:verify",
+    "leaderboard": "boards:app",
 }
-"""The commands in the order of --help."""
-
-app = typer.Typer(
-    add_completion=False,
-    rich_markup_mode="markdown",  # joins the lines of a docstring's paragraph
-    epilog=f"Add {DEBUG} to any command to see the traceback of an error.",
-)
-for name, command in COMMANDS.items():
-    app.command(name)(command)
-app.add_typer(boards.app, name="leaderboard")
+"""The commands in the order of --help: the module of each in this folder, and the function there."""
 
 
 def _version(wanted: bool | None) -> None:
@@ -73,13 +53,38 @@ def _version(wanted: bool | None) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def crowdbench(
     version: Annotated[
         bool | None, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = None,
 ) -> None:
     """A benchmark for navigation in crowds."""
+
+
+def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:
+    """The command line with some of the commands."""
+    app = typer.Typer(
+        add_completion=False,
+        rich_markup_mode="markdown",  # joins the lines of a docstring's paragraph
+        epilog=f"Add {DEBUG} to any command to see the traceback of an error.",
+    )
+    app.callback()(crowdbench)
+    for name in names:
+        module, _, function = COMMANDS[name].partition(":")
+        command = getattr(importlib.import_module(f"crowdbench.cli.{module}"), function)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name)(command)
+    return app
+
+
+@functools.cache
+def __getattr__(name: str) -> object:
+    """`app` is the command line with all commands."""
+    if name == "app":
+        return build_app()
+    raise AttributeError(f"module 'crowdbench.cli' has no attribute {name!r}")
 
 
 def main() -> None:
@@ -89,11 +94,12 @@ def main() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     debug = DEBUG in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
-    streams.prepare()
+    prepare_streams()
     interrupts.handle()
     try:
+        app = build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
         status = app(arguments, standalone_mode=False)
-        streams.flush()
+        flush_output()
     except BaseException as error:
         failed = failure(error)
         if failed is None or (debug and not isinstance(error, SystemExit)):

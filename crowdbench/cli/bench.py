@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,10 +12,15 @@ from crowdbench.cli.options import (
     SetOption,
     ThreadsOption,
     assignments,
-    print_table,
     use_threads,
 )
-from crowdbench.errors import InputError
+from crowdbench.cli.tables import print_table
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Grid
+
+if TYPE_CHECKING:
+    from crowdbench.bench.measurement import Measurement
+    from crowdbench.bench.speed_ups import VariantComparison
 
 SCENARIO = "circle_crossing_5"
 """Where a planner's decisions are timed, unless another scenario is named."""
@@ -67,9 +72,9 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
 
     from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation, progress
-    from crowdbench.evaluate.decision_time import decision_seconds
-    from crowdbench.evaluate.replanning import EVERY_STEP
-    from crowdbench.evaluate.results import planner_label
+    from crowdbench.runs.decision_time import decision_seconds
+    from crowdbench.runs.results import planner_label
+    from crowdbench.runs.spec import EVERY_STEP
     from crowdbench.scenario.cases import Cases
 
     announce_compilation()
@@ -87,7 +92,6 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
 def _bench_lookahead() -> None:
     from crowdbench.bench import speed_ups
     from crowdbench.cli.console import announce_compilation, progress
-    from crowdbench.cli.tables import variants_table
     from crowdbench.scenario.cases import Cases
 
     announce_compilation()
@@ -102,10 +106,8 @@ def _bench_lookahead() -> None:
 
 
 def _bench_all() -> None:
-    from crowdbench.bench.measurement import Measurement
     from crowdbench.bench.suite import SUITE
     from crowdbench.cli.console import progress
-    from crowdbench.cli.tables import bench_table
 
     measured: list[Measurement] = []
     with progress(len(SUITE), f"of {len(SUITE)} measurements") as tell:
@@ -115,3 +117,34 @@ def _bench_all() -> None:
     print_table(bench_table(measured))
     print("\nSARL's decisions are made with random weights, which cost as much as trained ones.")
     print("CrowdNav's times were recorded earlier, on another machine: they are not measured in this run.")
+
+
+def bench_table(measured: list[Measurement]) -> Grid:
+    """Measured speeds; the ratio says how many times less time crowdbench takes than CrowdNav's code."""
+    rows = [
+        (
+            one.work,
+            f"{one.value:.3g} {one.unit}",
+            "" if one.crowdnav is None else f"{one.crowdnav:.3g} {one.unit}",
+            "" if one.ratio is None else f"{one.ratio:.1f}x",
+        )
+        for one in measured
+    ]
+    return Grid("Speed", ("work", "crowdbench", "CrowdNav, recorded", "ratio"), rows, align="lrrr")
+
+
+def variants_table(title: str, measured: VariantComparison) -> Grid:
+    """How long each variant of the lookahead takes, how many times faster than the first it is, and what it changes."""
+    rows = [
+        (
+            variant.name,
+            f"{variant.seconds:.3g} s",
+            f"{measured.variants[0].seconds / variant.seconds:.1f}x",
+            f"{variant.changed_outcomes} of {measured.episodes:,}",
+            f"{variant.changed_commands} of {measured.decisions:,}",
+        )
+        for variant in measured.variants
+    ]
+    return Grid(
+        title, ("variant", "time", "ratio", "outcomes that differ", "commands that differ"), rows, align="lrrrr"
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -12,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crowdbench.cli.failures import exit_on_interrupt
 from crowdbench.cli.options import (
-    INTERRUPTED,
     DataOption,
     JsonOption,
     OptionOption,
@@ -21,9 +22,10 @@ from crowdbench.cli.options import (
     assignments,
     use_threads,
 )
-from crowdbench.errors import InputError
+from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
+    from crowdbench.boards.entry import Entry, Verification
     from crowdbench.boards.shipped import Job
 
 RootOption = Annotated[Path, typer.Option(help="The folder of boards and entries.")]
@@ -83,15 +85,15 @@ def submit(
     use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.submission import Submission, read_card
-    from crowdbench.boards.submission import submit as make
+    from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
     from crowdbench.cli.console import announce_compilation, progress, say
-    from crowdbench.evaluate.shard import WHOLE, Shard
     from crowdbench.isolation.planner import called
-    from crowdbench.plugins import file_and_function, program
+    from crowdbench.plugins.load import file_and_function, program
+    from crowdbench.runs.shards import WHOLE, Shard
 
     own = Shard.parse(shard) if shard else WHOLE
-    asked = find_board(board, root).with_data(data)
+    rules = find_board(board, root).with_data(data)
     options = assignments(option or [], "--option")
     if Path(planner).is_dir():
         raise InputError(f"{planner} is a folder: name the file of the planner")
@@ -100,21 +102,21 @@ def submit(
     card = card or Path(planner).parent / "card.toml"
     submitter = by or read_card(card).authors[0]
     networks = [assignments([each], "--network") for each in network or []]
-    wanted = Submission(asked, name or called(planner), planner, options, networks, card, submitter)
+    submission = Submission(rules, name or called(planner), planner, options, networks, card, submitter)
     announce_compilation()
     if file_and_function(planner)[0] is not None:
         say("checking the contract")
-        _check(planner, option or [])
-    cases = len(asked.public_cases) * len(asked.scenarios)
+        _check_contract(planner, option or [])
+    cases = len(rules.public_cases) * len(rules.scenarios)
     kept = f"finished batches are kept in {work}, with which the same command goes on"
-    with _interrupts_told(kept), progress(cases, f"of {cases} public cases") as tell:
-        entry, failed = make(wanted, root, work, tell, own)
+    with exit_on_interrupt(kept), _exit_on_unfinished(), progress(cases, f"of {cases} public cases") as tell:
+        entry, failed = submit_planner(submission, root, work, tell, own)
     for scenario, reason in failed.items():
         say(f"{scenario}: counts 0, because it cannot be driven: {reason}")
     if entry.spec.privileged:
         say("the planner is privileged: it is shown, and has no rank")
     for scenario, metrics in entry.spec.reported.items():
-        say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {asked.spec.public_cases} cases")
+        say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {rules.spec.public_cases} cases")
     say(
         f"made {entry.directory}. Next:\n"
         f"  crowdbench verify {entry.directory}   runs it again on cases that nobody knows\n"
@@ -122,20 +124,18 @@ def submit(
     )
 
 
-def _check(planner: str, options: Sequence[str]) -> None:
+def _check_contract(planner: str, options: Sequence[str]) -> None:
     """Refuse a planner that breaks its contract. In a process of its own, which it may end."""
-    import subprocess
-
-    given = [word for each in options for word in ("--option", each)]
-    found = subprocess.run(
+    flags = [word for each in options for word in ("--option", each)]
+    check = subprocess.run(
         # Not a folder crowdbench/ that happens to be here.
-        [sys.executable, "-P", "-m", "crowdbench", "check", planner, *given],
+        [sys.executable, "-P", "-m", "crowdbench", "check", planner, *flags],
         capture_output=True,
         text=True,
         errors="replace",
     )
-    if found.returncode != 0:
-        print(found.stdout or found.stderr, end="")
+    if check.returncode != 0:
+        print(check.stdout or check.stderr, end="")
         raise InputError(f"planner {planner} breaks its contract: see above")
 
 
@@ -156,11 +156,11 @@ def verify(
     use_threads(threads)
     from crowdbench.boards.board import FILE, find_board, read_board
     from crowdbench.boards.entry import Verdict, read_entry
-    from crowdbench.boards.rerun import cases_of
     from crowdbench.boards.season import read_season
-    from crowdbench.boards.verification import verify as find
+    from crowdbench.boards.verification import count_cases
+    from crowdbench.boards.verification import verify as verify_entry
     from crowdbench.cli.console import announce_compilation, progress
-    from crowdbench.evaluate.shard import WHOLE, Shard
+    from crowdbench.runs.shards import WHOLE, Shard
     from crowdbench.scenario.cases import Cases
 
     own = Shard.parse(shard) if shard else WHOLE
@@ -173,46 +173,48 @@ def verify(
     entry = entry.resolve()
     if work.resolve().is_relative_to(entry):
         raise InputError(f"--work {work} lies in the entry: give another folder")
-    found = read_entry(entry, check_files=not season)  # in a season, once no other process writes it
+    submitted = read_entry(entry, check_files=not season)  # in a season, once no other process writes it
     folder = entry.parent.parent
-    board = read_board(folder) if (folder / FILE).exists() else find_board(found.spec.board)
+    board = read_board(folder) if (folder / FILE).exists() else find_board(submitted.spec.board)
     board = board.with_data(data)
     announce_compilation()
     driven = Cases("test", 0, cases) if cases else None
-    total = cases_of(found, board, driven)
+    total = count_cases(submitted, board, driven)
     kept = f"finished batches are kept in {work}, with which the same command goes on" if season else "nothing is kept"
-    with _interrupts_told(kept), progress(total, f"of {total} cases") as tell:
-        asked = read_season(folder.parent) if season else None
-        result = find(found, board, by=by, work=work, season=asked, cases=driven, shard=own, progress=tell)
+    with exit_on_interrupt(kept), _exit_on_unfinished(), progress(total, f"of {total} cases") as tell:
+        drawn = read_season(folder.parent) if season else None
+        result = verify_entry(submitted, board, by=by, work=work, season=drawn, cases=driven, shard=own, progress=tell)
     if as_json:
         print(json.dumps(result.model_dump(mode="json"), indent=2))
     else:
-        where = f" on seed {result.seed}" if result.figures else ""
-        print(f"{found.name} on {board.name}: {result.verdict}{where}: {result.reason}")
-        for scenario, metrics in result.figures.items():
-            reported = found.spec.reported.get(scenario, {}).get("success_rate")
-            print(
-                f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.2f} %, reported "
-                f"{100 * (reported or 0.0):.2f} %"
-            )
-        if result.decision_time:
-            speed = result.decision_time
-            timely = "real-time" if speed.is_real_time else "slower than real time"
-            print(
-                f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms here, "
-                f"{speed.calibrated_p99_ms:.1f} ms on the machine of reference, {timely}"
-            )
-        if found.spec.privileged:
-            print("The planner is privileged: it is shown, and has no rank.")
-        print("This does not tell whether the planner knew more than a vehicle can see while it was trained.")
+        _print_verification(submitted, board.name, result)
     if result.verdict != Verdict.RERUN:
         raise typer.Exit(1)
 
 
+def _print_verification(entry: Entry, board: str, result: Verification) -> None:
+    where = f" on seed {result.seed}" if result.figures else ""
+    print(f"{entry.name} on {board}: {result.verdict}{where}: {result.reason}")
+    for scenario, metrics in result.figures.items():
+        measured = metrics["success_rate"] or 0.0
+        reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0
+        print(f"{scenario}: success {100 * measured:.2f} %, reported {100 * reported:.2f} %")
+    if result.decision_time:
+        speed = result.decision_time
+        timely = "real-time" if speed.is_real_time else "slower than real time"
+        print(
+            f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms here, "
+            f"{speed.calibrated_p99_ms:.1f} ms on the machine of reference, {timely}"
+        )
+    if entry.spec.privileged:
+        print("The planner is privileged: it is shown, and has no rank.")
+    print("This does not tell whether the planner knew more than a vehicle can see while it was trained.")
+
+
 @contextlib.contextmanager
-def _interrupts_told(kept: str) -> Iterator[None]:
-    """Says what is kept after an interrupt, or where other shards are missing, and exits."""
-    from crowdbench.boards.driving import Unfinished
+def _exit_on_unfinished() -> Iterator[None]:
+    """Exit where other shards are missing, and say so."""
+    from crowdbench.boards.run_entry import Unfinished
     from crowdbench.cli.console import say
 
     try:
@@ -220,9 +222,6 @@ def _interrupts_told(kept: str) -> Iterator[None]:
     except Unfinished as error:
         say(f"crowdbench: {error}")
         sys.exit(0)
-    except KeyboardInterrupt:
-        say(f"crowdbench: interrupted: {kept}")
-        sys.exit(INTERRUPTED)
 
 
 @app.command()
@@ -263,7 +262,7 @@ def fill(
     from crowdbench.cli.console import announce_compilation, say
 
     announce_compilation()
-    try:
+    with exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"):
         for board in read_boards(root):
             if board.spec.recorded:
                 if data is None:
@@ -279,23 +278,20 @@ def fill(
                 say(f"{board.name}: no entry is verified: {error}")
                 continue
             do_all(functools.partial(to_verify, board, root, work), "verification")
-    except KeyboardInterrupt:
-        say(f"crowdbench: interrupted: the same command goes on with what is kept in {root} and {work}")
-        sys.exit(INTERRUPTED)
 
 
-def do_all(wanted: Callable[[], Sequence[Job]], what: str) -> bool:
+def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
     """Do all work that no other process does; False where others are still at theirs when this one has nothing left."""
-    from crowdbench.boards.driving import InUse
+    from crowdbench.boards.run_entry import InUse
     from crowdbench.cli.console import progress, say
 
     skipped: set[str] = set()
-    while jobs := [job for job in wanted() if job.title not in skipped]:
+    while jobs := [job for job in missing() if job.title not in skipped]:
         job = jobs[0]
         say(f"{what}: {job.title}, {len(jobs) - 1} others are missing")
         try:
             with progress(job.cases, f"of {job.cases} cases") as tell:
-                job.do(tell)
+                job.do(progress=tell)
         except InUse:
             skipped.add(job.title)
-    return not wanted()
+    return not missing()

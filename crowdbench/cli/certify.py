@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crowdbench.cli.failures import exit_on_interrupt
 from crowdbench.cli.options import DataOption, SetOption, ThreadsOption, assignments, use_threads
-from crowdbench.cli.run import interrupts_told
 
 if TYPE_CHECKING:
-    from crowdbench.certify.make import Row
+    from crowdbench.certify.certificate import Certificate
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.scenario import Scenario
 
@@ -42,7 +42,7 @@ def certify(
     """
     use_threads(threads)
     from crowdbench import catalog
-    from crowdbench.certify.make import make
+    from crowdbench.certify.certify import make
     from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.certified import FOLDER
@@ -52,7 +52,7 @@ def certify(
     directory = out or Path("runs") / f"certified-{loaded.name}"
     announce_compilation()
     start = time.monotonic()
-    with interrupts_told(), progress(len(wanted), f"of {len(wanted)} cases") as tell:
+    with exit_on_interrupt(), progress(len(wanted), f"of {len(wanted)} cases") as tell:
         rows = make(loaded, wanted, margin, directory, overrides=changes, overwrite=overwrite, progress=tell)
     seconds = time.monotonic() - start
     print("\n".join(_report(loaded, wanted, margin, rows, seconds)))
@@ -63,7 +63,7 @@ def certify(
         print(f"{made} lists the cases without certificate: as {place} it keeps them out of runs.")
 
 
-def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Row], seconds: float) -> list[str]:
+def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Certificate], seconds: float) -> list[str]:
     """What is printed of the certificates, line by line."""
     total = len(rows)
     by = Counter(row.means for row in rows if row.means)
@@ -74,7 +74,7 @@ def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Row]
     lines.append("by " + (", ".join(f"{means}: {number}" for means, number in by.most_common()) or "nothing"))
     without = [row for row in rows if not row.means]
     for exhausted, what in ((False, "no certificate found"), (True, "no certificate exists on the grid of the search")):
-        those = [str(row.case) for row in without if row.exhausted == exhausted]
+        those = [str(row.case) for row in without if row.is_exhausted == exhausted]
         if those:
             lines.append(f"{what}: {cases.split} {', '.join(those)}")
     return lines

@@ -1,8 +1,9 @@
-"""Messages while a command works, on standard error: progress, and the wait for the compiler."""
+"""Standard streams, and messages on standard error while a command works: progress, and the wait for the compiler."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -99,8 +100,36 @@ def say(text: str) -> None:
 
 def announce_compilation() -> None:
     """Print a message when the simulator is compiled, which happens when it first runs on a machine."""
-    from crowdbench.compiled import on_first_compilation
+    from crowdbench.utils.compiled import on_first_compilation
 
     on_first_compilation(
         lambda: say("compiling the simulator for this machine (once, takes some seconds; later runs use a cache)")
     )
+
+
+def prepare_streams() -> None:
+    """Open standard streams that were closed, and let characters that an encoding lacks appear as escapes.
+
+    Paths may hold bytes that are no text, and tables hold characters that ASCII lacks.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            # It gets the lowest number, which else the next file would get, with all that is printed in it.
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, os.fdopen(number, "w" if number else "r"))
+        elif number and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def flush_output() -> None:
+    """Write what was printed. Raises OSError where it cannot be written, once: not again when Python ends."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+        raise

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments, print_table
-from crowdbench.errors import InputError
-from crowdbench.settings import HORIZON, MOST_AHEAD
+from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments
+from crowdbench.cli.tables import interval, number, print_table
+from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Grid
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from crowdbench.evaluate.prediction_errors import Errors
+    from crowdbench.metrics.prediction_errors import Errors
     from crowdbench.predict import Predictor
 
     Measure = Callable[[str, Predictor], dict[str, Errors]]
@@ -54,7 +54,7 @@ def evaluate_predictor(
 
     announce_compilation()
     options = assignments(option or [], "--option")
-    made = _made(predictors, options)
+    loaded = _load_predictors(predictors, options)
     if data is None or scenario is not None:
         about, measure = _on_scenario(scenario or "circle_crossing_5", cases or "val:200", overrides or [], data, ahead)
     else:
@@ -62,14 +62,22 @@ def evaluate_predictor(
             if given is not None:
                 raise InputError(f"{flag} goes with --scenario only: without it, the tracks in {data} are measured on")
         about, measure = _on_tracks(data, ahead)
-    found = {name: measure(name, predictor) for name, predictor in made.items()}
-    if as_json:
-        print(json.dumps(about | {"predictors": _plain(made, options, found)}, indent=2))
-    else:
-        _print(about, options, found)
+    errors = {name: measure(name, predictor) for name, predictor in loaded.items()}
+    if not as_json:
+        _print_errors(about, options, errors)
+        return
+    results = {
+        name: {
+            "options": options,
+            "privileged": loaded[name].privileged,
+            "errors": {dataset: dataclasses.asdict(each) for dataset, each in measured.items()},
+        }
+        for name, measured in errors.items()
+    }
+    print(json.dumps(about | {"predictors": results}, indent=2))
 
 
-def _made(specs: list[str], options: Mapping[str, Any]) -> dict[str, Predictor]:
+def _load_predictors(specs: list[str], options: Mapping[str, Any]) -> dict[str, Predictor]:
     from crowdbench.predict.load import load_predictor
 
     if options and len(specs) > 1:
@@ -88,7 +96,7 @@ def _on_scenario(
 ) -> tuple[dict[str, Any], Measure]:
     from crowdbench import catalog
     from crowdbench.cli.console import progress
-    from crowdbench.evaluate import prediction_errors
+    from crowdbench.metrics import prediction_errors
     from crowdbench.scenario.cases import Cases
 
     settings = assignments(overrides, "--set")
@@ -106,8 +114,8 @@ def _on_scenario(
 
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
     from crowdbench.cli.console import progress
-    from crowdbench.evaluate.prediction_errors import on_tracks
-    from crowdbench.tracks import eth_ucy
+    from crowdbench.metrics.prediction_errors import on_tracks
+    from crowdbench.scenario.tracks import eth_ucy
 
     recordings = eth_ucy.read_folder(data)
 
@@ -119,47 +127,57 @@ def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
     return {"data": str(data), "dt": eth_ucy.DT, "ahead": ahead}, measure
 
 
-def _plain(
-    made: Mapping[str, Predictor], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
-) -> dict[str, Any]:
-    """What `--json` prints of each predictor: its errors on each dataset, the scenario or the scenes."""
-    return {
-        name: {
-            "options": options,
-            "privileged": made[name].privileged,
-            "errors": {dataset: dataclasses.asdict(errors) for dataset, errors in measured.items()},
-        }
-        for name, measured in found.items()
-    }
-
-
-def _print(about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]) -> None:
+def _print_errors(
+    about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
+) -> None:
     """Print the table, and below it what its numbers mean."""
+    from crowdbench.runs.results import planner_label
+
     recorded = "data" in about
     changed = "".join(f", {key}={value}" for key, value in about.get("overrides", {}).items())
     where = about["data"] if recorded else f"{about['scenario']}{changed}, cases {about['cases']}"
     notes = [MEASURES, ON_TRACKS if recorded else ON_SCENARIO]
-    if len(found) == 1:
-        notes[-1] += f" Intervals are over {'pedestrians' if recorded else about['clusters']}."
-    if any(errors.modes > 1 for measured in found.values() for errors in measured.values()):
-        notes.insert(1, MODES)
-    print_table(_table(where, about, options, found))
-    print("", *notes, sep="\n")
-
-
-def _table(
-    where: str, about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
-) -> Table:
-    from crowdbench.cli.tables import prediction_table, predictors_table
-    from crowdbench.evaluate.results import planner_label
-
     name, measured = next(iter(found.items()))
     ahead, dt = about["ahead"], about["dt"]
     if len(found) == 1:
-        return prediction_table(f"{planner_label(name, options)} on {where}", dt, measured)
-    if "data" in about:
-        columns = {scene: (scene, ahead) for scene in measured}
+        notes[-1] += f" Intervals are over {'pedestrians' if recorded else about['clusters']}."
+        table = _horizons_table(f"{planner_label(name, options)} on {where}", dt, measured)
     else:
-        steps = sorted({1, (ahead + 1) // 2, ahead})
-        columns = {f"{n} {'step' if n == 1 else 'steps'}": (about["scenario"], n) for n in steps}
-    return predictors_table(f"ADE / FDE in metres, {ahead} steps of {dt} s ahead, on {where}", columns, found)
+        if recorded:
+            columns = {scene: (scene, ahead) for scene in measured}
+        else:
+            steps = sorted({1, (ahead + 1) // 2, ahead})
+            columns = {f"{n} {'step' if n == 1 else 'steps'}": (about["scenario"], n) for n in steps}
+        table = _predictors_table(f"ADE / FDE in metres, {ahead} steps of {dt} s ahead, on {where}", columns, found)
+    if any(errors.modes > 1 for measured in found.values() for errors in measured.values()):
+        notes.insert(1, MODES)
+    print_table(table)
+    print("", *notes, sep="\n")
+
+
+def _horizons_table(title: str, dt: float, measured: Mapping[str, Errors]) -> Grid:
+    """ADE and FDE in metres of one predictor at every horizon, on each dataset, with steps of `dt` seconds."""
+    rows = []
+    for dataset, errors in measured.items():
+        for choice, curves in errors.choices().items():
+            label = dataset if errors.modes == 1 else f"{dataset}, {choice}"
+            for steps, pair in enumerate(zip(curves.ade, curves.fde, strict=True), 1):
+                cells = (cell for each in pair for cell in (number(each.mean), interval(each.low, each.high)))
+                rows.append((label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *cells))
+    header = ("", "steps", "time [s]", "ADE [m]", "95 % interval", "FDE [m]", "95 % interval")
+    return Grid(title, header, rows, align="lrrllll")
+
+
+def _predictors_table(
+    title: str, columns: Mapping[str, tuple[str, int]], predictors: Mapping[str, Mapping[str, Errors]]
+) -> Grid:
+    """ADE / FDE in metres of several predictors: by heading, the dataset and the horizon in steps of each column."""
+    rows = []
+    for name, measured in predictors.items():
+        curves = {dataset: errors.choices() for dataset, errors in measured.items()}
+        for row, choice in enumerate(curves[next(iter(curves))]):
+            chosen = [(curves[dataset][choice], steps - 1) for dataset, steps in columns.values()]
+            cells = (f"{number(one.ade[at].mean)} / {number(one.fde[at].mean)}" for one, at in chosen)
+            rows.append((name if row == 0 else "", choice, *cells))
+    header = ("predictor", "", *columns)
+    return Grid(title, header, rows, align="ll".ljust(len(header), "r"))

@@ -12,8 +12,8 @@ from typing import Any
 
 from docstring_parser import Docstring, DocstringStyle, parse
 
-from crowdbench.catalog import made_policy
-from crowdbench.plugin_options import REQUIRED, Option, read_options
+from crowdbench.catalog import make_policy
+from crowdbench.plugins.options import REQUIRED, Option, read_options
 
 WORDS: dict[Any, str] = {
     bool: "true or false",
@@ -55,7 +55,7 @@ class OptionRow:
 
 def description(docstring: str | None) -> str:
     """A docstring without its sections."""
-    return _parsed(docstring).description or ""
+    return _parse_docstring(docstring).description or ""
 
 
 def option_rows(factory: Callable[..., object], keyword_only: bool = False) -> list[OptionRow]:
@@ -69,17 +69,17 @@ def option_rows(factory: Callable[..., object], keyword_only: bool = False) -> l
     Returns:
         The options in the order of the signature.
     """
-    said = _said(getattr(factory, "func", factory))
+    entries = _read_entries(getattr(factory, "func", factory))
     rows = []
     for option in read_options(factory):
         if keyword_only and not option.keyword_only:
             continue
-        rows.append(_row(option, said))
+        rows.append(_row(option, entries))
         for part in option.parts:
             own = option.default if isinstance(option.default, part) else None
             for parameter in read_options(part):
                 default = parameter.default if own is None else getattr(own, parameter.name)
-                row = _row(dataclasses.replace(parameter, default=default), _said(part))
+                row = _row(dataclasses.replace(parameter, default=default), _read_entries(part))
                 rows.append(dataclasses.replace(row, name=f"  {row.name}"))
     return rows
 
@@ -97,37 +97,37 @@ def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]
     Raises:
         InputError: The factory does not make a pedestrian policy.
     """
-    policy, said = made_policy(name, factory), _said(factory)
+    policy, entries = make_policy(name, factory), _read_entries(factory)
     options = [Option(key, float(default), (float,)) for key, default in policy.parameters.items()]
-    return [dataclasses.replace(_row(each, said), name=f"pedestrians.{name}.{each.name}") for each in options]
+    return [dataclasses.replace(_row(each, entries), name=f"pedestrians.{name}.{each.name}") for each in options]
 
 
-def _said(documented: Any) -> dict[str, tuple[str, str]]:
+def _read_entries(documented: Any) -> dict[str, tuple[str, str]]:
     """What the docstring of a function or class says of each parameter: meaning and unit."""
-    said = {}
-    for entry in _parsed(documented.__doc__).params:
+    entries = {}
+    for entry in _parse_docstring(documented.__doc__).params:
         text = " ".join((entry.description or "").split())
         match = re.fullmatch(r"(.*?)\s*\[([^\[\]]+)\]\.?", text)
-        said[entry.arg_name] = (f"{match[1].rstrip('.')}.", match[2]) if match else (text, "")
-    return said
+        entries[entry.arg_name] = (f"{match[1].rstrip('.')}.", match[2]) if match else (text, "")
+    return entries
 
 
-def _parsed(docstring: object) -> Docstring:
+def _parse_docstring(docstring: object) -> Docstring:
     """A docstring; whatever else somebody has put in its place says nothing."""
     return parse(docstring if isinstance(docstring, str) else "", DocstringStyle.GOOGLE)
 
 
-def _row(option: Option, said: dict[str, tuple[str, str]]) -> OptionRow:
-    meaning, unit = said.get(option.name, ("", ""))
-    words = dict.fromkeys("table" if kind in option.parts else _word(kind) for kind in option.types)
-    return OptionRow(option.name, _written(option), " or ".join(words), unit, meaning)
+def _row(option: Option, entries: dict[str, tuple[str, str]]) -> OptionRow:
+    meaning, unit = entries.get(option.name, ("", ""))
+    words = dict.fromkeys("table" if kind in option.parts else _name_type(kind) for kind in option.types)
+    return OptionRow(option.name, _format_default(option), " or ".join(words), unit, meaning)
 
 
-def _word(kind: Any) -> str:
+def _name_type(kind: Any) -> str:
     return WORDS.get(kind, getattr(kind, "__name__", str(kind)))
 
 
-def _written(option: Option) -> str:
+def _format_default(option: Option) -> str:
     """An option's default as one would write it."""
     if option.default is REQUIRED:
         return ""

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from typer.exceptions import TyperException
 
-from crowdbench.cli.options import INTERRUPTED
-from crowdbench.errors import InputError, Interrupted, described
+from crowdbench.cli.console import say
+from crowdbench.utils.errors import InputError, Interrupted, describe_error
 
 DEBUG = "--debug"
+
+INTERRUPTED = 130
+"""The exit status after Ctrl-C."""
 
 NOTHING_KEPT = "interrupted: nothing was kept"
 
@@ -52,9 +57,27 @@ def failure(error: BaseException) -> Failure | None:
     if getattr(sys.stdout, "closed", True):
         return Failure("the output cannot be written: a plug-in has closed it", 1)
     told = f"please report it, with the traceback that {DEBUG} shows"
-    return Failure(_one_line(f"an error in crowdbench itself, {described(error)}: {told}"), INTERNAL)
+    return Failure(_one_line(f"an error in crowdbench itself, {describe_error(error)}: {told}"), INTERNAL)
 
 
 def _one_line(text: str) -> str:
     line = " ".join(text.split())
     return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+
+
+@contextlib.contextmanager
+def exit_on_interrupt(kept: str | Callable[[], str] = "") -> Iterator[None]:
+    """Say what an interrupted command has kept, and exit. Typer would end the command without a word.
+
+    Args:
+        kept: What is kept, or what says it after the interrupt. If empty, what the interrupt itself says is printed;
+            an interrupt that says nothing is passed on.
+    """
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        sentence = f"interrupted: {kept if isinstance(kept, str) else kept()}" if kept else str(error)
+        if not sentence:
+            raise
+        say(f"crowdbench: {sentence}")
+        sys.exit(INTERRUPTED)

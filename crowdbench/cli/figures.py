@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from crowdbench.cli.options import FormatOption
-from crowdbench.errors import InputError
-from crowdbench.evaluate.formats import Format, written
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Format, format_tables
 
 
 class Kind(StrEnum):
@@ -32,7 +32,7 @@ def table(
     """Print a table of runs: the means of metrics with 95 % intervals."""
     from crowdbench.figures.table import table as made
 
-    print(written([made(directories, metric or [])], format))
+    print(format_tables([made(directories, metric or [])], format))
 
 
 def plot(
@@ -80,7 +80,7 @@ def render(
     from crowdbench.cli.console import say
     from crowdbench.cli.results import recording_of
     from crowdbench.figures import episode
-    from crowdbench.record.read import read
+    from crowdbench.record.contents import read
 
     if strip is not None and out.suffix in episode.FILMS:
         raise InputError("--strip draws a figure: leave it out, or give a .pdf, .svg or .png file with --out")

@@ -1,10 +1,9 @@
-"""Options that several commands have, and how tables are printed."""
+"""Options that several commands have."""
 
 from __future__ import annotations
 
 import json
 import os
-import sys
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,11 +11,8 @@ from typing import Annotated, Any
 
 import typer
 
-from crowdbench.errors import InputError
-from crowdbench.evaluate.formats import Format
-
-INTERRUPTED = 130
-"""The exit status after Ctrl-C."""
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Format
 
 PlannerOption = Annotated[
     str, typer.Option(help="Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.")
@@ -108,15 +104,15 @@ def assignments(texts: Iterable[str], flag: str) -> dict[str, Any]:
         if not equals or not key.strip():
             raise InputError(f"{flag} {text!r} sets nothing: write {flag} key=value")
         try:
-            pairs[key.strip()] = _read(value)
+            pairs[key.strip()] = _parse_value(value)
         except InputError as error:
             raise InputError(f"{flag} {key.strip()} cannot be used: {error}") from None
     return pairs
 
 
-def _read(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     """A value as it is written in TOML; a text where it is none."""
-    from crowdbench.toml_file import toml
+    from crowdbench.utils.toml import toml
 
     try:
         read = toml(f"value = {text}")
@@ -127,14 +123,3 @@ def _read(text: str) -> Any:
     except (tomllib.TOMLDecodeError, TypeError, ValueError):
         return text
     return read["value"] if len(read) == 1 else text
-
-
-def print_table(table: Any) -> None:
-    """Print a table of rich under its title."""
-    from rich.console import Console
-
-    # On a line of its own, because a table wraps its title at the table's width.
-    print(table.title)
-    table.title = None
-    # A file or a pipe has no width to fit. Brackets are units, not rich's markup.
-    Console(width=None if sys.stdout.isatty() else 200, markup=False).print(table)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.options import DataOption, JsonOption, MetricOption, print_table
-from crowdbench.errors import InputError
-from crowdbench.evaluate.formats import Format, written
+from crowdbench.cli.options import DataOption, JsonOption, MetricOption
+from crowdbench.cli.tables import interval, number, print_table, result_table
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Format, Grid, format_tables
+
+if TYPE_CHECKING:
+    from crowdbench.runs.compare import Comparison
+    from crowdbench.runs.results import Episodes
 
 
 def compare(
@@ -26,29 +31,57 @@ def compare(
 ) -> None:
     """Compare runs with one of them, paired by case."""
     from crowdbench.cli.console import say
-    from crowdbench.cli.tables import changed_cases, comparison_table, grid_table
-    from crowdbench.evaluate.compare import compare_to
     from crowdbench.figures.table import comparison
+    from crowdbench.runs.compare import compare_to
 
     found = compare_to(reference, others)
     for doubt in dict.fromkeys(doubt for one in found for doubt in one.doubts):
         say(f"crowdbench: {doubt}")
     if format is not None:
-        print(written([comparison(found, metric or [])], format))
+        print(format_tables([comparison(found, metric or [])], format))
         return
     if len(found) == 1 and not metric:
-        print_table(comparison_table(found[0]))
+        table = comparison_table(found[0])
     else:
         cases = ", ".join(dict.fromkeys(str(one.cases) for one in found))
-        print_table(
-            grid_table(f"Compared with {found[0].names[0]}: {cases} shared cases", comparison(found, metric or []))
-        )
+        grid = comparison(found, metric or [])
+        title = f"Compared with {found[0].names[0]}: {cases} shared cases"
+        table = Grid(title, grid.header, grid.rows, align="ll".ljust(len(grid.header), "r"))
+    print_table(table)
     print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
     print("over the cases that both runs solve. Intervals are of the paired difference.")
     if len(found) > 1:
         print(f"The p-values of a metric are corrected for the number of runs, {len(found)} (Holm 1979).")
     for one in found:
         print(changed_cases(one) or f"No case ends differently in {one.names[1]}.")
+
+
+def comparison_table(found: Comparison) -> Grid:
+    """Two runs side by side, with their paired differences."""
+    rows = []
+    for name, row in found.rows.items():
+        if row.difference.n:
+            share = row.p is not None
+            values = (number(value, share) + (" %" if share else "") for value in (row.a, row.b))
+            difference = number(row.difference.mean, share), interval(row.difference.low, row.difference.high, share)
+            rows.append((name, *values, *difference, "" if row.p is None else f"{row.p:.2g}"))
+    a, b = found.names
+    title = f"{a} and {b}: {found.cases} shared cases, {found.both_solved} solved by both"
+    return Grid(title, ("metric", a, b, "difference", "95 % interval", "p"), rows, align="lrrrlr")
+
+
+def changed_cases(found: Comparison) -> str:
+    """A line for each pair of different outcomes, with the cases that ended so."""
+    from crowdbench.core.types import Outcome
+
+    groups: dict[tuple[int, int], list[int]] = {}
+    for case, one, two in found.changed:
+        groups.setdefault((one, two), []).append(case)
+    lines = []
+    for (one, two), cases in sorted(groups.items()):
+        labels = f"{found.names[0]} {Outcome(one).label}, {found.names[1]} {Outcome(two).label}"
+        lines.append(f"{labels} ({len(cases)}): {', '.join(map(str, cases))}")
+    return "\n".join(lines)
 
 
 def view(
@@ -80,12 +113,7 @@ def view(
         shared = set.intersection(*(set(viewer.recorded_cases(path)) for path in paths))
         case = _worst(runs[0], worst, sorted(shared))
         print(f"case {case}")
-    if len(paths) == 1:
-        viewer.view(paths[0], case, screenshot, seconds=time, web=web)
-    elif case is None:
-        raise InputError("several runs are shown side by side in one case: give --case 37 or --worst METRIC")
-    else:
-        viewer.view_beside(paths, case, screenshot, seconds=time, web=web)
+    viewer.view(paths, case, screenshot, seconds=time, web=web)
 
 
 def _worst(run: Path, metric: str, recorded: list[int]) -> int:
@@ -101,8 +129,8 @@ def _worst(run: Path, metric: str, recorded: list[int]) -> int:
     """
     import numpy as np
 
-    from crowdbench.evaluate.metrics import MORE_IS_BETTER
-    from crowdbench.evaluate.results import EPISODES, Episodes
+    from crowdbench.metrics import MORE_IS_BETTER
+    from crowdbench.runs.results import EPISODES, Episodes
 
     if not run.is_dir():
         raise InputError(f"--worst needs the directory of a run, whose {EPISODES} has the metrics, not {run}")
@@ -149,17 +177,16 @@ def score(
         raise InputError("--data is for --replay: a recording says where everybody walked")
     if pedestrians:
         raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
-    from crowdbench import catalog
     from crowdbench.cli.console import say
-    from crowdbench.cli.tables import episodes_table, result_table
-    from crowdbench.evaluate.results import RECORDING
-    from crowdbench.evaluate.score import score as measure
-    from crowdbench.evaluate.seal import doubts
+    from crowdbench.metrics.load import load_metrics
+    from crowdbench.runs.manifest import doubts
+    from crowdbench.runs.results import RECORDING
+    from crowdbench.runs.score import score as measure
 
     if recording.is_dir():
         for doubt in doubts(recording, (RECORDING,)):
             say(f"crowdbench: {doubt}")
-    metrics = catalog.load_metrics(metric or [])
+    metrics = load_metrics(metric or [])
     scored = measure(recording_of(recording), metrics)
     if as_json:
         print(json.dumps(scored.to_json(), indent=2))
@@ -167,7 +194,21 @@ def score(
         title = f"{scored.planner} on {scored.scenario}, from {recording}"
         print_table(result_table(title, scored.to_json(), metrics))
     else:
-        print_table(episodes_table(scored.cases, scored.episodes))
+        print_table(_episodes_table(scored.cases, scored.episodes))
+
+
+def _episodes_table(cases: int, episodes: Episodes) -> Grid:
+    """The episodes of a recording that lacks some of `cases`: no means, which would be biased."""
+    from crowdbench.core.types import Outcome
+    from crowdbench.metrics import METRICS
+
+    title = f"{len(episodes)} of {cases} cases are recorded; rates over these alone would be biased"
+    shown = ["navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk"]
+    shown += [name for name in episodes.columns if name not in METRICS]
+    outcomes = [Outcome(outcome).label for outcome in episodes.outcome]
+    values = ([number(value) for value in episodes.columns[name]] for name in shown)
+    rows = list(zip(map(str, episodes.case.tolist()), outcomes, *values, strict=True))
+    return Grid(title, ("case", "outcome", *shown), rows, align="rl".ljust(2 + len(shown), "r"))
 
 
 def _replay(
@@ -176,17 +217,19 @@ def _replay(
     """Print what a replay finds, and exit with 1 if anything differs."""
     from crowdbench import catalog
     from crowdbench.cli.console import announce_compilation, progress
-    from crowdbench.evaluate.replay import RunFiles, replay
-    from crowdbench.evaluate.results import RESULT
+    from crowdbench.metrics.load import load_metrics
+    from crowdbench.runs.replay import replay
+    from crowdbench.runs.results import RESULT
+    from crowdbench.runs.store import RunResult
 
     announce_compilation()
-    measured = catalog.load_metrics(metrics)
-    files = RunFiles.read(directory)
+    measured = load_metrics(metrics)
+    run = RunResult.read_unchecked(directory)
     source = str(directory / RESULT)
-    scenario = catalog.load_recorded_scenario(files.result["scenario"], source, pedestrians, layout, data)
-    cases = len(files.commands.case)
+    scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians, layout, data)
+    cases = len(run.commands.case)
     with progress(cases, f"of {cases} cases") as tell:
-        found = replay(files, scenario, measured, tell)
+        found = replay(run, scenario, measured, tell)
     print(json.dumps(found.to_json(), indent=2) if as_json else found)
     if found.differences:
         sys.exit(1)
@@ -194,6 +237,6 @@ def _replay(
 
 def recording_of(path: Path) -> Path:
     """The recording of a run, given by its directory or by the file itself."""
-    from crowdbench.evaluate.results import RECORDING
+    from crowdbench.runs.results import RECORDING
 
     return path / RECORDING if path.is_dir() else path

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdbench.cli.failures import exit_on_interrupt
 from crowdbench.cli.options import (
-    INTERRUPTED,
     CasesOption,
     DataOption,
     JsonOption,
@@ -27,18 +25,16 @@ from crowdbench.cli.options import (
     ThreadsOption,
     assignments,
     is_on_ray,
-    print_table,
     use_threads,
 )
-from crowdbench.errors import InputError
-from crowdbench.evaluate.replanning import LOOK_FIRST, Replanning
-from crowdbench.settings import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
+from crowdbench.cli.tables import print_table, result_table
+from crowdbench.runs.spec import LOOK_FIRST, Replanning
+from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
+from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
-    from crowdbench.evaluate.metrics import Metric
-    from crowdbench.evaluate.shard import Shard
-    from crowdbench.evaluate.wanted import Wanted
-    from crowdbench.spec import RunSpec
+    from crowdbench.metrics import Metric
+    from crowdbench.runs.run import Run
 
 RECORD_HELP = (
     f"What to record: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and the first "
@@ -55,13 +51,8 @@ UNHEEDED = (
 
 
 def run(
-    context: typer.Context,
     planner: PlannerOption,
     scenario: ScenarioOption = "circle_crossing_5",
-    board: Annotated[
-        str | None,
-        typer.Option(help="Instead of a scenario: all those of a board, by its rules and on its public cases."),
-    ] = None,
     cases: CasesOption = "500",
     option: OptionOption = None,
     overrides: SetOption = None,
@@ -98,30 +89,15 @@ def run(
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive a planner through the cases of a scenario, or of all scenarios of a board, and score it."""
+    """Drive a planner through the cases of a scenario, and score it."""
     on_ray = is_on_ray(on)
     use_threads(None if on_ray else threads)
-    if board is not None:
-        from crowdbench.cli.run_board import check_alone, is_given, run_board
-
-        check_alone(context)
-        with interrupts_told():
-            run_board(
-                board,
-                planner,
-                assignments(option or [], "--option"),
-                cases if is_given(context, "cases") else None,
-                data,
-                out,
-                as_json,
-            )
-        return
     from crowdbench.cli.console import announce_compilation, progress, say
-    from crowdbench.evaluate import run as runs
-    from crowdbench.evaluate.results import planner_label
-    from crowdbench.evaluate.shard import WHOLE, Shard
+    from crowdbench.runs.load import open_run
+    from crowdbench.runs.results import read_result
+    from crowdbench.runs.shards import WHOLE, Shard, make_run
+    from crowdbench.runs.spec import RunSpec, directory_name
     from crowdbench.scenario.cases import Cases
-    from crowdbench.spec import RunSpec
 
     if record not in RECORD:
         raise InputError(f"--record {record} is not one of {', '.join(RECORD)}")
@@ -142,56 +118,39 @@ def run(
         data.absolute() if data else None,  # workers of a cluster have other working directories
     )
     own = Shard.parse(shard) if shard else WHOLE
-    with interrupts_told(), spec.loaded() as wanted, progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell:
-        wanted.scenario.check_data(data)
-        changes = {**spec.options, **spec.changes, **spec.replanning.settings}
-        name = runs.directory_name(wanted.driver.name, wanted.scenario.name, spec.cases, changes)
-        say_of_training(wanted)
-        if wanted.scenario.certificates is not None:
-            say(f"crowdbench: {wanted.scenario.certificates.sentence(wanted.scenario, wanted.cases)}")
-        directory = out or Path("runs") / name
+    with (
+        exit_on_interrupt(),
+        open_run(spec) as loaded,
+        progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell,
+    ):
+        loaded.scenario.check_data(data)
+        say_of_training(loaded)
+        if loaded.scenario.certificates is not None:
+            say(f"crowdbench: {loaded.scenario.certificates.sentence(spec.cases)}")
+        directory = out or Path("runs") / directory_name(loaded.driver.name, loaded.scenario.name, spec)
         if on_ray:
-            _make_on_ray(spec, wanted, directory, own, overwrite, threads, tell)
-        finished = runs.make(wanted, directory, shard=own, overwrite=overwrite, progress=None if on_ray else tell)
-    if finished.result is None:
-        there = f"{finished.cases} of {len(spec.cases)} cases are in {finished.folder}"
-        say(f"crowdbench: {there}; the shard that ends last puts all of them together")
-    elif as_json:
-        print(json.dumps(finished.result, indent=2))
-    else:
-        changed = "".join(f", {key}={value}" for key, value in spec.changes.items())
-        label = planner_label(wanted.driver.name, spec.options, spec.replanning.settings)
-        print_result(f"{label} on {wanted.scenario.name}{changed}", finished.result, wanted.metrics, directory)
+            from crowdbench.runs.on_ray import make_run_on_ray
+
+            make_run_on_ray(loaded, directory, own, overwrite, cpus=threads or 1, progress=tell)
+        there = make_run(loaded, directory, shard=own, overwrite=overwrite, progress=None if on_ray else tell)
+    if not there.is_whole:
+        kept = f"{there.cases} of {len(spec.cases)} cases are in {there.folder}"
+        say(f"crowdbench: {kept}; the shard that ends last puts all of them together")
+        return
+    result = read_result(directory)
+    changed = "".join(f", {key}={value}" for key, value in spec.changes.items())
+    title = f"{loaded.label} on {loaded.scenario.name}{changed}"
+    print_result(title, result, loaded.metrics, directory, as_json)
 
 
-def say_of_training(wanted: Wanted) -> None:
+def say_of_training(run: Run) -> None:
     """Says where a scenario has more pedestrians than its planner was trained with."""
     from crowdbench.cli.console import say
 
-    trained, most = wanted.driver.planner.trained_pedestrians, wanted.scenario.max_agents - 1
+    trained, most = run.driver.planner.trained_pedestrians, run.scenario.max_agents - 1
     if trained is not None and most > trained:
-        numbers = f"{trained} pedestrian{'s'[: trained != 1]} at most, but {wanted.scenario.name} has {most}"
-        say(f"crowdbench: planner {wanted.driver.name} was trained with {numbers}: its figures may be worse for that")
-
-
-def _make_on_ray(
-    spec: RunSpec,
-    wanted: Wanted,
-    directory: Path,
-    shard: Shard,
-    overwrite: bool,
-    threads: int | None,
-    tell: Callable[[float], None],
-) -> None:
-    """Have the workers of a Ray cluster make the parts of a run, or of a shard of it."""
-    from crowdbench import cluster
-    from crowdbench.evaluate.directory import check_free
-    from crowdbench.evaluate.run import parts_of
-
-    check_free(directory, overwrite)
-    parts = parts_of(wanted, directory)
-    with parts.told():
-        cluster.make_parts([cluster.Job(spec, parts, shard.own(parts.cases))], cpus=threads or 1, progress=tell)
+        numbers = f"{trained} pedestrian{'s'[: trained != 1]} at most, but {run.scenario.name} has {most}"
+        say(f"crowdbench: planner {run.driver.name} was trained with {numbers}: its figures may be worse for that")
 
 
 def merge(
@@ -202,53 +161,40 @@ def merge(
     as_json: JsonOption = False,
 ) -> None:
     """Make one run of several, whose cases follow each other."""
-    from crowdbench import catalog
     from crowdbench.cli.console import say
-    from crowdbench.evaluate import merge as merging
-    from crowdbench.evaluate import parts
-    from crowdbench.evaluate.results import planner_label, replanning_of
+    from crowdbench.metrics.load import load_metrics
+    from crowdbench.runs.merge import merge as merge_runs
+    from crowdbench.runs.results import result_label
+    from crowdbench.runs.shards import REQUEST, find_finished
 
-    metrics = catalog.load_metrics(metric or [])
+    metrics = load_metrics(metric or [])
     is_whole = True
-    if all((run / parts.REQUEST).exists() for run in runs):
-        runs, is_whole = parts.finished(runs)
+    if all((run / REQUEST).exists() for run in runs):
+        runs, is_whole = find_finished(runs)
         if not is_whole:
             say("crowdbench: parts are missing: what is merged ends before the first of them")
-    result = merging.merge(runs, out, overwrite, interrupted=not is_whole)
-    if as_json:
-        print(json.dumps(result, indent=2))
-        return
-    label = planner_label(result["planner"], result["options"], replanning_of(result))
-    print_result(f"{label} on {result['scenario']['name']}", result, metrics, out)
+    result = merge_runs(runs, out, overwrite, interrupted=not is_whole)
+    print_result(f"{result_label(result)} on {result['scenario']['name']}", result, metrics, out, as_json)
 
 
-@contextlib.contextmanager
-def interrupts_told() -> Iterator[None]:
-    """Says what an interrupted run has kept, and exits. Typer would end the command without a word."""
-    from crowdbench.cli.console import say
-
-    try:
-        yield
-    except KeyboardInterrupt as error:
-        if not str(error):
-            raise
-        say(f"crowdbench: {error}")
-        sys.exit(INTERRUPTED)
-
-
-def print_result(what: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path) -> None:
-    """Print the table of a run, and where its files are.
+def print_result(
+    title: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path, as_json: bool
+) -> None:
+    """Print the table of a run, and where its files are, or its result as JSON.
 
     Args:
-        what: The title of the table.
+        title: The title of the table.
         result: The run's `result.json`.
         metrics: The metrics that it has, by name.
         directory: Where its files are.
+        as_json: Whether to print JSON.
     """
-    from crowdbench.cli.tables import result_table
-    from crowdbench.scenario.tracked import RECORDED
+    if as_json:
+        print(json.dumps(result, indent=2))
+        return
+    from crowdbench.scenario.recorded import RECORDED
 
-    print_table(result_table(f"{what}, cases {result['cases']}", result, metrics))
+    print_table(result_table(f"{title}, cases {result['cases']}", result, metrics))
     if "tracks" in result["scenario"]:
         policy = result["scenario"]["pedestrians"]["policy"]
         print(f"\nIntervals are over the {result['blocks']} blocks of recorded time that the cases are from.")

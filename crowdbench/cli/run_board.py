@@ -1,110 +1,84 @@
-"""What `crowdbench run --board` does: a planner drives the public cases of every scenario of a board."""
+"""The command that drives a planner through the public cases of every scenario of a board."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crowdbench.cli.boards import ROOT
-from crowdbench.cli.options import print_table
-from crowdbench.errors import InputError, MachineFault
+from crowdbench.cli.failures import exit_on_interrupt
+from crowdbench.cli.options import (
+    DataOption,
+    JsonOption,
+    OptionOption,
+    PlannerOption,
+    ThreadsOption,
+    assignments,
+    use_threads,
+)
+from crowdbench.cli.tables import board_table, print_table
+from crowdbench.utils.errors import InputError, MachineFault
 
 if TYPE_CHECKING:
-    from crowdbench.study.planned import PlannedRun
-
-GIVEN = {"board", "planner", "option", "cases", "data", "out", "threads", "as_json"}
-"""The parameters of `crowdbench run` that a user may give beside `--board`."""
-
-
-def is_given(context: typer.Context, parameter: str) -> bool:
-    """Whether the user gave a parameter of the command, rather than its default."""
-    source = context.get_parameter_source(parameter)
-    return source is not None and source.name == "COMMANDLINE"  # typer's own enumeration is not public
-
-
-def check_alone(context: typer.Context) -> None:
-    """Refuse options that a board decides.
-
-    Args:
-        context: Of the command `run`.
-
-    Raises:
-        InputError: One of them was given.
-    """
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if name not in GIVEN and is_given(context, name):
-            raise InputError(f"{parameter.opts[0]} does not go with --board: the board decides it")
+    from crowdbench.runs.run import Run
 
 
 def run_board(
-    name: str,
-    planner: str,
-    options: Mapping[str, Any],
-    cases: str | None,
-    data: Path | None,
-    out: Path | None,
-    as_json: bool,
+    board: Annotated[str, typer.Argument(help="The name of a board.")],
+    planner: PlannerOption,
+    option: OptionOption = None,
+    cases: Annotated[
+        str | None, typer.Option(help="The cases of each scenario.", show_default="the public cases of the board")
+    ] = None,
+    data: DataOption = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder that keeps the runs.", show_default="runs/board-BOARD")
+    ] = None,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Drive a planner through all scenarios of a board by its rules, and print its figures.
 
     The runs are kept as a study's are: the same command makes only those that are missing.
-
-    Args:
-        name: The board's name.
-        planner: As `crowdbench run --planner` takes it.
-        options: The planner's options by name.
-        cases: The cases of each scenario; None for the board's public ones.
-        data: The folder with the recorded tracks that the board needs, if any.
-        out: The folder of the runs; None for one of the board's name in `runs/`.
-        as_json: Whether to print JSON.
-
-    Raises:
-        InputError: There is no such board, or the planner can drive in none of its scenarios.
     """
+    use_threads(threads)
     from crowdbench.boards.board import find_board
-    from crowdbench.boards.standings import board_figures, estimates
+    from crowdbench.boards.standings import board_figures, read_estimates
     from crowdbench.cli.console import announce_compilation
-    from crowdbench.cli.tables import board_table
-    from crowdbench.evaluate.formats import plain
+    from crowdbench.runs.load import load_run
+    from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
-    from crowdbench.study.planned import PlannedRun
+    from crowdbench.study.folder import run_directory
+    from crowdbench.utils.tables import plain
 
-    board = find_board(name, ROOT).with_data(data)
-    wanted = Cases.parse(cases) if cases else board.public_cases
-    runs = {
-        each.name: PlannedRun.of(
-            planner,
-            options,
-            each.name,
-            wanted,
-            overrides=board.overrides(None),
-            replanning=board.replanning,
-            data=data,
-        )
-        for each in board.scenarios
-    }
+    rules = find_board(board, ROOT).with_data(data)
+    asked = Cases.parse(cases) if cases else rules.public_cases
+    options, overrides = assignments(option or [], "--option"), rules.overrides(None)
+    base = RunSpec(planner, "", asked, options, overrides, replanning=rules.replanning, record="none", data=data)
+    runs = {name: load_run(replace(base, scenario=name)) for name in rules.scenarios}
     announce_compilation()
-    directory = out or Path("runs") / f"board-{board.name}"
-    failed = _make(runs, directory)
+    directory = out or Path("runs") / f"board-{rules.name}"
+    with exit_on_interrupt():
+        failed = _make(runs, directory)
     found = {
-        each: {} if each in failed else estimates(directory / run.directory, board.metrics)
+        each: {} if each in failed else read_estimates(run_directory(run, directory), rules.metrics)
         for each, run in runs.items()
     }
-    found[f"board {board.name}"] = board_figures(board, dict(found))
+    found[f"board {rules.name}"] = board_figures(rules, dict(found))
     if as_json:
-        print(json.dumps(plain({"board": board.name, "cases": str(wanted), "metrics": found}), indent=2))
+        print(json.dumps(plain({"board": rules.name, "cases": str(asked), "metrics": found}), indent=2))
     else:
         driver = next(iter(runs.values())).driver.name
-        print_table(board_table(f"{driver} on board {board.name}, cases {wanted} of each scenario", found))
+        print_table(board_table(f"{driver} on board {rules.name}, cases {asked} of each scenario", found))
         print(f"\nKept in {directory}")
 
 
-def _make(runs: Mapping[str, PlannedRun], out: Path) -> dict[str, str]:
+def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
     """Make runs that are not there yet.
 
     Args:
@@ -118,13 +92,14 @@ def _make(runs: Mapping[str, PlannedRun], out: Path) -> dict[str, str]:
         InputError: It can drive in none.
     """
     from crowdbench.cli.console import progress, say
+    from crowdbench.study.folder import make_in_folder
 
     failed: dict[str, str] = {}
     for scenario, run in runs.items():
-        say(f"{scenario}, cases {run.cases}")
+        say(f"{scenario}, cases {run.spec.cases}")
         try:
-            with progress(len(run.cases), f"of {len(run.cases)} cases") as tell:
-                run.make(out, tell)
+            with progress(len(run.spec.cases), f"of {len(run.spec.cases)} cases") as tell:
+                make_in_folder(run, out, tell)
         except MachineFault:
             raise
         except InputError as error:

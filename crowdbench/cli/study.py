@@ -1,17 +1,16 @@
-"""The commands that make the runs of a study and print its tables."""
+"""The commands that print pages: the tables of a study, the paper's, and how crowds of a policy behave."""
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crowdbench.cli.failures import exit_on_interrupt
 from crowdbench.cli.options import (
-    INTERRUPTED,
     DataOption,
     FormatOption,
     OnOption,
@@ -19,11 +18,14 @@ from crowdbench.cli.options import (
     is_on_ray,
     use_threads,
 )
-from crowdbench.evaluate.formats import Format
+from crowdbench.utils.tables import Format
 
 if TYPE_CHECKING:
-    from crowdbench.study.planned import PlannedRun
-    from crowdbench.study.tables import FilledTable
+    from crowdbench.runs.run import Run
+    from crowdbench.study.study import FilledTable
+
+SHIPPED = ("orca", "social_force")
+"""The pedestrian policies whose crowds are measured unless others are named."""
 
 ShardOption = Annotated[
     str | None,
@@ -44,14 +46,14 @@ def study(
 ) -> None:
     """Make the runs of a study that are not there yet, and print its tables in Markdown."""
     use_threads(None if is_on_ray(on) else threads)
-    from crowdbench.study.file import read_study
-    from crowdbench.study.tables import page
+    from crowdbench.study.study import read_study
 
-    asked = read_study(file, data.absolute() if data else None)
-    directory = out or Path("runs") / f"study-{asked.name}"
-    _make(asked.runs, directory, shard, on, threads)
-    tables = [table.fill(directory) for table in asked.tables]
-    _print({"study": asked.name, "tables": tables}, tables, page(tables, asked.sources), format)
+    study = read_study(file, data.absolute() if data else None)
+    directory = out or Path("runs") / f"study-{study.name}"
+    _make(study.runs, directory, shard, on, threads)
+    tables = study.fill(directory)
+    command = f"study {file}{' --data DIR' if data else ''}"
+    _print({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
 
 
 def reproduce(
@@ -70,12 +72,47 @@ def reproduce(
     after them.
     """
     use_threads(None if is_on_ray(on) else threads)
-    from crowdbench.study import reproduction
+    from crowdbench.study.claims import tally
+    from crowdbench.study.planners import FilledPlannersTable
+    from crowdbench.study.study import read_reproduction
 
-    asked = reproduction.tables(table, quick)
-    _make([run for each in asked for run in each.runs], out, shard, on, threads)
-    report = reproduction.report(asked, quick, out)
-    _print(report, report.tables, report.markdown(), format)
+    study = read_reproduction(table, quick)
+    _make(study.runs, out, shard, on, threads)
+    tables = study.fill(out)
+    claims = [claim for each in tables if isinstance(each, FilledPlannersTable) for claim in each.claims]
+    command = f"reproduce{f' --table {table}' if table else ''}{' --quick' if quick else ''}"
+    page = f"{study.page(tables, command)}\n\n{tally(claims)}"
+    _print({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
+
+
+def validity(
+    policies: Annotated[
+        list[str] | None,
+        typer.Argument(help="Pedestrian policies, by name or ./mine.py.", show_default=" ".join(SHIPPED)),
+    ] = None,
+    threads: ThreadsOption = None,
+) -> None:
+    """Measure speed against density, lanes and flow through a door beside published figures, and print a page of them.
+
+    Takes about two minutes, and prints Markdown: docs/validity.md.
+    """
+    use_threads(threads)
+    from crowdbench.catalog import load_policy
+    from crowdbench.cli.console import announce_compilation, progress
+    from crowdbench.study.validity.experiments import run_experiment, settings
+    from crowdbench.study.validity.page import page
+
+    chosen = policies or list(SHIPPED)
+    for policy in chosen:
+        load_policy(policy)  # before minutes of work with another one
+    announce_compilation()
+    experiments = list(settings(chosen))
+    results = {}
+    with progress(len(experiments), f"of {len(experiments)} measurements") as tell:
+        for setting in experiments:
+            results[setting] = run_experiment(setting)
+            tell(1)
+    print(page(results, " ".join(["validity", *(policies or [])])))
 
 
 def _print(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:
@@ -87,66 +124,67 @@ def _print(found: object, tables: Sequence[FilledTable], page: str, format: Form
         page: The page, in Markdown.
         format: How it is printed.
     """
-    from crowdbench.evaluate.formats import plain, written
+    from crowdbench.utils.tables import format_tables, plain
 
     if format is Format.JSON:
         print(json.dumps(plain(found), indent=2))
     elif format is Format.MARKDOWN:
         print(page)
     else:
-        print(written([grid for table in tables for grid in table.grids()], format))
+        print(format_tables([grid for table in tables for grid in table.grids()], format))
 
 
-def _make(runs: Sequence[PlannedRun], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:
+def _make(runs: Sequence[Run], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:
     """Make the runs that the folder `out` lacks; exits after an interrupt, and where other shards are missing."""
     from crowdbench.cli.console import announce_compilation, say
-    from crowdbench.evaluate.shard import WHOLE, Shard
-    from crowdbench.study.planned import missing
+    from crowdbench.runs.shards import WHOLE, Shard
+    from crowdbench.study.folder import describe_run, make_in_folder, missing_runs, run_directory
 
     announce_compilation()
-    lacking = missing(runs, out, Shard.parse(shard) if shard else WHOLE)
-    try:
+    lacking = missing_runs(runs, out, Shard.parse(shard) if shard else WHOLE)
+    with exit_on_interrupt(f"the same command goes on with the runs that are kept in {out}"):
         left = _make_on_ray(lacking, out, threads or 1) if is_on_ray(on) and lacking else _make_here(lacking, out)
         for run in left:
-            say(f"another process is making {run.title}")
-            run.make(out)
-    except KeyboardInterrupt:
-        say(f"crowdbench: interrupted: the same command goes on with the runs that are kept in {out}")
-        sys.exit(INTERRUPTED)
-    if shard and (others := missing(runs, out)):
-        number = len({run.directory for run in runs})
+            say(f"another process is making {describe_run(run)}")
+            make_in_folder(run, out)
+    if shard and (others := missing_runs(runs, out)):
+        number = len({run_directory(run, out) for run in runs})
         there = f"{number - len(others)} of {number} runs are in {out}"
         say(f"crowdbench: {there}; the shard that ends last, or the same command without --shard, prints the tables")
         raise typer.Exit
 
 
-def _make_here(lacking: Sequence[PlannedRun], out: Path) -> list[PlannedRun]:
+def _make_here(lacking: Sequence[Run], out: Path) -> list[Run]:
     """Make runs, and return those that other processes are making."""
     from crowdbench.cli.console import progress, say
+    from crowdbench.study.folder import describe_run, make_in_folder
 
     left = []
     for number, run in enumerate(lacking, 1):
-        say(f"run {number} of {len(lacking)}: {run.title}")
+        say(f"run {number} of {len(lacking)}: {describe_run(run)}")
         # The time left is that of this run: a case of another planner may take a hundred times as long.
-        with progress(len(run.cases), f"of {len(run.cases)} cases of run {number}") as tell:
-            if not run.make(out, tell, wait=False):
+        cases = len(run.spec.cases)
+        with progress(cases, f"of {cases} cases of run {number}") as tell:
+            if not make_in_folder(run, out, tell, wait=False):
                 left.append(run)
     return left
 
 
-def _make_on_ray(lacking: Sequence[PlannedRun], out: Path, cpus: int) -> list[PlannedRun]:
+def _make_on_ray(lacking: Sequence[Run], out: Path, cpus: int) -> list[Run]:
     """Have the workers of a Ray cluster make runs, and return those that other processes are making."""
-    from crowdbench import cluster
     from crowdbench.cli.console import progress
+    from crowdbench.runs.on_ray import Job, make_parts
+    from crowdbench.runs.shards import Parts
+    from crowdbench.study.folder import make_in_folder, run_directory
 
     left = []
 
     def put_together(number: int) -> None:
-        if not lacking[number].make(out, wait=False):
+        if not make_in_folder(lacking[number], out, wait=False):
             left.append(lacking[number])
 
-    jobs = [cluster.Job(run.spec, parts, parts.cases) for run in lacking for parts in [run.parts(out)]]
-    cases = sum(len(run.cases) for run in lacking)
+    jobs = [Job(run.spec, parts, parts.cases) for run in lacking for parts in [Parts.of(run, run_directory(run, out))]]
+    cases = sum(len(run.spec.cases) for run in lacking)
     with progress(cases, f"of {cases} cases of {len(lacking)} runs") as tell:
-        cluster.make_parts(jobs, cpus=cpus, made=put_together, progress=tell)
+        make_parts(jobs, cpus=cpus, finished=put_together, progress=tell)
     return left

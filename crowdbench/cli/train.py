@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import inspect
-import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from crowdbench.cli.options import INTERRUPTED, SetOption, ThreadsOption, assignments, use_threads
-from crowdbench.errors import InputError
+from crowdbench.cli.failures import exit_on_interrupt
+from crowdbench.cli.options import SetOption, ThreadsOption, assignments, use_threads
 from crowdbench.train.method import MOST_SEED, SCENARIO
 from crowdbench.train.methods import METHODS, check_options, method_of, own_options
+from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.train.training_run import TrainingRun
@@ -106,8 +106,12 @@ def _run(running: TrainingRun) -> None:
     """Train to the end with progress, and print where the weights are."""
     from crowdbench.cli.console import progress, say
 
-    network = running.request.network
-    try:
+    def kept() -> str:
+        if not running.directory.exists():
+            return "nothing was kept yet"
+        return f"continue with crowdbench train {running.request.network} --resume {running.directory}"
+
+    with exit_on_interrupt(kept):
         with progress(1.0, "trained") as advance:
             shown = 0.0
 
@@ -121,15 +125,6 @@ def _run(running: TrainingRun) -> None:
         cases = running.request.card_cases
         with progress(cases, f"of {cases} cases for the card") as advance:
             weights = running.finish(advance)
-    except KeyboardInterrupt:
-        resumable = running.directory.exists()
-        left = (
-            f"continue with crowdbench train {network} --resume {running.directory}"
-            if resumable
-            else "nothing was kept yet"
-        )
-        say(f"crowdbench: interrupted: {left}")
-        sys.exit(INTERRUPTED)
     print(f"The weights are in {weights}; use them with crowdbench {running.request.use} --option weights={weights}")
 
 
@@ -137,12 +132,12 @@ def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
     """A signature with the options of the training methods instead of its last parameter, `**own`."""
     *common, _ = signature.parameters.values()
     own = []
-    for name, (option, networks) in own_options().items():
+    for name, (field, networks) in own_options().items():
         shown = typer.Option(
             f"--{name.replace('_', '-')}",
-            min=option.least,
-            help=f"{option.help}.",
-            show_default=str(option.default) if option.default else False,
+            min=field.metadata["least"],
+            help=f"{field.metadata['help']}.",
+            show_default=str(field.default) if field.default else False,
             rich_help_panel=f"Options for {', '.join(networks)} only",
         )
         own.append(
@@ -150,7 +145,7 @@ def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
                 name,
                 inspect.Parameter.KEYWORD_ONLY,
                 default=None,
-                annotation=Annotated[option.type | None, shown],
+                annotation=Annotated[get_type_hints(METHODS[networks[0]])[name] | None, shown],
             )
         )
     return signature.replace(parameters=[*common, *own])

@@ -2,7 +2,7 @@
 
 The first six numbers are of the observing agent, the next six of each other agent, in metres and m/s. Positions are
 relative to the observing agent; the axes are those of the world, not turned with the agent. The goal is the local goal
-(`crowdbench.geometry.local_goals`):
+(`crowdbench.core.geometry.local_goals`):
 
     observing agent: goal x, goal y, velocity x, velocity y, radius, preferred speed
     other agent:     position x, position y, velocity x, velocity y, radius, 1.0
@@ -14,21 +14,36 @@ observes the nearest others only (`Sensor.nearest`).
 
 from __future__ import annotations
 
-from typing import no_type_check
+import dataclasses
+from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from crowdbench.compiled import njit
-from crowdbench.dynamics import hull
+from crowdbench.core.dynamics import hull
+from crowdbench.core.types import PERFECT, Observation, World
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells, nearest_of_all
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
-from crowdbench.sim.simulator import with_hull
-from crowdbench.types import Observation, World
+from crowdbench.sim.simulator import with_bounding_disc
+from crowdbench.utils.compiled import njit
 
 AGENT_FEATURES = 6
 """Numbers per agent in an observation."""
+
+_OF_AGENTS = ("position", "velocity", "origin", "goal", "route", "waypoint", "radius", "preferred_speed")
+
+
+class _Agents(NamedTuple):
+    """What observations are made of. Positions and goals are in metres, velocities in m/s, as in a `World`."""
+
+    position: Float[np.ndarray, "world agent 2"]
+    velocity: Float[np.ndarray, "world agent 2"]
+    radius: Float[np.ndarray, "world agent"]
+    goal: Float[np.ndarray, "world agent 2"]
+    preferred_speed: Float[np.ndarray, "world agent"]
+    present: Bool[np.ndarray, "world agent"]  # who observes
+    seen: Bool[np.ndarray, "world agent"]  # whom pedestrians see
 
 
 def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
@@ -45,66 +60,91 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
     """The observation of each agent; zeros for agents that are not present.
 
     Row 0 is `flatten(observe(world))`: only the vehicle's sight can be limited. Pedestrians do not see a vehicle that
-    is not visible.
+    is not visible. Where each agent sees the nearest others only, these are in their order.
     """
     worlds, agents = world.radius.shape
-    if world.rules.sensor.nearest is not None and world.rules.sensor.nearest < agents - 1:
-        return _flatten_nearest(world, world.rules.sensor.nearest)
-    out = np.zeros((worlds, agents, AGENT_FEATURES * agents))
-    shown = with_hull(world)
-    _flatten(
-        shown.position,
-        world.velocity,
-        shown.radius,
-        world.present,
-        goals_on_way(world),
-        world.preferred_speed,
-        world.rules.visible,
-        out,
-    )
-    if not world.rules.sensor.sees_all:
+    shown, sensor = with_bounding_disc(world), world.rules.sensor
+    seen = world.present
+    if not world.rules.visible:
+        seen = seen.copy()
+        seen[:, 0] = False
+    own = goals_on_way(world), world.preferred_speed
+    everybody = shown.position, world.velocity, shown.radius, *own, world.present, seen
+    number = min(sensor.nearest or agents, agents - 1)
+    out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + number)))
+    if number < agents - 1:
+        _flatten_nearest(*everybody, cells_of(shown.position, seen), number, out)
+    else:
+        _flatten(*everybody, out)
+    if number < agents - 1 or not sensor.sees_all:
         out[:, 0] = flatten(observe(world))
     return out
 
 
-def _flatten_nearest(world: World, number: int) -> Float[np.ndarray, "world agent features"]:
-    """`flatten_everybody` where each agent sees the nearest others only, in their order."""
-    worlds, agents = world.radius.shape
-    out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + number)))
-    shown = with_hull(world)
-    seen = world.present.copy()
-    seen[:, 0] &= world.rules.visible
-    own = goals_on_way(world), world.preferred_speed
-    cells = cells_of(shown.position, seen)
-    _fill_nearest(shown.position, world.velocity, shown.radius, world.present, seen, *own, cells, number, out)
-    out[:, 0] = flatten(observe(world))
-    return out
+def ego_views(world: World) -> World:
+    """A world for each agent of one world, in which that agent is agent 0 and the others follow in their order.
+
+    So what is written for the vehicle serves pedestrians too. A pedestrian's world lacks a vehicle that is not visible.
+    Everybody sees everybody exactly and at once: a sensor is the vehicle's alone. Headings, histories, persons, groups,
+    policies, parameters and memories are those of the world as it was: they are of the vehicle and of the pedestrians
+    in their own order.
+    """
+    agents = world.radius.shape[1]
+    order = np.arange(agents)
+    agent = np.where(order[None] == 0, order[:, None], order - (order[None] <= order[:, None]))
+    worlds = world.take(np.zeros(agents, np.int64))
+    present = world.present[0][agent]
+    present[1:, 1] &= world.rules.visible
+    rules = world.rules if world.rules.sensor == PERFECT else dataclasses.replace(world.rules, sensor=PERFECT)
+    ordered = {name: getattr(world, name)[0][agent] for name in _OF_AGENTS}
+    return worlds.replace(present=present, rules=rules, sight={}, **ordered)
 
 
 @no_type_check
 @njit
-def _fill_nearest(position, velocity, radius, present, seen, goal, preferred_speed, cells, number, out):
-    """Write the observations of all agents that see the nearest others only.
+def _flatten_vehicle(position, velocity, radius, goal, preferred_speed, positions, velocities, radii, seen, out):
+    """Write the observations of vehicles `[world, features]`: their own arrays first, then those of pedestrians."""
+    for w in range(len(out)):
+        x, y = position[w, 0], position[w, 1]
+        _write_viewer(out[w], x, y, goal[w], velocity[w], radius[w], preferred_speed[w])
+        for p in range(radii.shape[1]):
+            if seen[w, p]:
+                _write_other(out[w], 1 + p, x, y, positions[w, p], velocities[w, p], radii[w, p])
 
-    Args:
-        position: `[world, agent, 2]`, in metres.
-        velocity: `[world, agent, 2]`, in m/s.
-        radius: `[world, agent]`, in metres.
-        present: `[world, agent]`, whether the agent observes.
-        seen: `[world, agent]`, whether the agent can be seen by pedestrians.
-        goal: `[world, agent, 2]`, in metres.
-        preferred_speed: `[world, agent]`, in m/s.
-        cells: `Cells`, or None.
-        number: How many others each agent sees.
-        out: `[world, agent, features]`, zeros, filled.
-    """
+
+@no_type_check
+@njit
+def _flatten(position, velocity, radius, goal, preferred_speed, present, seen, out):
+    """Write the observations `[world, agent, features]` of all `_Agents`, which are zeros before."""
+    # Put together here, because numba takes longer to look at a tuple of arrays than at the arrays.
+    agents = _Agents(position, velocity, radius, goal, preferred_speed, present, seen)
+    for w in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            if not agents.present[w, i]:
+                continue
+            x, y = _write_agent(out[w, i], agents, w, i)
+            slot = 0
+            for j in range(out.shape[1]):
+                if j == i:
+                    continue
+                slot += 1
+                if agents.seen[w, j]:
+                    _write_other(
+                        out[w, i], slot, x, y, agents.position[w, j], agents.velocity[w, j], agents.radius[w, j]
+                    )
+
+
+@no_type_check
+@njit
+def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present, seen, cells, number, out):
+    """As `_flatten`, where each agent sees so many others, the nearest; `cells` are `Cells` of those seen, or None."""
+    agents = _Agents(position, velocity, radius, goal, preferred_speed, present, seen)
     neighbor, distance, no_walls = np.empty(number, np.int64), np.empty(number), np.empty((0, 0, 2))
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):
-            if not present[w, i]:
+            if not agents.present[w, i]:
                 continue
-            x, y = position[w, i, 0], position[w, i, 1]
-            _write_viewer(out[w, i], x, y, goal[w, i], velocity[w, i], radius[w, i], preferred_speed[w, i])
+            x, y = _write_agent(out[w, i], agents, w, i)
             if cells is None:  # noqa: SIM114  # see `orca`
                 n = nearest_of_all(w, i, position, seen, np.inf, number, False, no_walls, neighbor, distance)
             elif cells.size[w, 0] < 0:
@@ -114,32 +154,18 @@ def _fill_nearest(position, velocity, radius, present, seen, goal, preferred_spe
             neighbor[:n].sort()
             for k in range(n):
                 j = neighbor[k]
-                _write_other(out[w, i], 1 + k, x, y, position[w, j], velocity[w, j], radius[w, j])
+                _write_other(out[w, i], 1 + k, x, y, position[w, j], agents.velocity[w, j], agents.radius[w, j])
 
 
 @no_type_check
 @njit
-def _flatten_vehicle(position, velocity, radius, goal, preferred_speed, positions, velocities, radii, seen, out):
-    """Write the observations of vehicles.
-
-    Args:
-        position: `[world, 2]`, the vehicle's, in metres.
-        velocity: `[world, 2]`, in m/s.
-        radius: `[world]`, in metres.
-        goal: `[world, 2]`, in metres.
-        preferred_speed: `[world]`, in m/s.
-        positions: `[world, pedestrian, 2]`, in metres.
-        velocities: `[world, pedestrian, 2]`, in m/s.
-        radii: `[world, pedestrian]`, in metres.
-        seen: `[world, pedestrian]`.
-        out: `[world, features]`, zeros, filled.
-    """
-    for w in range(len(out)):
-        x, y = position[w, 0], position[w, 1]
-        _write_viewer(out[w], x, y, goal[w], velocity[w], radius[w], preferred_speed[w])
-        for p in range(radii.shape[1]):
-            if seen[w, p]:
-                _write_other(out[w], 1 + p, x, y, positions[w, p], velocities[w, p], radii[w, p])
+def _write_agent(row, agents, w, i):
+    """Write the first numbers of the observation of agent i in world w, and return where it is."""
+    x, y = agents.position[w, i, 0], agents.position[w, i, 1]
+    _write_viewer(
+        row, x, y, agents.goal[w, i], agents.velocity[w, i], agents.radius[w, i], agents.preferred_speed[w, i]
+    )
+    return x, y
 
 
 @no_type_check
@@ -159,34 +185,3 @@ def _write_other(row, slot, x, y, position, velocity, radius):
     row[k], row[k + 1] = position[0] - x, position[1] - y
     row[k + 2], row[k + 3] = velocity[0], velocity[1]
     row[k + 4], row[k + 5] = radius, 1.0
-
-
-@no_type_check
-@njit
-def _flatten(position, velocity, radius, present, goal, preferred_speed, visible, out):
-    """Write the observations of all agents.
-
-    Args:
-        position: `[world, agent, 2]`, in metres.
-        velocity: `[world, agent, 2]`, in m/s.
-        radius: `[world, agent]`, in metres.
-        present: `[world, agent]`, whether the agent can be seen and observes.
-        goal: `[world, agent, 2]`, in metres.
-        preferred_speed: `[world, agent]`, in m/s.
-        visible: Whether pedestrians see the vehicle.
-        out: `[world, agent, features]`, zeros, filled.
-    """
-    worlds, observers, _ = out.shape
-    for w in range(worlds):
-        for i in range(observers):
-            if not present[w, i]:
-                continue
-            x, y = position[w, i, 0], position[w, i, 1]
-            _write_viewer(out[w, i], x, y, goal[w, i], velocity[w, i], radius[w, i], preferred_speed[w, i])
-            slot = 0
-            for j in range(radius.shape[1]):
-                if j == i:
-                    continue
-                slot += 1
-                if present[w, j] and (j > 0 or visible):
-                    _write_other(out[w, i], slot, x, y, position[w, j], velocity[w, j], radius[w, j])

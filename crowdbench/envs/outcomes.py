@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import math
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.compiled import njit
-from crowdbench.dynamics.motion import HOLONOMIC
-from crowdbench.geometry import nearest_in_step
+from crowdbench.core.dynamics.motion import HOLONOMIC
+from crowdbench.core.geometry import Discs, nearest_in_step
+from crowdbench.core.types import Outcome, World
 from crowdbench.sim.episode import StepCheck, step_outcome
 from crowdbench.sim.neighbors import cells_of, nearest_in_cells
 from crowdbench.sim.swept import gaps_on_arc
-from crowdbench.types import Outcome, World
+from crowdbench.utils.compiled import njit
 
 _MOST = 64
 """Of an agent with more others in reach, all are looked at."""
 
 _SLACK = 1e-6
 """By how much the reach is larger than it must be, in metres, because of rounding."""
+
+
+class _Drive(NamedTuple):
+    """How a vehicle on wheels drives in the step, see `gaps_on_arc`."""
+
+    body: Float[np.ndarray, "disc"]
+    heading: float
+    speed: float
+    turn_rate: float
+    dt: float
 
 
 def outcomes_of_agents(
@@ -41,53 +51,40 @@ def outcomes_of_agents(
     """
     agents, rules = before.radius.shape[1], before.rules
     outcomes, gaps = np.empty(agents, np.int64), np.empty(agents)
-    others = before.present.copy()
-    others[:, 0] &= rules.visible and rules.dynamics.code == HOLONOMIC
-    _check_agents(
-        rules.dynamics.code,
-        rules.discs,
-        rules.dt,
-        rules.visible,
-        before.heading,
-        0.0 if rules.dynamics.code == HOLONOMIC else math.hypot(*after.velocity[0, 0]),
-        after.angular_speed,
-        before.position,
-        after.position,
-        before.goal,
-        before.radius,
-        before.obstacles,
-        before.present,
-        others,
-        cells_of(before.position, others),
-        *check[:2],
-        outcomes,
-        gaps,
-    )
+    outcomes[0], gaps[0] = check.outcome[0], check.gap[0]
+    on_wheels = rules.dynamics.code != HOLONOMIC
+    counts = before.present.copy()
+    counts[:, 0] &= rules.visible and not on_wheels
+    drive = None
+    if on_wheels and rules.visible and before.present[0, 0]:
+        speed, turn_rate = math.hypot(*after.velocity[0, 0]), float(after.angular_speed[0])
+        drive = _Drive(rules.numbers.body, float(before.heading[0]), speed, turn_rate, rules.dt)
+    moved = before.position, after.position, before.goal, before.radius, counts
+    _check_pedestrians(*moved, drive, cells_of(before.position, counts), outcomes, gaps)
     return outcomes, gaps
 
 
 @no_type_check
 @njit
 def _buffers(number):
-    """Room for an agent and so many others: positions, motions, radii, that all count, neighbours, their distances."""
+    """Room for an agent and so many others, who all count; and for the neighbours, and their distances."""
     agents = number + 1
-    counts = np.ones(agents, np.bool_)
-    arrays = np.empty((agents, 2)), np.empty((agents, 2)), np.empty(agents)
-    return (*arrays, counts, np.empty(number, np.int64), np.empty(number))
+    discs = Discs(np.empty((agents, 2)), np.empty((agents, 2)), np.empty(agents), np.ones(agents, np.bool_))
+    return discs, np.empty(number, np.int64), np.empty(number)
 
 
 @no_type_check
 @njit
-def _put(buffers, slot, i, position, motion, radius):
-    """Write an agent into a slot of `_buffers`. The other arguments are as in `_check_agents`."""
+def _put(discs, slot, i, everybody):
+    """Write agent i into a slot of other `Discs`."""
     for axis in range(2):
-        buffers[0][slot, axis], buffers[1][slot, axis] = position[0, i, axis], motion[i, axis]
-    buffers[2][slot] = radius[0, i]
+        discs.position[slot, axis], discs.motion[slot, axis] = everybody.position[i, axis], everybody.motion[i, axis]
+    discs.radius[slot] = everybody.radius[i]
 
 
 @no_type_check
 @njit
-def _gap_in_cells(i, position, motion, radius, others, cells, widest, fastest, buffers):
+def _gap_in_cells(i, position, everybody, cells, widest, fastest, buffers):
     """`nearest_in_step` by cells: the same gap, to the last bit.
 
     The gap to the others cannot be less than their distance before the step, less both radii and both motions. So only
@@ -96,9 +93,7 @@ def _gap_in_cells(i, position, motion, radius, others, cells, widest, fastest, b
     Args:
         i: The agent's index.
         position: `[world, agent, 2]`, before the step, in metres.
-        motion: `[agent, 2]`, displacements in the step in metres.
-        radius: `[world, agent]`, in metres.
-        others: `[world, agent]`, whether each agent counts.
+        everybody: The same agents as `Discs`.
         cells: `Cells` of those who count.
         widest: The largest of their radii in metres.
         fastest: The longest of their displacements in metres.
@@ -107,90 +102,60 @@ def _gap_in_cells(i, position, motion, radius, others, cells, widest, fastest, b
     Returns:
         gap: In metres; infinite where no agent counts.
     """
-    place, moves, radii, counts, neighbor, distance = buffers
-    _put(buffers, 0, i, position, motion, radius)
+    near, neighbor, distance = buffers
+    _put(near, 0, i, everybody)
     reach, limit, no_walls = np.inf, 1, np.empty((0, 0, 2))
     gap = np.inf
     for _ in range(2):
         n = nearest_in_cells(0, i, position, cells, reach, limit, False, no_walls, neighbor, distance)
         if limit > 1 and n == limit:
-            gap, _ = nearest_in_step(i, position[0], motion, radius[0], others[0])
+            gap, _ = nearest_in_step(i, everybody)
             return gap
         for k in range(n):
-            _put(buffers, 1 + k, neighbor[k], position, motion, radius)
-        gap, _ = nearest_in_step(0, place[: n + 1], moves[: n + 1], radii[: n + 1], counts[: n + 1])
-        own = radius[0, i] + math.hypot(motion[i, 0], motion[i, 1])
+            _put(near, 1 + k, neighbor[k], everybody)
+        here = Discs(near.position[: n + 1], near.motion[: n + 1], near.radius[: n + 1], near.counts[: n + 1])
+        gap, _ = nearest_in_step(0, here)
+        own = everybody.radius[i] + math.hypot(everybody.motion[i, 0], everybody.motion[i, 1])
         reach, limit = gap + own + widest + fastest + _SLACK, len(neighbor)
     return gap
 
 
 @no_type_check
 @njit
-def _check_agents(
-    code,
-    body,
-    dt,
-    visible,
-    heading,
-    speed,
-    turn_rate,
-    position,
-    end,
-    goal,
-    radius,
-    obstacles,
-    present,
-    others,
-    cells,
-    outcome,
-    gap,
-    outcomes,
-    gaps,
-):
-    """Check a step for the agents of one world. The axis `world` has length 1.
+def _check_pedestrians(position, end, goal, radius, counts, drive, cells, outcomes, gaps):
+    """Check a step for the pedestrians of one world.
 
     Args:
-        code: The code of the vehicle's dynamics.
-        body: `[disc]`, where the centres of its discs are, in metres ahead of its position.
-        dt: Duration of the step in seconds.
-        visible: Whether pedestrians see the vehicle.
-        heading: `[world]`, the vehicle's heading before the step, in radians.
-        speed: The vehicle's in the step, in m/s; not used where it is holonomic.
-        turn_rate: `[world]`, the vehicle's in the step, in rad/s.
-        position: `[world, agent, 2]`, before the step, in metres.
-        end: `[world, agent, 2]`, positions after the step in metres.
-        goal: `[world, agent, 2]`, in metres.
-        radius: `[world, agent]`, in metres.
-        obstacles: `[world, polygon, corner, 2]`, in metres.
-        present: `[world, agent]`.
-        others: `[world, agent]`, whether pedestrians see the agent and it moves straight: a vehicle on wheels does not.
-        cells: `Cells` of the others, or None.
-        outcome: `[world]`, the vehicle's `Outcome`.
-        gap: `[world]`, the vehicle's, in metres.
-        outcomes: `[agent]`, filled: an `Outcome`.
-        gaps: `[agent]`, filled, in metres.
+        position: `[1, agent, 2]`, before the step, in metres, as are all lengths.
+        end: `[1, agent, 2]`, after the step.
+        goal: `[1, agent, 2]`.
+        radius: `[1, agent]`.
+        counts: `[1, agent]`, whom pedestrians see and who moves straight: a vehicle on wheels does not.
+        drive: `_Drive` of a vehicle on wheels that pedestrians see, or None.
+        cells: `Cells` of the agents that count, or None.
+        outcomes: `[agent]`, filled but for the vehicle's: an `Outcome`.
+        gaps: `[agent]`, filled but for the vehicle's, in metres.
     """
-    motion = np.empty(position.shape[1:])
+    motion = np.empty(end[0].shape)
     widest, fastest = 0.0, 0.0
     for i in range(len(motion)):
         for axis in range(2):
             motion[i, axis] = end[0, i, axis] - position[0, i, axis]
-        if others[0, i]:
+        if counts[0, i]:
             widest, fastest = max(widest, radius[0, i]), max(fastest, math.hypot(motion[i, 0], motion[i, 1]))
-    outcomes[0], gaps[0] = outcome[0], gap[0]
-    drives_past = present[0, 0] and visible and code != HOLONOMIC
-    near, pair = _buffers(_MOST), _buffers(1)
+    everybody, near, (pair, _, _) = Discs(position[0], motion, radius[0], counts[0]), _buffers(_MOST), _buffers(1)
     for i in range(1, len(motion)):
         if cells is None:  # noqa: SIM114  # see `orca`
-            gaps[i], _ = nearest_in_step(i, position[0], motion, radius[0], others[0])
+            gaps[i], _ = nearest_in_step(i, everybody)
         elif cells.size[0, 0] < 0:
-            gaps[i], _ = nearest_in_step(i, position[0], motion, radius[0], others[0])
+            gaps[i], _ = nearest_in_step(i, everybody)
         else:
-            gaps[i] = _gap_in_cells(i, position, motion, radius, others, cells, widest, fastest, near)
-        if drives_past:
-            _put(pair, 0, 0, position, motion, radius)
-            _put(pair, 1, i, position, motion, radius)
-            passed, _ = gaps_on_arc(body, heading[0], speed, turn_rate[0], dt, *pair[:4], obstacles[0, :0])
+            gaps[i] = _gap_in_cells(i, position, everybody, cells, widest, fastest, near)
+        if drive is not None:
+            _put(pair, 0, 0, everybody)
+            _put(pair, 1, i, everybody)
+            body, heading, speed, turn_rate, dt = drive
+            passed, _ = gaps_on_arc(body, heading, speed, turn_rate, dt, pair, np.empty((0, 0, 2)))
             gaps[i] = min(gaps[i], passed)
         is_last = outcomes[0] == Outcome.TIMEOUT.value
         dx, dy = goal[0, i, 0] - end[0, i, 0], goal[0, i, 1] - end[0, i, 1]

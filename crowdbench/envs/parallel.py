@@ -12,20 +12,19 @@ from gymnasium.utils import seeding
 from jaxtyping import Float, Int
 from pettingzoo import ParallelEnv
 
-from crowdbench.envs import spaces, stepping
-from crowdbench.envs.observations import flatten_everybody
+from crowdbench.core.reward import reward
+from crowdbench.core.types import Outcome, World
+from crowdbench.envs import stepping
+from crowdbench.envs.observations import ego_views, flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.render import RENDER_MODES, Renderer
-from crowdbench.envs.rewards import Reward, Step, crowdnav, load_reward, paid
-from crowdbench.envs.seats import seats
-from crowdbench.envs.views import NEAREST, View
-from crowdbench.errors import InputError
-from crowdbench.reward import reward
-from crowdbench.scenario.renewal import GOES_ON
+from crowdbench.envs.rewards import Reward, Step, crowdnav, load_reward
+from crowdbench.envs.views import NEAREST, View, pedestrian_action_space
+from crowdbench.scenario.population import GOES_ON
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
-from crowdbench.sim.simulator import crowd_decisions, move, settled
-from crowdbench.types import Outcome, World
+from crowdbench.sim.simulator import crowd_decisions, finish_step, move
+from crowdbench.utils.errors import InputError
 
 VEHICLE = "vehicle"
 """The name of the vehicle as an agent. The others are `pedestrian_0`, `pedestrian_1`, ..."""
@@ -73,7 +72,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
       faster than the agent's preferred speed is slowed down to it. A pedestrian without an action, or with None,
       follows the scenario's policy. The vehicle must have an action.
     - Rewards: see `crowdbench.envs.rewards`, of each agent's own outcome and gap (`crowdbench.envs.outcomes`) in its
-      own world (`crowdbench.envs.seats`).
+      own world (`crowdbench.envs.observations.ego_views`).
     - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
     - Terminations: a pedestrian terminates when it reaches its goal; it is no agent any more, but stays in the world
       and follows the scenario's policy, unless the scenario's `arrival` lets it leave. Where pedestrians get new goals
@@ -106,7 +105,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
             raise InputError("observation is 'dict', but agents of this environment see flat or goal_frame")
         self.scenario = scenario
         self.view = view
-        self.reward_name, self.reward = load_reward(reward)
+        self.reward = load_reward(reward)
         self._refuse_thousands()
         self.render_mode = render_mode
         fps = round(1 / self.scenario.rules.dt)
@@ -116,7 +115,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
         self.agents: list[str] = []
         self.observation_spaces = {agent: view.observation_space for agent in self.possible_agents}
-        self.action_spaces = {agent: spaces.pedestrian_action_space(scenario) for agent in self.possible_agents}
+        self.action_spaces = {agent: pedestrian_action_space(scenario) for agent in self.possible_agents}
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
         self._renderer = Renderer(render_mode)
@@ -124,14 +123,15 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self._bodies = 0
         self._case = ""
         self._world: World
-        self._seated: tuple[World, World] | None = None
+        self._ego: tuple[World, World] | None = None
 
     def _refuse_thousands(self) -> None:
         """Raises InputError where every agent would need a world of its own, and these would not fit the memory."""
         most, nearest = self.scenario.max_agents - 1, self.scenario.rules.sensor.nearest
-        if nearest is not None and nearest < most and not (self.view.observation == "flat" and self.reward is crowdnav):
+        is_default = self.view.observation == "flat" and self.reward.reward is crowdnav
+        if nearest is not None and nearest < most and not is_default:
             raise InputError(
-                f"observation is {self.view.observation!r} and reward {self.reward_name!r}, but in a scenario with up "
+                f"observation is {self.view.observation!r} and reward {self.reward.name!r}, but in a scenario with up "
                 f"to {most} pedestrians, of which {nearest} are shown, they must be 'flat' and 'crowdnav'"
             )
 
@@ -158,10 +158,10 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         """
         # PettingZoo's own test gives an option called "options", only to see that options are taken.
         given = {name: value for name, value in (options or {}).items() if name != "options"}
-        case = stepping.checked_options(given, "case").get("case")
+        case = stepping.check_options(given, "case").get("case")
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._case = stepping.chosen_case(case, self._generator)
+        self._case = stepping.choose_case(case, self._generator)
         self._world = stepping.start(self.scenario, [self._case])
         self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
@@ -185,17 +185,17 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         if not self.agents and not actions:
             return {}, {}, {}, {}, {}
         before, agents = self._world, self.agents
-        moved, check = move(*self._decided(actions))
+        moved, check = move(*self._decide(actions))
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         rewards = self._rewards(before, moved, outcomes, gaps)
-        self._world = settled(moved, check, self.scenario.renewal)
+        self._world = finish_step(moved, check, self.scenario.renewal)
         observations = self._observe()
         outcome, gap_of, case = outcomes.tolist(), gaps.tolist(), self._case
         columns = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
         here = self._world.present[0].tolist()
-        goes_on = self.scenario.arrival in GOES_ON
+        goes_on = self.scenario.crowd.arrival in GOES_ON
         terminations = {agent: over or not here[c] or (outcome[c] == _SUCCESS and not goes_on) for agent, c in columns}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
         self._renderer.show(self._world, case)
@@ -219,16 +219,16 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     def _rewards(
         self, before: World, after: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]
     ) -> list[float]:
-        if self.reward is crowdnav:  # which needs no worlds of the agents' own
+        if self.reward.reward is crowdnav:  # which needs no worlds of the agents' own
             return list(reward(outcomes, gaps, before.rules.dt).tolist())
-        step = Step(self._seats(before), self._seats(after), outcomes, gaps)
-        return list(paid(self.reward_name, self.reward, step).tolist())
+        step = Step(self._ego_views(before), self._ego_views(after), outcomes, gaps)
+        return list(self.reward(step).tolist())
 
-    def _seats(self, world: World) -> World:
-        """As `seats`, made once for each world."""
-        if self._seated is None or self._seated[0] is not world:
-            self._seated = world, seats(world)
-        return self._seated[1]
+    def _ego_views(self, world: World) -> World:
+        """As `ego_views`, made once for each world."""
+        if self._ego is None or self._ego[0] is not world:
+            self._ego = world, ego_views(world)
+        return self._ego[1]
 
     def _observe(self) -> Observations:
         is_flat = self.view.observation == "flat"
@@ -237,12 +237,12 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
 
     def _in_frames(self) -> Float[np.ndarray, "agent features"]:
         """What each agent sees in the frame of its goal; only the vehicle's sight can be limited."""
-        views: Float[np.ndarray, "agent features"] = self.view.observe(self._seats(self._world))
+        views: Float[np.ndarray, "agent features"] = self.view.observe(self._ego_views(self._world))
         if not self._world.rules.sensor.sees_all:
             views[0] = self.view.observe(self._world)[0]
         return views
 
-    def _decided(
+    def _decide(
         self, actions: Mapping[str, np.ndarray | None]
     ) -> tuple[World, Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
         """What is done in a step.
@@ -262,7 +262,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 f"there are actions for {', '.join(given) or 'no agent'}, but there must be one for the vehicle, and "
                 f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
             )
-        asked = stepping.velocities(list(given.values()), (len(given), 2))
+        asked = stepping.check_actions(list(given.values()), (len(given), 2))
         columns, world = [self._column[agent] for agent in given], self._world
         if self.view.action == "goal_frame":
             asked = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], asked)
@@ -271,4 +271,4 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         if len(given) < self._bodies or any(world.memory.values()):
             velocity[:, 1:], world = crowd_decisions(world, self.scenario.policies)
         velocity[0, columns] = asked
-        return world, self.view.followed(world, velocity[:, 0]), velocity[:, 1:]
+        return world, self.view.to_command(world, velocity[:, 0]), velocity[:, 1:]

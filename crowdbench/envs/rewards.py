@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench import plugins
-from crowdbench.errors import InputError, plugin_errors
-from crowdbench.geometry import norm
-from crowdbench.reward import reward
+from crowdbench.core.geometry import norm
+from crowdbench.core.reward import reward
+from crowdbench.core.types import Outcome, World
+from crowdbench.plugins.load import Kind
 from crowdbench.sim.routes import goals_on_way
-from crowdbench.types import Outcome, World
+from crowdbench.utils.errors import InputError, plugin_errors
 
 PROGRESS = 0.2
 """Of `progress`: reward per metre that the vehicle comes closer to its goal."""
@@ -44,6 +44,10 @@ class Step:
     outcome: Int[np.ndarray, "world"]
     gap: Float[np.ndarray, "world"]
 
+    def take(self, rows: Int[np.ndarray, "row"]) -> Step:
+        """The step of the worlds in the given rows."""
+        return Step(self.before.take(rows), self.after.take(rows), self.outcome[rows], self.gap[rows])
+
     @property
     def dt(self) -> float:
         """The length of the step in seconds."""
@@ -52,7 +56,7 @@ class Step:
     @property
     def progress(self) -> Float[np.ndarray, "world"]:
         """By how many metres the vehicle has come closer to its goal, along its route."""
-        return _left(self.before) - _left(self.after)
+        return _distance_left(self.before) - _distance_left(self.after)
 
     @property
     def collided(self) -> Bool[np.ndarray, "world"]:
@@ -60,7 +64,7 @@ class Step:
         return np.isin(self.outcome, (Outcome.COLLISION, Outcome.WALL_COLLISION))
 
 
-def _left(world: World) -> Float[np.ndarray, "world"]:
+def _distance_left(world: World) -> Float[np.ndarray, "world"]:
     """Length in metres of the vehicle's way to its goal."""
     return norm(goals_on_way(world)[:, 0] - world.position[:, 0])
 
@@ -82,54 +86,48 @@ def progress(step: Step) -> Float[np.ndarray, "world"]:
     return paid + PROGRESS * step.progress
 
 
-REWARDS: dict[str, Reward] = {"crowdnav": crowdnav, "progress": progress}
-"""The built-in rewards by name."""
+REWARDS = Kind("reward", "reward", {"crowdnav": crowdnav, "progress": progress})
 
 
-def load_reward(spec: str | Reward) -> tuple[str, Reward]:
+@dataclass(frozen=True)
+class CheckedReward:
+    """A reward whose answers are checked.
+
+    Attributes:
+        name: What it is called.
+        reward: The reward.
+    """
+
+    name: str
+    reward: Reward
+
+    def __call__(self, step: Step) -> Float[np.ndarray, "world"]:
+        """The reward of a step. Raises InputError where it raises, or does not give one finite number per world."""
+        with plugin_errors(f"reward {self.name} raised"):
+            values = np.asarray(self.reward(step))
+        if values.shape != step.gap.shape or values.dtype.kind not in "bfiu":
+            raise InputError(
+                f"reward {self.name} gave shape {list(values.shape)} of {values.dtype}, but must give one number per "
+                f"world, [{len(step.gap)}]"
+            )
+        # A sum is finite only if all its terms are, and takes half the time of a test of each.
+        if not math.isfinite(values.sum()) and not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise InputError(f"reward {self.name} is {values[row]} in world {row}, but must be finite")
+        return values.astype(np.float64, copy=False)
+
+
+def load_reward(spec: str | Reward) -> CheckedReward:
     """Find a reward.
 
     Args:
         spec: The name of a built-in reward, `file.py`, whose function is `reward`, `file.py:function`, or a function.
 
-    Returns:
-        What it is called, and the reward.
-
     Raises:
         InputError: There is no such reward.
     """
     if callable(spec):
-        return getattr(spec, "__name__", "reward"), spec
+        return CheckedReward(getattr(spec, "__name__", "reward"), spec)
     if not isinstance(spec, str):
         raise InputError(f"reward is {spec!r}, but must be a name, the path of a file as a text, or a function")
-    file, function = plugins.file_and_function(spec)
-    if file is not None:
-        return function or file.stem, plugins.function_of(file, function or "reward")
-    if spec in REWARDS:
-        return spec, REWARDS[spec]
-    raise InputError(f"no reward is called {spec!r}; there are {', '.join(REWARDS)}, or give a file: ./mine.py")
-
-
-def paid(name: str, reward: Reward, step: Step) -> Float[np.ndarray, "world"]:
-    """The reward of a step, checked.
-
-    Args:
-        name: What the reward is called.
-        reward: The reward.
-        step: The step.
-
-    Raises:
-        InputError: The reward raises, or does not give one finite number per world.
-    """
-    with plugin_errors(f"reward {name} raised"):
-        values = np.asarray(reward(step))
-    if values.shape != step.gap.shape or values.dtype.kind not in "bfiu":
-        raise InputError(
-            f"reward {name} gave shape {list(values.shape)} of {values.dtype}, but must give one number per world, "
-            f"[{len(step.gap)}]"
-        )
-    # A sum is finite only if all its terms are, and takes half the time of a test of each.
-    if not math.isfinite(values.sum()) and not np.isfinite(values).all():
-        row = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise InputError(f"reward {name} is {values[row]} in world {row}, but must be finite")
-    return values.astype(np.float64, copy=False)
+    return CheckedReward(*REWARDS.find(spec))

@@ -11,13 +11,12 @@ from gymnasium import error
 from jaxtyping import Bool, Float, Int
 from stable_baselines3.common.vec_env import VecEnv
 
+from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
-from crowdbench.envs.rewards import Reward, Step, load_reward, paid
+from crowdbench.envs.rewards import Reward, load_reward
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
-from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_decisions, step
-from crowdbench.types import Outcome, World
+from crowdbench.utils.errors import InputError
 
 CASES = 2048
 """Training cases that are drawn at the start. Drawing one takes as long as hundreds of steps of a world."""
@@ -62,7 +61,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
                 raise InputError(f"{name} is {number}, but must be 1 or more")
         self.scenario = stepping.as_scenario(scenario)
         self.view = View(self.scenario, observation, action, nearest)
-        self.reward_name, self.reward = load_reward(reward)
+        self.reward = load_reward(reward)
         self.render_mode = None
         self._cases = cases
         self._action = np.zeros((num_envs, 2))
@@ -94,17 +93,14 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions `[world, 2]` of `step_wait`."""
-        self._action = stepping.velocities(actions, (self.num_envs, 2))
+        self._action = stepping.check_actions(actions, (self.num_envs, 2))
 
     def step_wait(self) -> tuple[Observed, Float[np.ndarray, "world"], Bool[np.ndarray, "world"], list[dict[str, Any]]]:
         """Simulate one step in all worlds: observations, rewards, whether episodes are over, and infos."""
         if self._worlds is None:
             raise error.ResetNeeded("call reset() first")
-        before = self._worlds
-        command = self.view.vehicle_commands(before, self._action)
-        crowd, before = crowd_decisions(before, self.scenario.policies)
-        worlds, (outcome, gap, _) = step(before, command, crowd, self.scenario.renewal)
-        rewards = paid(self.reward_name, self.reward, Step(before, worlds, outcome, gap))
+        step = stepping.drive(self.view, self._worlds, self._action)
+        worlds, outcome, rewards = step.after, step.outcome, self.reward(step)
         self._return += rewards
         self._length += 1
         done = outcome != Outcome.RUNNING
@@ -128,14 +124,7 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         worlds: World,
         outcome: Int[np.ndarray, "world"],
     ) -> None:
-        """Fill the infos of worlds whose episode is over.
-
-        Args:
-            infos: An empty one per world.
-            rows: These worlds.
-            worlds: All worlds after the step.
-            outcome: The `Outcome` of each world.
-        """
+        """Fill the infos of the worlds in some rows, whose episodes are over."""
         last = self.view.observe(worlds.take(rows))
         for index, row in enumerate(rows.tolist()):
             infos[row] |= {

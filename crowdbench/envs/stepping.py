@@ -1,4 +1,4 @@
-"""What all environments share: the choice of a case, its world, and the check of actions."""
+"""What all environments share: the choice of a case, its world, the check of actions, and the vehicle's step."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ from gymnasium.error import ResetNeeded
 from jaxtyping import Float
 
 from crowdbench.catalog import load_scenario
-from crowdbench.errors import InputError
+from crowdbench.core.types import Outcome, World
+from crowdbench.envs.rewards import Step
+from crowdbench.envs.views import View
 from crowdbench.scenario.cases import parse_case
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.types import Outcome, World
+from crowdbench.sim.simulator import crowd_decisions, step
+from crowdbench.utils.errors import InputError
 
 TRAINING_CASES = 2**32
 """Without `options={"case": ...}`, `reset` draws one of this many training cases."""
@@ -32,16 +35,8 @@ def as_scenario(scenario: str | Path | Scenario) -> Scenario:
     return scenario if isinstance(scenario, Scenario) else load_scenario(str(scenario))
 
 
-def checked_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str, Any]:
-    """The options of a `reset`, none if it was given None.
-
-    Args:
-        options: What was given.
-        names: The options that there are.
-
-    Raises:
-        InputError: There is another one among them.
-    """
+def check_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str, Any]:
+    """The options of a `reset`, none if it was given None. Raises InputError where one is not among `names`."""
     options = options or {}
     for name in options:
         if name not in names:
@@ -49,13 +44,8 @@ def checked_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[s
     return options
 
 
-def chosen_case(case: object, generator: np.random.Generator) -> str:
-    """The case of a new episode.
-
-    Args:
-        case: The case that `reset` was asked for, such as `test:37`, or None.
-        generator: Draws a training case where that is None.
-    """
+def choose_case(case: object, generator: np.random.Generator) -> str:
+    """The case of a new episode: the one that `reset` was asked for, such as `test:37`, or else a training case."""
     return f"train:{generator.integers(TRAINING_CASES)}" if case is None else str(case)
 
 
@@ -87,19 +77,8 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
     return worlds
 
 
-def velocities(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
-    """Check actions.
-
-    Args:
-        actions: Velocities in m/s.
-        shape: The shape that they must have.
-
-    Returns:
-        The actions as float64.
-
-    Raises:
-        InputError: They are not finite numbers in that shape.
-    """
+def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
+    """Actions as float64. Raises InputError where they are not finite numbers in that shape."""
     asked = np.asarray(actions, np.float64)
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
     if asked.shape != shape or not (math.isfinite(asked.sum()) or np.isfinite(asked).all()):
@@ -108,3 +87,17 @@ def velocities(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*s
             f"but these are {actions!r}"
         )
     return asked
+
+
+def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> Step:
+    """One step of worlds in which the vehicle acts and the pedestrians follow the scenario's policies.
+
+    Args:
+        view: What actions mean, and the scenario.
+        before: The worlds.
+        actions: The vehicles' actions, checked.
+    """
+    command = view.vehicle_commands(before, actions)
+    crowd, before = crowd_decisions(before, view.scenario.policies)
+    after, (outcome, gap, _) = step(before, command, crowd, view.scenario.renewal)
+    return Step(before, after, outcome, gap)

@@ -11,16 +11,15 @@ from gymnasium import error
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
+from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.render import Renderer
-from crowdbench.envs.rewards import Reward, Step, load_reward, paid
+from crowdbench.envs.rewards import Reward, Step, load_reward
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
-from crowdbench.errors import InputError
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_decisions, step
-from crowdbench.types import Outcome, World
+from crowdbench.utils.errors import InputError
 
 LABELS = np.array(stepping.LABELS, object)
 
@@ -69,7 +68,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         self.render_mode = render_mode
         self._renderers = [Renderer(render_mode) for _ in range(num_envs)]
         self.view = View(self.scenario, observation, action, nearest)
-        self.reward_name, self.reward = load_reward(reward)
+        self.reward = load_reward(reward)
         self.single_observation_space = self.view.observation_space
         self.single_action_space = self.view.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -96,7 +95,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         Raises:
             InputError: A seed or an option is wrong.
         """
-        given = stepping.checked_options(options, "case", "reset_mask")
+        given = stepping.check_options(options, "case", "reset_mask")
         mask = self._mask(given.get("reset_mask"))
         seeds = self._one_each(
             "seed", [int(seed) + w for w in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
@@ -136,12 +135,10 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         """
         if self._worlds is None or (self.autoreset_mode == AutoresetMode.DISABLED and self._over.any()):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
-        before = self._worlds
-        command = self.view.vehicle_commands(before, stepping.velocities(actions, (self.num_envs, 2)))
-        crowd, before = crowd_decisions(before, self.scenario.policies)
-        worlds, (outcome, gap, _) = step(before, command, crowd, self.scenario.renewal)
+        step = stepping.drive(self.view, self._worlds, stepping.check_actions(actions, (self.num_envs, 2)))
+        worlds, outcome, gap = step.after, step.outcome, step.gap
         anew = self._over
-        rewards = self._rewards(before, worlds, outcome, gap)
+        rewards = self._rewards(step)
         if anew.any():
             # NEXT_STEP: this step is the reset of these worlds. They were simulated with the rest, for nothing.
             worlds = self._restarted(worlds, anew)
@@ -171,31 +168,19 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         ]
         return tuple(frame for frame in frames if frame is not None)
 
-    def _rewards(
-        self, before: World, after: World, outcome: Int[np.ndarray, "world"], gap: Float[np.ndarray, "world"]
-    ) -> Float[np.ndarray, "world"]:
+    def _rewards(self, step: Step) -> Float[np.ndarray, "world"]:
         """The rewards of a step, 0 in worlds whose episode was over before it."""
         if not self._over.any():
-            return paid(self.reward_name, self.reward, Step(before, after, outcome, gap))
+            return self.reward(step)
         rewards, rows = np.zeros(self.num_envs), np.flatnonzero(~self._over)
         if len(rows):
-            step = Step(before.take(rows), after.take(rows), outcome[rows], gap[rows])
-            rewards[rows] = paid(self.reward_name, self.reward, step)
+            rewards[rows] = self.reward(step.take(rows))
         return rewards
 
     def _restarted(
         self, worlds: World | None, mask: Bool[np.ndarray, "world"], cases: Sequence[str | None] | None = None
     ) -> World:
-        """Start new episodes in some worlds.
-
-        Args:
-            worlds: The worlds, None before the first reset.
-            mask: Which of them are reset.
-            cases: The name of each world's new case, None for a drawn one.
-
-        Returns:
-            All worlds.
-        """
+        """All worlds, with new episodes where the mask says so: of the cases that are given, or else of drawn ones."""
         rows = np.flatnonzero(mask)
         names = [self._case(row, cases[row] if cases else None) for row in rows.tolist()]
         fresh = stepping.start(self.scenario, names)
@@ -209,19 +194,12 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         generator = self._generators[row]
         if generator is None:
             generator = self._generators[row] = seeding.np_random()[0]
-        return stepping.chosen_case(case, generator)
+        return stepping.choose_case(case, generator)
 
     def _final(
         self, worlds: World, ended: Bool[np.ndarray, "world"], outcome: np.ndarray, gap: Float[np.ndarray, "world"]
     ) -> dict[str, Any]:
-        """The infos about episodes that ended in this step, before their worlds are reset.
-
-        Args:
-            worlds: All worlds after the step.
-            ended: Where an episode ended.
-            outcome: The `Outcome` of each world.
-            gap: The smallest distance in metres to a pedestrian in the step.
-        """
+        """The infos about episodes that ended in this step, before their worlds are reset."""
         final_obs = np.full(self.num_envs, None, object)
         seen = self.view.observe(worlds.take(ended))
         for index, row in enumerate(np.flatnonzero(ended)):
@@ -248,13 +226,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
 
 
 def _tell(infos: dict[str, Any], mask: Bool[np.ndarray, "world"], **values: np.ndarray) -> None:
-    """Add values to infos in Gymnasium's form, each with a mask `_name`.
-
-    Args:
-        infos: Where to add them.
-        mask: Which worlds have the values; the others get 0 or None.
-        values: An array `[world]` by name.
-    """
+    """Add values of some worlds to infos in Gymnasium's form, each with a mask `_name`; the others get 0 or None."""
     if mask.any():
         for name, value in values.items():
             infos[name] = np.full_like(value, None if value.dtype == object else 0)

@@ -8,13 +8,12 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
+from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.render import RENDER_MODES, Renderer
-from crowdbench.envs.rewards import Reward, Step, load_reward, paid
+from crowdbench.envs.rewards import Reward, load_reward
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.simulator import crowd_decisions, step
-from crowdbench.types import Outcome, World
 
 
 class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
@@ -57,7 +56,7 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         fps = round(1 / self.scenario.rules.dt)
         self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
         self.view = View(self.scenario, observation, action, nearest)
-        self.reward_name, self.reward = load_reward(reward)
+        self.reward = load_reward(reward)
         self.observation_space = self.view.observation_space
         self.action_space = self.view.action_space
         self._renderer = Renderer(render_mode)
@@ -79,9 +78,9 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         Raises:
             InputError: There is no such case, or an option is unknown.
         """
-        case = stepping.checked_options(options, "case").get("case")
+        case = stepping.check_options(options, "case").get("case")
         super().reset(seed=seed)
-        self._case = stepping.chosen_case(case, self.np_random)
+        self._case = stepping.choose_case(case, self.np_random)
         self._world = stepping.start(self.scenario, [self._case])
         self._renderer.show(self._world, self._case)
         return self._observation(), {"case": self._case}
@@ -99,15 +98,13 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
             InputError: The action is not a finite velocity.
         """
         stepping.require_reset(self._case)
-        before = self._world
-        command = self.view.vehicle_commands(before, stepping.velocities(action, (2,))[None])
-        crowd, before = crowd_decisions(before, self.scenario.policies)
-        self._world, (outcomes, gaps, _) = step(before, command, crowd, self.scenario.renewal)
+        step = stepping.drive(self.view, self._world, stepping.check_actions(action, (2,))[None])
+        self._world = step.after
         self._renderer.show(self._world, self._case)
-        outcome, gap = int(outcomes[0]), float(gaps[0])
+        outcome, gap = int(step.outcome[0]), float(step.gap[0])
         return (
             self._observation(),
-            float(paid(self.reward_name, self.reward, Step(before, self._world, outcomes, gaps))[0]),
+            float(self.reward(step)[0]),
             outcome not in (Outcome.RUNNING, Outcome.TIMEOUT),
             outcome == Outcome.TIMEOUT,
             {"outcome": stepping.LABELS[outcome], "gap": gap, "case": self._case},

@@ -11,7 +11,10 @@ Observations, of the vehicle:
 The vehicle sees by the scenario's sensor.
 
 Actions are velocities in m/s, along the axes of the world (`world`) or in the frame of the goal (`goal_frame`), which a
-vehicle on wheels follows as far as it can; or commands of the vehicle's dynamics (`native`), see `crowdbench.dynamics`.
+vehicle on wheels follows as far as it can; or commands of the vehicle's dynamics (`native`),
+see `crowdbench.core.dynamics`.
+
+Spaces are of float64, so that nothing is rounded. Their bounds are those of the scenario.
 """
 
 from __future__ import annotations
@@ -20,13 +23,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces as gym_spaces
+from gymnasium import spaces
+from gymnasium.spaces import Box
 from jaxtyping import Float
 
-from crowdbench.dynamics import State
-from crowdbench.envs import spaces
-from crowdbench.envs.observations import flatten
-from crowdbench.errors import InputError
+from crowdbench.core.dynamics import SPEED_TOLERANCE, State
+from crowdbench.core.rng import MOST_NORMAL
+from crowdbench.core.types import HISTORY, Observation, World
+from crowdbench.envs.observations import AGENT_FEATURES, flatten
 from crowdbench.planners.policy.features import (
     PEDESTRIAN_FEATURES,
     VEHICLE_FEATURES,
@@ -35,10 +39,14 @@ from crowdbench.planners.policy.features import (
     histories,
     to_world,
 )
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.place_agents import EXTENT
+from crowdbench.scenario.population import Quantity
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
-from crowdbench.types import HISTORY, Observation, World
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.numbers import is_number
 
 OBSERVATIONS = ("flat", "goal_frame", "dict")
 ACTIONS = ("world", "goal_frame", "native")
@@ -80,32 +88,39 @@ class View:
             raise InputError(f"nearest is {self.nearest!r}, but must be a whole number of pedestrians, 1 or more")
 
     @property
-    def observation_space(self) -> gym_spaces.Space[Any]:
+    def observation_space(self) -> spaces.Space[Any]:
         """The space of the observations of one world."""
         if self.observation == "flat":
-            return spaces.observation_space(self.scenario)
+            return flat_space(self.scenario)
         k = self.nearest
         parts = {
             "vehicle": _box(VEHICLE_FEATURES),
             "pedestrians": _box(k, PEDESTRIAN_FEATURES),
-            "mask": gym_spaces.Box(0.0, 1.0, (k,), np.float64),
+            "mask": Box(0.0, 1.0, (k,), np.float64),
         }
         if self.observation == "dict":
             if lidar := self.scenario.rules.sensor.lidar:
-                parts["lidar"] = gym_spaces.Box(0.0, lidar.range, (lidar.beams,), np.float64)
-            return gym_spaces.Dict({**parts, "history": _box(HISTORY, k, 2)})
+                parts["lidar"] = Box(0.0, lidar.range, (lidar.beams,), np.float64)
+            return spaces.Dict({**parts, "history": _box(HISTORY, k, 2)})
         return _box(VEHICLE_FEATURES + k * (PEDESTRIAN_FEATURES + 1))
 
     @property
-    def action_space(self) -> gym_spaces.Box:
-        """The space of the vehicle's actions in one world."""
-        return spaces.vehicle_action_space(self.scenario, self.action == "native")
+    def action_space(self) -> Box:
+        """The space of the vehicle's actions in one world.
+
+        Each axis of a velocity is within the preferred speed. In a corner the speed is larger: the simulator limits it.
+        """
+        speed = self.scenario.vehicle.speed
+        if self.action == "native":
+            low, high = self.scenario.rules.dynamics.space(np.array([speed]))
+            return Box(low[0], high[0], dtype=np.float64)
+        return Box(-speed, speed, (2,), np.float64)
 
     def observe(self, worlds: World) -> Observed:
         """What the vehicle sees in each world."""
-        return self.shown(observe(worlds))
+        return self.encode(observe(worlds))
 
-    def shown(self, obs: Observation) -> Observed:
+    def encode(self, obs: Observation) -> Observed:
         """What a policy is shown of what a planner sees."""
         if self.observation == "flat":
             return flatten(obs)
@@ -134,17 +149,17 @@ class View:
         """
         return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
 
-    def followed(self, worlds: World, asked: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
+    def to_command(self, worlds: World, velocity: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
         """The commands of vehicles that are asked for velocities, or for commands where actions are native.
 
         Args:
             worlds: The worlds before the step.
-            asked: Velocities in m/s, or native commands.
+            velocity: Velocities in m/s, or native commands.
         """
         if self.action == "native":
-            return asked
+            return velocity
         state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
-        return worlds.rules.dynamics.follow(state, asked, worlds.preferred_speed[:, 0], worlds.rules.dt)
+        return worlds.rules.dynamics.follow(state, velocity, worlds.preferred_speed[:, 0], worlds.rules.dt)
 
     def vehicle_commands(self, worlds: World, action: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
         """The commands of vehicles whose actions are given.
@@ -153,18 +168,68 @@ class View:
             worlds: The worlds before the step.
             action: The actions.
         """
-        return self.followed(worlds, self.commands(worlds.position[:, 0], goals_on_way(worlds)[:, 0], action))
+        return self.to_command(worlds, self.commands(worlds.position[:, 0], goals_on_way(worlds)[:, 0], action))
 
 
 def row_of(seen: Observed, index: int) -> Observed:
-    """What one of several worlds shows.
-
-    Args:
-        seen: What all of them show.
-        index: Which one.
-    """
+    """What one of several worlds shows."""
     return {name: part[index] for name, part in seen.items()} if isinstance(seen, dict) else seen[index]
 
 
-def _box(*shape: int) -> gym_spaces.Box:
-    return gym_spaces.Box(-np.inf, np.inf, shape, np.float64)
+def _box(*shape: int) -> Box:
+    return Box(-np.inf, np.inf, shape, np.float64)
+
+
+def pedestrian_action_space(scenario: Scenario) -> Box:
+    """Velocities of a pedestrian in m/s, each axis within the largest preferred speed that the scenario draws."""
+    speed = _largest(scenario.crowd.population.preferred_speed)
+    return Box(-speed, speed, (2,), np.float64)
+
+
+def flat_space(scenario: Scenario) -> Box:
+    """The space of the flat observations of any agent, see `crowdbench.envs.observations`."""
+    speed = _max_speed(scenario)
+    body = scenario.rules.body
+    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, _largest(scenario.crowd.population.radius))
+    if scenario.tracks:
+        radius = max(radius, scenario.tracks.largest_radius)
+    # The difference of two coordinates is at most twice the largest coordinate.
+    offset = 2 * position_bound(scenario)
+    viewer = np.array([offset, offset, speed, speed, radius, speed])
+    sensor = scenario.rules.sensor
+    measured = speed + MOST_NORMAL * sensor.noise.velocity
+    away = offset + MOST_NORMAL * sensor.noise.position + measured * sensor.remember
+    other = np.array([away, away, measured, measured, radius, 1.0])
+    signed = np.array([True, True, True, True, False, False])
+    others = scenario.max_agents - 1
+    high = np.concatenate([viewer, *[other] * min(scenario.rules.sensor.nearest or others, others)])
+    low = np.where(np.tile(signed, len(high) // AGENT_FEATURES), -high, 0.0)
+    return Box(low, high, dtype=np.float64)
+
+
+def layout_bound(scenario: Scenario) -> float:
+    """A bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
+
+    Of a built-in layout it is twice the sum of the numbers in its options, plus the way of one second at the highest
+    speed, because layouts shift starts by up to half of it. Of another layout it is what any layout must keep, and of
+    recorded people the largest coordinate of anybody.
+    """
+    if scenario.tracks:
+        return scenario.tracks.extent
+    if scenario.layout is None or scenario.layout.function not in LAYOUTS.values():
+        return EXTENT
+    lengths = [value for value in scenario.layout.options.values() if is_number(value)]
+    return 2 * sum(lengths) + _max_speed(scenario)
+
+
+def position_bound(scenario: Scenario) -> float:
+    """A bound in metres on the coordinates of all positions: of a start, plus the way until the time limit."""
+    return layout_bound(scenario) + _max_speed(scenario) * scenario.rules.max_steps * scenario.rules.dt
+
+
+def _max_speed(scenario: Scenario) -> float:
+    return max(scenario.vehicle.speed, _largest(scenario.crowd.population.preferred_speed)) * (1 + SPEED_TOLERANCE)
+
+
+def _largest(quantity: Quantity) -> float:
+    return quantity.mean if quantity.std == 0.0 else quantity.high

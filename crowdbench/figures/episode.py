@@ -5,26 +5,23 @@ from __future__ import annotations
 import io
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench import files
-from crowdbench.dynamics import Holonomic, nose, outline
-from crowdbench.errors import InputError
+from crowdbench.core.types import Trace
+from crowdbench.drawing.moment import Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
+from crowdbench.drawing.palette import LIGHT, Color
 from crowdbench.figures.style import canvas, check_file, write
-from crowdbench.geometry import polygons
-from crowdbench.record.hit import pedestrian_hit
-from crowdbench.types import Outcome, Trace
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from PIL.Image import Image
-
-VEHICLE, PEDESTRIAN, HIT, WALL, MUTED = "#de7a00", "#2668b2", "#d62728", "#9a9a94", "#707070"
 
 SIDE = 3.5
 """Length in inches of the longer side of a picture of the plane."""
@@ -49,16 +46,12 @@ def trajectories(trace: Trace, row: int, out: Path) -> None:
     """
     end, dt = int(trace.steps[row]), trace.rules.dt
     with canvas(out, *_size(trace, row)) as figure:
-        axes = figure.add_subplot()
-        _plane(axes, trace, row)
-        _state(axes, trace, row, end)
-        every = max(round(MARKED / dt), 1)
-        for state in range(0, end, every):
+        marks: list[Shape] = []
+        for state in range(0, end, max(round(MARKED / dt), 1)):
             place, radius = trace.position[row, state, 0], float(trace.radius[row, state, 0])
-            _disc(axes, place, radius, VEHICLE, filled=False)
-            axes.annotate(
-                f"{state * dt:g} s", (place[0] + 1.2 * radius, place[1]), color=VEHICLE, fontsize=6, va="center"
-            )
+            marks.append(Disc(place, radius, None, LIGHT.vehicle))
+            marks.append(Text(place + np.array([1.2 * radius, 0.0]), f"{state * dt:g} s", LIGHT.vehicle, is_left=True))
+        _draw_state(figure.add_subplot(), trace, row, end, marks)
 
 
 def strip(trace: Trace, row: int, moments: int, out: Path) -> None:
@@ -79,8 +72,7 @@ def strip(trace: Trace, row: int, moments: int, out: Path) -> None:
     with canvas(out, 7.0, height * scale + 0.2) as figure:
         for place, state in enumerate(states.tolist()):
             axes = figure.add_subplot(1, moments, place + 1)
-            _plane(axes, trace, row)
-            _state(axes, trace, row, state)
+            _draw_state(axes, trace, row, state)
             axes.set_title(f"{state * trace.rules.dt:g} s", fontsize=7, pad=2)
 
 
@@ -106,18 +98,7 @@ def film(trace: Trace, row: int, out: Path) -> None:
                 partial, format="GIF", save_all=True, append_images=others, duration=round(1000 * seconds), loop=0
             )
             return
-        command = [
-            "ffmpeg",
-            "-loglevel",
-            "error",
-            "-y",
-            "-f",
-            "image2pipe",
-            "-framerate",
-            f"{1 / seconds:g}",
-            "-i",
-            "-",
-        ]
+        command = f"ffmpeg -loglevel error -y -f image2pipe -framerate {1 / seconds:g} -i -".split()
         command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-f", "mp4", str(partial)]
         pictures = io.BytesIO()
         for frame in _frames(trace, row, FILMS[out.suffix]):
@@ -137,8 +118,7 @@ def _frames(trace: Trace, row: int, dpi: int) -> Iterator[Image]:
         page = io.BytesIO()
         with canvas(None, width, height) as figure:
             axes = figure.add_subplot()
-            _plane(axes, trace, row)
-            _state(axes, trace, row, state)
+            _draw_state(axes, trace, row, state)
             axes.text(0.02, 0.98, f"{state * trace.rules.dt:.2f} s", transform=axes.transAxes, va="top", fontsize=8)
             write(figure, page, "png", dpi=dpi)
         yield Images.open(page).convert("RGB")
@@ -152,53 +132,39 @@ def _size(trace: Trace, row: int) -> tuple[float, float]:
     return float(width * scale), float(height * scale)
 
 
-def _extent(trace: Trace, row: int) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """The smallest and the largest x and y in metres that an episode needs, with a margin."""
+def _extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
+    """What a picture of an episode shows, see `extent`: the pedestrians' goals may be outside."""
     states = slice(int(trace.steps[row]) + 1)
-    present = trace.present[row, states]
-    points = [trace.position[row, states][present], trace.goal[row, states, 0], *polygons(trace.obstacles[row])]
-    together = np.concatenate(points)
-    return together.min(axis=0) - 0.7, together.max(axis=0) + 0.7
+    return extent(trace.position[row, states], trace.goal[row, states, 0], trace.obstacles[row], 0.7)
 
 
-def _plane(axes: Axes, trace: Trace, row: int) -> None:
-    """What does not move: obstacles, the vehicle's goal, and a bar of 1 m."""
-    from matplotlib.patches import Polygon
-
+def _draw_state(axes: Axes, trace: Trace, row: int, state: int, marks: Iterable[Shape] = ()) -> None:
+    """Draw a state of an episode, and marks over it."""
     low, high = _extent(trace, row)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.axis("off")
-    for corners in polygons(trace.obstacles[row]):
-        axes.add_patch(Polygon(corners, closed=True, facecolor="#e4e4de", edgecolor=WALL, lw=1.0))
-    axes.plot(*trace.goal[row, 0, 0], marker="*", ms=8, color=VEHICLE, mec="white", mew=0.5, zorder=1)
-    corner = low + 0.3
-    axes.plot([corner[0], corner[0] + 1.0], [corner[1]] * 2, color=MUTED, lw=1.0)
-    axes.annotate("1 m", (corner[0] + 0.5, corner[1]), (0, 2), textcoords="offset points", ha="center", fontsize=6)
+    draw(axes, [*draw_moment(Moment.of_trace(trace, row, state), low), *marks])
 
 
-def _state(axes: Axes, trace: Trace, row: int, state: int) -> None:
-    """Everybody in one state, with their ways so far; at the end of a collision, whom the vehicle hits is red."""
-    is_hit = trace.outcome[row] == Outcome.COLLISION and state == int(trace.steps[row])
-    hit = 1 + pedestrian_hit(trace, row) if is_hit else None
-    position, radius = trace.position[row], trace.radius[row, state]
-    for agent in reversed(range(position.shape[1])):
-        way = position[: state + 1, agent].copy()
-        if agent:  # no line leads from one person to another who has taken its place
-            way[1:][np.diff(trace.person[row, : state + 1, agent - 1]) != 0] = np.nan
-        colour = VEHICLE if agent == 0 else HIT if agent == hit else PEDESTRIAN
-        axes.plot(
-            *way.T, color=colour, lw=1.6 if agent == 0 else 0.8, alpha=1.0 if agent in (0, hit) else 0.5, zorder=2
-        )
-        if trace.present[row, state, agent]:
-            _disc(axes, position[state, agent], float(radius[agent]), colour, filled=True)
-    if not isinstance(trace.rules.dynamics, Holonomic):
-        place = trace.rules.body, position[state : state + 1, 0], trace.heading[row, state : state + 1]
-        for line in (*outline(*place, float(radius[0])), *nose(*place, float(radius[0]))):
-            axes.plot(*line.T, color=VEHICLE, lw=1.0, zorder=4)
-
-
-def _disc(axes: Axes, place: Float[np.ndarray, "2"], radius: float, colour: str, *, filled: bool) -> None:
+def draw(axes: Axes, shapes: Iterable[Shape]) -> None:
+    """Draw shapes on axes, which are in metres: each over those before it."""
     from matplotlib.patches import Circle
+    from matplotlib.patches import Polygon as Patch
 
-    face = colour if filled else "none"
-    axes.add_patch(Circle(tuple(place), radius, facecolor=face, edgecolor=colour, lw=0.6, alpha=0.9, zorder=3))
+    for order, shape in enumerate(shapes):
+        match shape:
+            case Line(points, color, width):
+                axes.plot(*points.T, color=_rgb(color), lw=width, zorder=order)
+            case Disc(centre, radius, face, edge, width):
+                colors = {"facecolor": _rgb(face), "edgecolor": _rgb(edge or face)}
+                axes.add_patch(Circle(tuple(centre), radius, **colors, lw=width, zorder=order))
+            case Polygon(corners, face, edge, width):
+                axes.add_patch(Patch(corners, facecolor=_rgb(face), edgecolor=_rgb(edge), lw=width, zorder=order))
+            case Text(at, text, color, size, is_left):
+                side = "left" if is_left else "center"
+                axes.text(at[0], at[1], text, color=_rgb(color), fontsize=size, ha=side, va="center", zorder=order)
+
+
+def _rgb(color: Color | None) -> tuple[float, ...] | str:
+    """A colour as Matplotlib takes it."""
+    return "none" if color is None else tuple(channel / 255.0 for channel in color)

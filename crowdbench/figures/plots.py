@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from crowdbench.errors import InputError
-from crowdbench.evaluate.metrics import METRICS, unit_of
-from crowdbench.evaluate.summary import bootstrap, rate
+from crowdbench.core.types import Outcome
 from crowdbench.figures.series import Labelled, by_planner, runs, trainings
 from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
-from crowdbench.types import Outcome
+from crowdbench.metrics import METRICS, unit_of
+from crowdbench.metrics.summary import bootstrap, rate
+from crowdbench.utils.errors import InputError
 
 MOST = len(COLOURS)
 """The most series of a figure that can be told apart."""

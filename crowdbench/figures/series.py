@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench import files
-from crowdbench.errors import InputError
-from crowdbench.evaluate.kept import KeptRun, read_run
-from crowdbench.evaluate.results import planner_label, replanning_of
+from crowdbench.runs.results import planner_label, replanning_of
+from crowdbench.runs.store import RunResult
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
 
 CURVE, CARD = "curve.csv", "weights.json"
 
@@ -23,7 +23,7 @@ class Labelled:
     """A run and what it is called in a figure."""
 
     label: str
-    run: KeptRun
+    run: RunResult
 
 
 def runs(directories: Sequence[Path]) -> list[Labelled]:
@@ -35,7 +35,7 @@ def runs(directories: Sequence[Path]) -> list[Labelled]:
     Raises:
         InputError: One of them is not a run, or two of them have the same label.
     """
-    kept = [read_run(directory) for directory in directories]
+    kept = [RunResult.read(directory) for directory in directories]
     names = {run.result["scenario"]["name"] for run in kept}
     labels = [_label(run.result, with_scenario=len(names) > 1) for run in kept]
     for directory, label in zip(directories, labels, strict=True):
@@ -44,7 +44,7 @@ def runs(directories: Sequence[Path]) -> list[Labelled]:
     return [Labelled(label, run) for label, run in zip(labels, kept, strict=True)]
 
 
-def by_planner(directories: Sequence[Path]) -> dict[str, list[KeptRun]]:
+def by_planner(directories: Sequence[Path]) -> dict[str, list[RunResult]]:
     """Read runs, those of the same planner together.
 
     Args:
@@ -53,9 +53,9 @@ def by_planner(directories: Sequence[Path]) -> dict[str, list[KeptRun]]:
     Raises:
         InputError: One of them is not a run.
     """
-    found: dict[str, list[KeptRun]] = {}
+    found: dict[str, list[RunResult]] = {}
     for directory in directories:
-        run = read_run(directory)
+        run = RunResult.read(directory)
         found.setdefault(_label(run.result, with_scenario=False), []).append(run)
     return found
 

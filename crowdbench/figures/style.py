@@ -1,4 +1,4 @@
-"""The one style of all figures, for a column of a paper, and how a figure is written."""
+"""The style of figures for a column of a paper, and how a figure is written."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from crowdbench import files
-from crowdbench.errors import InputError
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from crowdbench.errors import InputError
-from crowdbench.evaluate.compare import Comparison, MetricDifference
-from crowdbench.evaluate.formats import Grid
-from crowdbench.evaluate.metrics import heading
-from crowdbench.evaluate.summary import Estimate
 from crowdbench.figures.series import Labelled, runs
+from crowdbench.metrics import heading
+from crowdbench.metrics.summary import Estimate
+from crowdbench.runs.compare import Comparison, MetricDifference
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Grid
 
 DEFAULT = ("success_rate", "collision_rate", "timeout_rate", "navigation_time", "minimum_gap", "jerk")
 """The metrics of a table where none are asked for."""

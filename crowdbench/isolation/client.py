@@ -13,10 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from crowdbench import interrupts
 from crowdbench.catalog import load_planner
-from crowdbench.errors import InputError, described, plugin_errors
-from crowdbench.evaluate.contract import examine
 from crowdbench.isolation.protocol import (
     VERSION,
     Broken,
@@ -30,6 +27,9 @@ from crowdbench.isolation.protocol import (
     to_json,
 )
 from crowdbench.planners.base import OneStepOnly, Planner
+from crowdbench.planners.contract import validate_commands
+from crowdbench.utils import interrupts
+from crowdbench.utils.errors import InputError, describe_error, plugin_errors
 
 
 def main() -> None:
@@ -87,7 +87,7 @@ class Served:
         except OneStepOnly:
             return _failed(How.ONE_STEP, "")
         except BaseException as error:  # whatever the planner raises, even SystemExit
-            return _failed(How.FAULTY, f"raised {described(error)}", getattr(error, "row", None))
+            return _failed(How.FAULTY, f"raised {describe_error(error)}", getattr(error, "row", None))
 
     def _start(self, content: bytearray) -> tuple[Kind, bytes]:
         asked = from_json(content)
@@ -117,12 +117,12 @@ class Served:
         obs, steps = read_observation(content)
         max_speed = obs.vehicle.preferred_speed.copy()
         answer: object = self.planner.plan(obs) if steps == 1 else self.planner.plan_ahead(obs, steps)
-        examined = examine(answer, max_speed, *([steps] if steps > 1 else []))
+        validation = validate_commands(answer, max_speed, *([steps] if steps > 1 else []))
         # Speed and finiteness are for the parent to judge: it gets what was decided.
-        if examined.commands is None:
-            assert examined.fault is not None
-            return _failed(How.FAULTY, examined.fault.what, examined.fault.row)
-        return Kind.COMMANDS, command_bytes(examined.commands)
+        if validation.commands is None:
+            assert validation.fault is not None
+            return _failed(How.FAULTY, validation.fault.what, validation.fault.row)
+        return Kind.COMMANDS, command_bytes(validation.commands)
 
 
 def _failed(how: How, what: str, row: int | None = None) -> tuple[Kind, bytes]:

@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench import plugins
-from crowdbench.errors import LONGEST, InputError, MachineFault
-from crowdbench.evaluate.contract import Fault
-from crowdbench.evaluate.driver import FaultyAnswer, TimeLimit
+from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
 from crowdbench.isolation.process import Process, TooLarge, TooSlow
 from crowdbench.isolation.protocol import (
@@ -27,8 +24,11 @@ from crowdbench.isolation.protocol import (
     to_json,
 )
 from crowdbench.planners.base import OneStepOnly, Planner
-from crowdbench.settings import DECISION_LIMIT
-from crowdbench.types import Observation
+from crowdbench.planners.contract import Fault
+from crowdbench.planners.driver import FaultyAnswer, TimeLimit
+from crowdbench.plugins.load import file_and_function, program
+from crowdbench.utils.defaults import DECISION_LIMIT
+from crowdbench.utils.errors import LONGEST, InputError, MachineFault
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class IsolatedPlanner(Planner):
         self.name = called(spec)
         self.limits = limits
         self.usage: dict[str, Any] = {"level": sandbox.level()}
-        self.process = Process(sandbox.command(plugins.program(spec), hidden, shown, folder), limits.memory, folder)
+        self.process = Process(sandbox.command(program(spec), hidden, shown, folder), limits.memory, folder)
         try:
             says = self._start(spec, options, scene)
         except BaseException:
@@ -105,7 +105,7 @@ class IsolatedPlanner(Planner):
         asked = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
         says = from_json(self._ask("in its construction", self.limits.construction, Kind.START, to_json(asked)))
         version = says.get("version", 1)  # version 1 did not name itself
-        if version != VERSION and plugins.program(spec) is None:
+        if version != VERSION and program(spec) is None:
             raise MachineFault(
                 f"crowdbench has changed since this command started, so that planner {self.name} cannot be asked: "
                 f"its messages are of version {VERSION} here and of version {version!r} there; start the command again"
@@ -182,7 +182,7 @@ class IsolatedPlanner(Planner):
 
 def called(spec: str) -> str:
     """The name of a planner that is not loaded here, as `catalog.load_planner` would name it."""
-    file, function = plugins.file_and_function(spec)
+    file, function = file_and_function(spec)
     if file is not None:
         return function or file.stem
-    return spec if plugins.program(spec) is None else Path(spec).name
+    return spec if program(spec) is None else Path(spec).name

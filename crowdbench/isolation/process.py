@@ -15,9 +15,9 @@ from pathlib import Path
 
 import psutil
 
-from crowdbench.errors import InputError
-from crowdbench.fair_limit import FairLimit
 from crowdbench.isolation.protocol import Broken, Kind, receive, send
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.time_limit import FairLimit
 
 TICK = 0.1
 """Seconds between two looks at the memory of a process."""

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.dynamics import DISC, DYNAMICS, FREE
-from crowdbench.types import HISTORY, Observation, Pedestrians, Vehicle
+from crowdbench.core.dynamics import DISC, DYNAMICS, FREE
+from crowdbench.core.types import HISTORY, Observation, Pedestrians, Vehicle
 
 VERSION = 3
 """Version of the format, which `START` and its answer name."""
@@ -205,27 +205,19 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         obs: The observation. What is logged in it is not sent.
         steps: For how many steps the planner is to decide.
     """
-    vehicle = _constants(obs.vehicle)
-    sizes = {
-        "steps": steps,
-        "world": len(obs),
-        "pedestrian": obs.pedestrians.radius.shape[1],
-        "waypoint": obs.vehicle.route.shape[1],
-        "polygon": obs.obstacles.shape[1],
-        "corner": obs.obstacles.shape[2],
-        "future": int(obs.future is not None),
-        "dynamics": list(DYNAMICS).index(obs.vehicle.dynamics.name),
-        "limit": len(vehicle["vehicle.dynamics"]),
-        "tolerance": len(vehicle["vehicle.goal_tolerance"]),
-        "disc": len(vehicle["vehicle.body"]),
-        "filled": 0 if obs.pedestrians.filled is None else HISTORY,
-        "beam": 0 if obs.lidar is None else obs.lidar.shape[1],
-    }
+    constants = _constants(obs.vehicle)
+    values = {name: constants[name] if name in constants else _value(obs, name) for name in ARRAYS}
+    sizes = dict.fromkeys(DIMENSIONS, 0)
+    for name, (_, shape) in ARRAYS.items():
+        if values[name] is not None:
+            lengths = zip(shape, np.shape(values[name]), strict=True)
+            sizes |= {axis: length for axis, length in lengths if isinstance(axis, str)}
+    index = list(DYNAMICS).index(obs.vehicle.dynamics.name)
+    sizes |= {"steps": steps, "future": int(obs.future is not None), "dynamics": index}
     yield _SIZES.pack(*(sizes[name] for name in DIMENSIONS))
     for name, (dtype, _) in ARRAYS.items():
-        value = vehicle[name] if name in vehicle else _value(obs, name)
-        if value is not None:
-            yield np.ascontiguousarray(value, dtype).reshape(-1).view(np.uint8).data
+        if values[name] is not None:
+            yield np.ascontiguousarray(values[name], dtype).reshape(-1).view(np.uint8).data
 
 
 def _constants(vehicle: Vehicle) -> dict[str, tuple[float, ...]]:

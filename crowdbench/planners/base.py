@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.types import Observation
+from crowdbench.core.types import Observation
 
 
 class OneStepOnly(NotImplementedError):
@@ -23,7 +23,7 @@ class Planner(abc.ABC):
     """Whether it calls `Observation.true_next`, which no vehicle could see. Such planners are never ranked."""
 
     native: bool | str = False
-    """Whether its commands are those of the vehicle's dynamics, see `crowdbench.dynamics`: of any, or of the one named.
+    """Whether its commands are those of the vehicle's dynamics (`core.dynamics`): of any, or of the one named.
 
     Otherwise they are velocities, which a vehicle on wheels follows as far as it can. For a holonomic vehicle, both are
     the same. A planner for one dynamics, such as `native = "unicycle"`, is refused with other vehicles.
@@ -43,7 +43,7 @@ class Planner(abc.ABC):
         """The commands for the next steps.
 
         Called instead of `plan` in runs with `replan_every` above 1, at every `steps`-th step after the planner has
-        looked first (`crowdbench.evaluate.replanning`). The vehicle executes the commands without another observation
+        looked first (`crowdbench.runs.spec`). The vehicle executes the commands without another observation
         in between.
 
         Args:

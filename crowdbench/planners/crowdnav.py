@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.errors import InputError, plugin_errors
+from crowdbench.core.types import Observation
 from crowdbench.planners.base import OneWorldPlanner
-from crowdbench.types import Observation
+from crowdbench.utils.errors import InputError, plugin_errors
 
 STATES = "crowd_sim.envs.utils.state"
 """The module in which CrowdNav and CrowdNav++ define their states."""
@@ -254,25 +254,16 @@ def _facts(policy: Any) -> dict[str, str]:
     """What results say of a policy: no file that they name holds its weights."""
     facts = {"policy": type(policy).__name__}
     if (network := _network(policy)) is not None:
-        from crowdbench.weights.store import digest  # here, because it imports torch
+        from crowdbench.networks.weights import digest
 
         facts["weights"] = digest(network)
     return facts
 
 
 def _action(action: Any, name: str) -> tuple[float, float, bool]:
-    """Read an action.
+    """The two numbers of an action, and whether it is an `ActionRot`, with a speed in m/s and a turn in radians.
 
-    Args:
-        action: What the policy returned.
-        name: What the policy is called in errors.
-
-    Returns:
-        The two numbers of the action, and whether it is an `ActionRot`: its speed in m/s and its turn in radians. Else
-        they are a velocity in m/s.
-
-    Raises:
-        InputError: It is neither, or has something other than numbers.
+    Else they are a velocity in m/s. Raises InputError where it is neither, or has something other than numbers.
     """
     try:
         if hasattr(action, "vx") and hasattr(action, "vy"):

@@ -1,4 +1,4 @@
-"""SARL with different predictors, and with the parts that turn it into SARL-SGAN-KCE.
+"""Planners that look one step ahead with a trained network: CADRL, LSTM-RL, SARL, and the parts of SARL-SGAN-KCE.
 
 SARL is Chen, Liu, Kreiss and Alahi, "Crowd-Robot Interaction: Crowd-aware Robot Navigation with Attention-based Deep
 Reinforcement Learning", ICRA 2019, arXiv:1809.08835. The rest is Li, Shan, Narula, Worrall and Nebot, "Socially Aware
@@ -8,11 +8,11 @@ arXiv:2011.11191, whose sections and equations are named below.
 
 from __future__ import annotations
 
+from crowdbench.networks.value import load_network
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.aggregate import find_aggregate
 from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.predict.load import load_predictor
-from crowdbench.value.networks import load_network
 
 
 def sarl_planner(
@@ -61,3 +61,28 @@ def sarl_planner(
         # Not in the paper: all futures only for the commands that look best, which is faster.
         shortlist=shortlist,
     )
+
+
+def network_planner(
+    network: str,
+    weights: str,
+    predictor: str = "constant_velocity",
+    device: str = "cpu",
+    limits: Limits | None = None,
+) -> ValuePlanner:
+    """Compose a planner of a value network, without the parts of Li et al.
+
+    Args:
+        network: The name of the network.
+        weights: The trained value network: a name (`crowdbench list weights`) or a file.
+        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        device: Where the value network runs: `cpu` or `cuda`.
+        limits: Commands that the vehicle can follow; false for all.
+
+    Returns:
+        The planner.
+
+    Raises:
+        InputError: An option is impossible.
+    """
+    return ValuePlanner(load_predictor(predictor)[1], load_network(network, weights, device), limits=limits)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from crowdbench.predict.base import Prediction, Predictor
-from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear
-from crowdbench.predict.oracle import Oracle
+from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 
 __all__ = [
     "ConstantVelocity",

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.types import Observation
+from crowdbench.core.types import Observation
 
 
 @dataclass(frozen=True)

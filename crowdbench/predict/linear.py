@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.errors import InputError
+from crowdbench.core.types import Observation
 from crowdbench.predict.base import Prediction, Predictor, straight_on
-from crowdbench.types import Observation
+from crowdbench.utils.numbers import require
 
 
 class Linear(Predictor):
@@ -63,10 +65,9 @@ class ConstantVelocitySampled(Predictor):
     """
 
     def __init__(self, modes: int = 20, angle: float = 25.0) -> None:
-        if not isinstance(modes, int) or modes < 1:
-            raise InputError(f"modes is {modes!r}, but must be a whole number, 1 or more")
-        if not isinstance(angle, int | float) or not 0.0 <= angle < np.inf:
-            raise InputError(f"angle is {angle!r}, but must be a number of degrees, 0 or more")
+        require("modes", modes, isinstance(modes, int) and modes >= 1, "a whole number, 1 or more")
+        good = isinstance(angle, int | float) and 0.0 <= angle < np.inf
+        require("angle", angle, good, "a number of degrees, 0 or more")
         self.modes = modes
         self.angle = np.radians(angle)
 
@@ -76,6 +77,16 @@ class ConstantVelocitySampled(Predictor):
         x, y = np.moveaxis(last_velocity(obs)[:, None], -1, 0)
         turned = np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)], axis=-1)
         return straight_on(obs.pedestrians.history[:, -1], turned, obs.dt, steps)
+
+
+class Oracle(Predictor):
+    """The true velocity of the next step, kept constant: shows what a perfect prediction of one step is worth."""
+
+    privileged: ClassVar[bool] = True
+
+    def predict(self, obs: Observation, steps: int) -> Prediction:
+        """See `Predictor`. There is one mode. Raises PermissionError where the planner is not privileged."""
+        return straight_on(obs.pedestrians.position, obs.true_next()[:, None], obs.dt, steps)
 
 
 def _weighted_sum(

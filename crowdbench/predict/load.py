@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from crowdbench import plugins
-from crowdbench.errors import InputError
+from crowdbench.plugins.load import Kind, make_plugin
 from crowdbench.predict.base import Predictor
-from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear
-from crowdbench.predict.oracle import Oracle
+from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 
 
 def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple[str, Predictor]:
@@ -25,19 +23,8 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
     Raises:
         InputError: There is no such predictor, it does not take the options, or its file is broken.
     """
-    name, factory = find_predictor(spec)
-    return name, plugins.make(Predictor, name, factory, options or {})  # type: ignore[type-abstract]
-
-
-def find_predictor(spec: str) -> tuple[str, Callable[..., object]]:
-    """The name of a predictor and what constructs it; spec and errors are those of `load_predictor`."""
-    file, function = plugins.file_and_function(spec)
-    if file is not None:
-        return function or file.stem, plugins.function_of(file, function or "predictor")
-    if spec in PREDICTORS:
-        return spec, PREDICTORS[spec]
-    known = ", ".join(PREDICTORS)
-    raise InputError(f"no predictor is called {spec!r}; there are {known}, or give a file: ./mine.py")
+    name, factory = PREDICTORS.find(spec)
+    return name, make_plugin(Predictor, name, factory, options or {})  # type: ignore[type-abstract]
 
 
 def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
@@ -77,12 +64,16 @@ def _sgan_simulated(modes: int = 20, device: str = "cpu") -> Predictor:
     return _sgan("sgan_simulated", modes, device=device)
 
 
-PREDICTORS: Mapping[str, Callable[..., Predictor]] = {
-    "linear": Linear,
-    "constant_velocity": ConstantVelocity,
-    "constant_velocity_sampled": ConstantVelocitySampled,
-    "oracle": Oracle,
-    "sgan": _sgan,
-    "sgan_simulated": _sgan_simulated,
-}
-"""The built-in predictors: classes, or functions that import torch only when they are called."""
+PREDICTORS = Kind(
+    "predictor",
+    "predictor",
+    {
+        "linear": Linear,
+        "constant_velocity": ConstantVelocity,
+        "constant_velocity_sampled": ConstantVelocitySampled,
+        "oracle": Oracle,
+        "sgan": _sgan,
+        "sgan_simulated": _sgan_simulated,
+    },
+)
+"""Those that are built in are classes, or functions that import torch only when they are called."""

@@ -1,4 +1,4 @@
-"""The predictor that samples futures from a Social GAN; its networks are in `social_gan_network`."""
+"""The predictor that samples futures from a Social GAN; its networks are in `networks.social_gan`."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from crowdbench.errors import InputError
-from crowdbench.numbers import is_number
+from crowdbench.core.types import Observation, Pedestrians
+from crowdbench.networks.social_gan import NOISE, Generator
+from crowdbench.networks.weights import built_in, digest, load_into, read_card, weights_file
 from crowdbench.predict.base import Prediction, Predictor
-from crowdbench.predict.social_gan_network import NOISE, Generator
-from crowdbench.threads import CHUNK, in_chunks
-from crowdbench.types import Observation, Pedestrians
-from crowdbench.weights.store import built_in, digest, load_into, read_card, weights_file
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.numbers import is_number, require
+from crowdbench.utils.threads import CHUNK, in_chunks
 
 NAME = "sgan"
 """The name of the network on the cards of its weights."""
@@ -54,8 +54,7 @@ class SocialGAN(Predictor):
         rescaled: bool = False,
         trained_without: Callable[[str], Predictor] | None = None,
     ) -> None:
-        if not (isinstance(modes, int) and modes >= 1):
-            raise InputError(f"modes is {modes!r}, but must be a whole number of futures, 1 or more")
+        require("modes", modes, isinstance(modes, int) and modes >= 1, "a whole number of futures, 1 or more")
         self.generator = generator.eval()
         self.about = about
         self.modes = modes
@@ -96,7 +95,7 @@ class SocialGAN(Predictor):
         device = next(self.generator.parameters()).device
         present = present.to(device)
         moves = self.generator(history.to(device), present, noise.to(device), steps)
-        return scattered(moves, present).double().cpu().numpy()
+        return scatter(moves, present).double().cpu().numpy()
 
     def unseen(self, scene: str) -> Predictor:
         """See `Predictor`. Raises InputError where it was trained on the scene and there is no other."""
@@ -107,7 +106,7 @@ class SocialGAN(Predictor):
         return self.trained_without(scene)
 
 
-def scattered(
+def scatter(
     moves: Float[Tensor, "mode row time 2"], present: Bool[Tensor, "scene pedestrian"]
 ) -> Float[Tensor, "scene mode time pedestrian 2"]:
     """A generator's displacements in the shape of a prediction.

@@ -1,18 +1,27 @@
-"""Windows of recorded tracks: consecutive frames, of which a predictor sees the first ones."""
+"""Recorded tracks as predictors take them: windows of consecutive frames, the split for training, resampling."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench import rng
-from crowdbench.tracks.eth_ucy import FRAME_STEP, Tracks
-from crowdbench.types import Observation, Pedestrians, Vehicle
+from crowdbench.core import rng
+from crowdbench.core.types import Observation, Pedestrians, Vehicle
+from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks, scenes
+from crowdbench.utils.errors import InputError
 
 FEWEST = 2
 """The smallest number of pedestrians in a window, as in the evaluation of Social GAN (Gupta et al. 2018)."""
+
+TRAINING_SHARE = 0.8
+"""The part of a file's annotated frames that is for training, as in the data of Social GAN (Gupta et al. 2018)."""
+
+ROUNDING = 1e-6
+"""Tolerance in steps: an annotation this close to the time of a step is at this time."""
 
 
 @dataclass(frozen=True)
@@ -112,13 +121,7 @@ def windows(tracks: Tracks, length: int) -> Windows:
 def _padded(tracks: Tracks, first: Int[np.ndarray, "stretch"], length: int) -> Windows:
     """Windows, padded to the largest number of pedestrians.
 
-    Args:
-        tracks: The recording.
-        first: The row of each pedestrian's first frame in a window; rows of the same window follow each other.
-        length: Number of frames of a window.
-
-    Returns:
-        The windows.
+    `first` has the row of each pedestrian's first frame in a window; rows of the same window follow each other.
     """
     frame, start, window, count = np.unique(
         tracks.frame[first], return_index=True, return_inverse=True, return_counts=True
@@ -132,3 +135,65 @@ def _padded(tracks: Tracks, first: Int[np.ndarray, "stretch"], length: int) -> W
     present[window, place] = True
     position[window, :, place] = tracks.position[first[:, None] + np.arange(length)]
     return Windows(frame, pedestrian, present, position, tracks.dt)
+
+
+def training_split(recordings: Sequence[Tracks], held_out: str | None) -> tuple[list[Tracks], list[Tracks]]:
+    """Split recordings in time: the first frames of each are for training, the last ones for validation.
+
+    Args:
+        recordings: The recordings.
+        held_out: The scene to test on, which is left out of both, or None.
+
+    Returns:
+        The training part and the validation part of every recording.
+
+    Raises:
+        InputError: There is no such scene, or there are no other recordings.
+    """
+    parts = scenes(recordings)
+    if held_out is not None and held_out not in parts:
+        raise InputError(f"there is no scene {held_out!r} to hold out; there are {', '.join(parts)}")
+    tested = [tracks.name for tracks in parts[held_out]] if held_out is not None else []
+    used = [tracks for tracks in recordings if tracks.name not in tested]
+    if not used:
+        raise InputError(f"nothing is left to train on but the scene {held_out}, which is held out")
+    first, last = zip(*map(_cut, used), strict=True)
+    return list(first), list(last)
+
+
+def resample(tracks: Tracks, dt: float) -> Tracks:
+    """Resample a recording by linear interpolation of each pedestrian's positions.
+
+    Positions are interpolated only between consecutive annotated frames, so that a gap in a track stays a gap.
+
+    Args:
+        tracks: The recording.
+        dt: The new time step in seconds.
+
+    Returns:
+        The recording with annotations every `dt` seconds, whose frame numbers differ by `FRAME_STEP` again. The time of
+        frame 0 is the same.
+    """
+    time = tracks.frame / FRAME_STEP * (tracks.dt / dt)
+    continued = (np.diff(tracks.pedestrian) == 0) & (np.diff(tracks.frame) == FRAME_STEP)
+    continued = np.append(continued, False)
+    # The new steps from each row to before the next one; where a track stops or has a gap, at most the row's own time.
+    first = np.ceil(time - ROUNDING).astype(np.int64)
+    end = np.where(continued, np.roll(first, -1), np.floor(time + ROUNDING).astype(np.int64) + 1)
+    row = np.repeat(np.arange(len(time)), end - first)
+    step = np.arange(len(row)) - np.searchsorted(row, row) + first[row]
+    part = np.where(continued[row], (step - time[row]) * dt / tracks.dt, 0.0)
+    moved = np.roll(tracks.position, -1, axis=0) - tracks.position
+    position = tracks.position[row] + part[:, None] * moved[row]
+    return Tracks(tracks.name, step * FRAME_STEP, tracks.pedestrian[row], position, dt)
+
+
+def _cut(tracks: Tracks) -> tuple[Tracks, Tracks]:
+    """The first and the last frames of a recording."""
+    frames = np.unique(tracks.frame)
+    early = tracks.frame < frames[int(TRAINING_SHARE * len(frames))]
+    arrays = {"frame": tracks.frame, "pedestrian": tracks.pedestrian, "position": tracks.position}
+    first, last = (
+        dataclasses.replace(tracks, **{name: array[rows] for name, array in arrays.items()}) for rows in (early, ~early)
+    )
+    return first, last

@@ -11,9 +11,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
+from crowdbench.core.types import DISCOMFORT_GAP
+from crowdbench.drawing.palette import CURVES, DARK, MUTED, Color
 from crowdbench.record.plots import PLANNER_PLOTS
-from crowdbench.record.style import BACKGROUND, CURVES, FAILURE, MUTED, VEHICLE, Color
-from crowdbench.types import DISCOMFORT_GAP
 
 
 def blueprint(
@@ -78,13 +78,7 @@ def _panels(*, has_menu: bool, lists: bool) -> list[Any]:
 
 
 def _plane(name: str, extents: Sequence[Float[np.ndarray, "2 2"]], root: str = "") -> rrb.Spatial2DView:
-    """The view of the plane.
-
-    Args:
-        name: Its title.
-        extents: Extent of each episode that it shows.
-        root: Path of the entity under which the episode is.
-    """
+    """The view of the plane, as large as the extents of all episodes, which are under the entity `root`."""
     low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
     so_far = rrb.VisibleTimeRange(
         "time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
@@ -92,22 +86,16 @@ def _plane(name: str, extents: Sequence[Float[np.ndarray, "2 2"]], root: str = "
     return rrb.Spatial2DView(
         name=name,
         contents=f"{root}/world/**",
-        background=[*BACKGROUND],
+        background=[*DARK.background],
         visual_bounds=rrb.VisualBounds2D(x_range=[low[0], high[0]], y_range=[-high[1], -low[1]]),
         overrides={f"{root}/world/trails": rrb.VisibleTimeRanges([so_far])},
     )
 
 
 def _plots(fastest: float, root: str = "", axis: rrb.TimeAxis | None = None) -> list[rrb.TimeSeriesView]:
-    """The views of the gap and the speed.
-
-    Args:
-        fastest: The largest speed in m/s at which the vehicle may drive.
-        root: Path of the entity under which the episode is.
-        axis: The horizontal axis; as long as the episode if None.
-    """
-    gap = {"gap": VEHICLE, "discomfort": MUTED, "contact": FAILURE}
-    speed = {"speed": VEHICLE, "preferred": MUTED}
+    """The views of the gap and the speed, see `side_by_side`; the axis is as long as the episode if None."""
+    gap = {"gap": DARK.vehicle, "discomfort": MUTED, "contact": DARK.failure}
+    speed = {"speed": DARK.vehicle, "preferred": MUTED}
     title = f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)"
     return [
         _plot(f"{root}/plots/gap", title, gap, (-0.2, 2.0), axis),
@@ -131,15 +119,7 @@ def _of_planner(name: str, count: int) -> rrb.TimeSeriesView:
 def _plot(
     entity: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float], axis: rrb.TimeAxis | None
 ) -> rrb.TimeSeriesView:
-    """A view with a plot. The title describes the curves, because a legend would cover them.
-
-    Args:
-        entity: The curves are those of this entity.
-        title: Title of the view.
-        curves: Names and colours of the curves. The first one is drawn wide.
-        extent: Range of the vertical axis.
-        axis: The horizontal axis; as long as the episode if None.
-    """
+    """A view with the curves of an entity, the first one wide. The title describes them: a legend would cover them."""
     widths = [2.5] + [1.0] * (len(curves) - 1)
     return rrb.TimeSeriesView(
         name=title,

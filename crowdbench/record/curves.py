@@ -10,9 +10,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float, Int
 
-from crowdbench.files import whole
+from crowdbench.drawing.palette import DARK, MUTED, SUCCESS
 from crowdbench.record import rrd
-from crowdbench.record.style import MUTED, SUCCESS, VEHICLE
+from crowdbench.utils.files import whole
 
 
 def write(
@@ -77,7 +77,7 @@ def _view(
     said = "grey: 95 % interval, " if has_interval else ""
     line = rr.SeriesLines(
         names=[name, *(["low", "high"] if has_interval else [])],
-        colors=[VEHICLE, *([MUTED, MUTED] if has_interval else [])],
+        colors=[DARK.vehicle, *([MUTED, MUTED] if has_interval else [])],
         widths=[2.5, *([1.0, 1.0] if has_interval else [])],
     )
     mark = rr.SeriesPoints(names="kept", colors=SUCCESS, markers="circle", marker_sizes=6.0)

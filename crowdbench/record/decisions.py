@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import rerun as rr
 from jaxtyping import Float, Int, UInt8
 from rerun.chunk import Chunk
 
-from crowdbench.record.chunks import moments, still
-from crowdbench.record.style import ATTENTION, MUTED, REMEMBERED, SCALE, VEHICLE
-from crowdbench.types import Trace
+from crowdbench.core.types import Trace
+from crowdbench.drawing.palette import ATTENTION, DARK, MUTED, REMEMBERED, SCALE
+from crowdbench.record.rrd import moments, moving, still
 
 ATTENTION_LOG = "attention"
 """The log `[world, pedestrian]` that is drawn as lines from the vehicle to the pedestrians, besides its curves."""
@@ -21,35 +22,37 @@ _FADES = (255, 130, 60)
 """Opacity of the first, second and last third of a future."""
 
 
-def drawn(trace: Trace, row: int) -> Iterator[Chunk]:
+def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
     """What the planner logged that has a place in the plane, see `Observation.log`.
 
     It is shown from the step in which it was logged until the next one; of a future, what is still to come.
-
-    Args:
-        trace: The trace with the episode.
-        row: Its row in the trace.
     """
     end, dt = int(trace.steps[row]), trace.rules.dt
     for name, array in trace.logs.items():
         entity = f"world/planner/{name}"
-        logged_at = np.flatnonzero(~np.isnan(array[row, :end].reshape(end, -1)).all(axis=1))
+        logged_at = steps_logged(trace, row, name)
         logged = array[row, logged_at]
         if not len(logged):
             continue
         if name == ATTENTION_LOG and logged.shape[1:] == trace.position[row, 0, 1:, 0].shape:
-            yield from _attention(trace, row, logged_at, logged)
+            yield from _draw_attention(trace, row, logged_at, logged)
         if _is_fan(logged[0]):
-            yield from _fan(entity, logged, trace.position[row, logged_at, 0], logged_at, dt)
+            yield from _draw_fan(entity, logged, trace.position[row, logged_at, 0], logged_at, dt)
         elif logged.ndim == 3 and logged.shape[-1] == 2:
             points = rr.Points2D.columns(positions=logged.reshape(-1, 2))
             yield still(entity, rr.Points2D.from_fields(colors=[MUTED], radii=rr.Radius.ui_points(2)))
-            yield Chunk.from_columns(entity, moments(logged_at, dt), points.partition([logged.shape[1]] * len(logged)))
+            yield moving(entity, moments(logged_at, dt), [logged.shape[1]] * len(logged), points)
         elif logged.ndim > 3:
-            yield from _lines(entity, logged, logged_at, end, dt)
+            yield from _draw_lines(entity, logged, logged_at, end, dt)
 
 
-def key(trace: Trace) -> str:
+def steps_logged(trace: Trace, row: int, name: str) -> Int[np.ndarray, "decision"]:
+    """The steps of an episode in which the planner logged something by a name."""
+    end = int(trace.steps[row])
+    return np.flatnonzero(~np.isnan(trace.logs[name][row, :end].reshape(end, -1)).all(axis=1))
+
+
+def key_text(trace: Trace) -> str:
     """What the marks of its decisions mean, as text beside the picture; empty where there are none."""
     marks = []
     logged = list(trace.logs.values())
@@ -77,7 +80,7 @@ def shades(value: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape 3"]:
     return np.stack(channels, axis=-1).astype(np.uint8)
 
 
-def _fan(
+def _draw_fan(
     entity: str,
     logged: Float[np.ndarray, "decision command 3"],
     origin: Float[np.ndarray, "decision 2"],
@@ -93,27 +96,22 @@ def _fan(
         steps: The steps of the decisions.
         dt: Length of a step in seconds.
     """
-    vectors: list[np.ndarray] = []
-    colors: list[np.ndarray] = []
-    best: list[np.ndarray] = []
-    for each in logged:
-        known = each[np.isfinite(each[:, 2])]
-        order = np.argsort(known[:, 2], kind="stable")
-        spread = float(np.ptp(known[:, 2])) if len(known) else 0.0
-        shares = (known[:, 2] - known[:, 2].min(initial=np.inf)) / spread if spread > 0.0 else np.ones(len(known))
-        vectors.append(known[:, :2])
-        colors.append(shades(shares))
-        best.append(known[order[-2:], :2])
+    known = [each[np.isfinite(each[:, 2])] for each in logged]
+    vectors = [each[:, :2] for each in known]
+    colors = [shades(_to_shares(each[:, 2])) for each in known]
+    best = [each[np.argsort(each[:, 2], kind="stable")[-2:], :2] for each in known]
     style = rr.Radius.ui_points(0.75)
     yield still(entity, rr.Arrows2D.from_fields(radii=style, draw_order=20))
-    yield _arrows(entity, origin, vectors, steps, dt, np.concatenate(colors))
+    yield _draw_arrows(entity, origin, vectors, steps, dt, np.concatenate(colors))
     marks = rr.Arrows2D.from_fields(radii=rr.Radius.ui_points(2.0), draw_order=45)
     yield still(f"{entity}/best", marks)
-    two = np.array([REMEMBERED, VEHICLE], np.uint8)
-    yield _arrows(f"{entity}/best", origin, best, steps, dt, np.concatenate([two[2 - len(each) :] for each in best]))
+    two = np.array([REMEMBERED, DARK.vehicle], np.uint8)
+    yield _draw_arrows(
+        f"{entity}/best", origin, best, steps, dt, np.concatenate([two[2 - len(each) :] for each in best])
+    )
 
 
-def _arrows(
+def _draw_arrows(
     entity: str,
     origin: Float[np.ndarray, "decision 2"],
     vectors: list[np.ndarray],
@@ -121,16 +119,7 @@ def _arrows(
     dt: float,
     colors: UInt8[np.ndarray, "arrow 3"],
 ) -> Chunk:
-    """Arrows from one point at each of several steps.
-
-    Args:
-        entity: Path of the entity.
-        origin: The point, in metres.
-        vectors: The arrows of each step, in metres.
-        steps: The steps.
-        dt: Length of a step in seconds.
-        colors: The colours of all arrows, one after the other.
-    """
+    """Arrows from one point at each of several steps; `colors` are those of all arrows, one after the other."""
     counts = [len(each) for each in vectors]
     arrows = rr.Arrows2D.columns(vectors=np.concatenate(vectors), colors=colors)
     columns = [column.partition(counts) for column in arrows]
@@ -139,7 +128,7 @@ def _arrows(
     return Chunk.from_columns(entity, moments(steps, dt), columns)
 
 
-def _lines(
+def _draw_lines(
     entity: str,
     logged: Float[np.ndarray, "decision *_ time line xy"],
     steps: Int[np.ndarray, "decision"],
@@ -158,7 +147,7 @@ def _lines(
     length, lines = logged.shape[-3], logged[0, ..., 0, :, 0].size
     until = np.append(steps[1:], end)
     shown = [(i, k) for i, (a, b) in enumerate(zip(steps, until, strict=True)) for k in range(max(b - a, 1))]
-    timelines = moments(np.array([steps[i] + k for i, k in shown]), dt)
+    timeline = moments(np.array([steps[i] + k for i, k in shown]), dt)
     bounds = np.linspace(0, length - 1, len(_FADES) + 1).round().astype(int)
     for third, (low, high) in enumerate(itertools.pairwise(bounds.tolist())):
         strips: list[np.ndarray] = []
@@ -170,34 +159,28 @@ def _lines(
         if not flat:
             continue
         path = f"{entity}/{third}"
-        columns = [rr.LineStrips2D.columns(strips=flat).partition(counts)]
-        always = {"colors": [(*MUTED, _FADES[third])]}
+        changing: dict[str, Any] = {"strips": flat}
+        always: dict[str, Any] = {}
         if logged.shape[-1] == 3:
-            weights = np.concatenate([_shares(logged[i], count) for (i, _), count in zip(shown, counts, strict=True)])
-            columns.append(rr.LineStrips2D.columns(colors=shades(weights)).partition(counts))
-            always = {}
+            weights = [logged[i][..., 0, :, 2].ravel() for i, _ in shown]
+            shares = [_to_shares(each)[:count] for each, count in zip(weights, counts, strict=True)]
+            changing["colors"] = shades(np.concatenate(shares))
+        else:
+            always["colors"] = [(*MUTED, _FADES[third])]
         yield still(path, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.75), draw_order=15, **always))
-        yield Chunk.from_columns(path, timelines, [each for column in columns for each in column])
+        yield moving(path, timeline, counts, rr.LineStrips2D.columns(**changing))
 
 
-def _shares(logged: Float[np.ndarray, "*_ time line 3"], count: int) -> Float[np.ndarray, "_"]:
-    """The weights of lines as shares from the smallest to the largest; nothing where no line is shown."""
-    weights = logged[..., 0, :, 2].ravel()
-    spread = float(np.ptp(weights))
-    return ((weights - weights.min()) / spread if spread > 0.0 else np.ones(len(weights)))[:count]
+def _to_shares(values: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
+    """Values as shares from the smallest, 0, to the largest, 1; 1 where they are all the same."""
+    spread = float(np.ptp(values)) if len(values) else 0.0
+    return (values - values.min()) / spread if spread > 0.0 else np.ones(len(values))
 
 
-def _attention(
+def _draw_attention(
     trace: Trace, row: int, steps: Int[np.ndarray, "decision"], logged: Float[np.ndarray, "decision pedestrian"]
 ) -> Iterator[Chunk]:
-    """Lines from the vehicle to the pedestrians, the wider the more it attends to them.
-
-    Args:
-        trace: The trace with the episode.
-        row: Its row in the trace.
-        steps: The steps of the decisions.
-        logged: How much it attends to each of them, from 0 to 1.
-    """
+    """Lines from the vehicle to the pedestrians, the wider the more, from 0 to 1, it attends to them."""
     position = trace.position[row, steps]
     strips, widths, counts = [], [], []
     for place, share in zip(position, logged, strict=True):
@@ -209,8 +192,4 @@ def _attention(
         return
     lines = rr.LineStrips2D.columns(strips=strips, radii=rr.Radius.ui_points(widths))
     yield still("world/planner/attention", rr.LineStrips2D.from_fields(colors=[ATTENTION], draw_order=12))
-    yield Chunk.from_columns(
-        "world/planner/attention",
-        moments(steps, trace.rules.dt),
-        [column.partition(counts) for column in lines],
-    )
+    yield moving("world/planner/attention", moments(steps, trace.rules.dt), counts, lines)

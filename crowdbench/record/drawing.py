@@ -14,25 +14,24 @@ import rerun as rr
 from jaxtyping import Bool, Float, Int
 from rerun.chunk import Chunk
 
-from crowdbench.dynamics import Holonomic, nose, outline, reach
-from crowdbench.geometry import polygons
-from crowdbench.record import approach, decisions, sight
-from crowdbench.record.chunks import still, times
-from crowdbench.record.hit import pedestrian_hit
-from crowdbench.record.plots import is_curve, logs, plots
-from crowdbench.record.style import ARROW, CURVES, FAILURE, FAINT, GRID, PEDESTRIAN, SUCCESS, VEHICLE, WALKED, Color
-from crowdbench.record.walls import drawn
-from crowdbench.types import Outcome, Trace
+from crowdbench.core.dynamics import Holonomic, nose, outline, reach
+from crowdbench.core.geometry import polygons
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.drawing import moment
+from crowdbench.drawing.palette import CURVES, DARK, GRID, SUCCESS, Color
+from crowdbench.record.decisions import draw_decisions
+from crowdbench.record.marks import draw_approach, draw_sensor
+from crowdbench.record.plots import draw_logs, draw_plots, is_curve, metrics_text, summary_text
+from crowdbench.record.rrd import moments, moving, still
 
-KEY = "*yellow: vehicle, blue: pedestrians, small dots: their goals · arrow: the way of 1 s · grid: 1 m*"
-"""What the picture means, as text beside it."""
-
+HATCHING = 0.25
+"""Distance in metres between the lines that fill an obstacle."""
 
 _ANGLE = np.linspace(0.0, 2.0 * np.pi, 49)
 CIRCLE: Float[np.ndarray, "49 2"] = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)
 
 
-def episode(trace: Trace, row: int, title: str, values: Mapping[str, float | bool]) -> Iterator[Chunk]:
+def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, float | bool]) -> Iterator[Chunk]:
     """All that is shown of one episode.
 
     Args:
@@ -42,78 +41,60 @@ def episode(trace: Trace, row: int, title: str, values: Mapping[str, float | boo
         values: Its metrics by name, with units.
     """
     states, dt = int(trace.steps[row]) + 1, trace.rules.dt
-    present = np.asarray(trace.present[row, :states].any(axis=0))
-    position, velocity = trace.position[row, :states, present], trace.velocity[row, :states, present]
-    goal, radius = trace.goal[row, :states, present], trace.radius[row, :states, present]
-    same = np.ones((len(position), states - 1), bool)
-    same[1:] = np.diff(trace.person[row, :states], axis=0).T[present[1:]] == 0
+    number = np.flatnonzero(trace.present[row, :states].any(axis=0))
+    position, velocity = trace.position[row, :states][:, number], trace.velocity[row, :states][:, number]
+    goal, radius = trace.goal[row, :states][:, number], trace.radius[row, :states][:, number]
+    same = np.ones((states - 1, len(number)), bool)
+    same[:, 1:] = np.diff(trace.person[row, :states], axis=0)[:, number[1:] - 1] == 0
     low, high = extent(trace, row)
     label = 0.035 * float((high - low).max())  # height of a line of text in the viewer, in metres
     yield still("world", rr.Transform3D(scale=[1.0, -1.0, 1.0]))
-    way = np.concatenate([position[0, :1], trace.route[row][~np.isnan(trace.route[row][:, 0])], goal[0, :1]])
-    near = radius[0, 0] if trace.rules.goal_tolerance is None else trace.rules.goal_tolerance
-    paths = [way, *(path for each, kept in zip(position, same, strict=True) for path in _paths(each, kept))]
-    yield _ground(low, high, paths, goal[0, 0], float(near))
+    way = np.concatenate([position[:1, 0], trace.route[row][~np.isnan(trace.route[row][:, 0])], goal[:1, 0]])
+    paths = [path for agent in range(len(number)) for path in moment.paths(position[:, agent], same[:, agent])]
+    near = trace.rules.goal_tolerance
+    yield _draw_ground(low, high, [way, *paths], goal[0, 0], float(radius[0, 0] if near is None else near))
     if len(walls := polygons(trace.obstacles[row])):
-        yield drawn(walls)
-    yield from _trails(position, same, times(1, states, dt))
-    timelines = times(0, states, dt)
-    yield from _goals(timelines, np.where(np.isnan(position), np.nan, goal))
-    seen = None if trace.perceived is None else trace.seen[row, :states, present[1:]]
-    yield from _discs(timelines, position, velocity, radius, seen)
-    yield from sight.drawn(trace, row, timelines)
+        yield _draw_walls(walls)
+    timeline = moments(np.arange(states), dt)
+    yield from _draw_trails(position, same, moments(np.arange(1, states), dt))
+    yield from _draw_goals(timeline, np.where(np.isnan(position), np.nan, goal))
+    seen = None if trace.perceived is None else trace.seen[row, :states][:, number[1:] - 1]
+    yield from _draw_discs(timeline, position, velocity, radius, seen)
+    yield from draw_sensor(trace, row, timeline)
     if not isinstance(trace.rules.dynamics, Holonomic):
-        yield from _body(trace, row, timelines)
-    number = np.flatnonzero(present)
-    yield from _names(timelines, position, goal[0, 0], radius, number, label, _name_colors(trace, number))
-    sentence, mark = _ending(trace, row, label)
+        yield from _draw_body(trace, row, timeline)
+    yield from _draw_names(timeline, position, goal[0, 0], radius, number, label, _name_colors(trace, number))
+    sentence, mark = _draw_ending(trace, row, label)
     yield mark
-    yield from plots(trace, row)
-    yield from logs(trace, row)
-    yield from decisions.drawn(trace, row)
-    yield from approach.drawn(trace, row, label)
-    yield _text("summary", _summary(trace, row, title, sentence))
-    yield _text("metrics", _metrics(values))
+    yield from draw_plots(trace, row)
+    yield from draw_logs(trace, row)
+    yield from draw_decisions(trace, row)
+    yield from draw_approach(trace, row, label)
+    for entity, text in (("summary", summary_text(trace, row, title, sentence)), ("metrics", metrics_text(values))):
+        yield still(entity, rr.TextDocument(text, media_type="text/markdown"))
 
 
 def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
-    """The rectangle that an episode needs, with a margin.
-
-    Args:
-        trace: The trace with the episode.
-        row: Its row in the trace.
-
-    Returns:
-        The smallest and the largest x and y, in whole metres.
-    """
+    """The smallest and the largest x and y that an episode needs with a margin, in whole metres."""
     states = slice(trace.steps[row] + 1)
     present = trace.present[row, states]
-    path, goals = trace.position[row, states][present], trace.goal[row, states][present]
-    points = np.concatenate([path, goals, *polygons(trace.obstacles[row])])
-    margin = 0.5 + reach(trace.rules.body)
-    return np.stack([np.floor(points.min(0) - margin), np.ceil(points.max(0) + margin)])
+    agents = trace.position[row, states][present], trace.goal[row, states][present]
+    low, high = moment.extent(*agents, trace.obstacles[row], 0.5 + reach(trace.rules.body))
+    return np.stack([np.floor(low), np.ceil(high)])
 
 
-def _ground(
+def _draw_ground(
     low: Float[np.ndarray, "2"],
     high: Float[np.ndarray, "2"],
     paths: Sequence[Float[np.ndarray, "_ 2"]],
     goal: Float[np.ndarray, "2"],
     near: float,
 ) -> Chunk:
-    """What does not move: a grid of 1 m, the vehicle's goal and shortest way, and the paths of all agents.
-
-    Args:
-        low: Smallest x and y of the grid in metres.
-        high: Largest x and y of the grid in metres.
-        paths: The vehicle's start, its waypoints and its goal, and the paths, in metres.
-        goal: The vehicle's, in metres.
-        near: Distance in metres to its goal below which the vehicle has arrived: the ring around the goal.
-    """
+    """What does not move: a grid of 1 m, paths, and a ring around the vehicle's goal, inside which it has arrived."""
     # Two lines that turn at the rim, because a line for each metre would take longer to write than all else.
     grid = [_back_and_forth(low, high), _back_and_forth(low[::-1], high[::-1])[:, ::-1]]
     lines = [*grid, *paths, goal + near * CIRCLE]
-    colors = [GRID] * len(grid) + [FAINT] * len(paths) + [VEHICLE]
+    colors = [GRID] * len(grid) + [DARK.faint] * len(paths) + [DARK.vehicle]
     widths = rr.Radius.ui_points([0.5] * (len(lines) - 1) + [1.5])
     return still("world/ground", rr.LineStrips2D(lines, colors=colors, radii=widths, draw_order=1))
 
@@ -125,27 +106,39 @@ def _back_and_forth(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -
     return np.stack([x, y], axis=1)
 
 
-def _paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
-    """The paths in metres of all who had the place of one agent, each in a line; `same` tells who stayed in a step."""
-    parts = np.split(position, np.flatnonzero(~same) + 1)
-    return [part[np.isfinite(part[:, 0])] for part in parts if np.isfinite(part[:, 0]).sum() > 1]
+def _draw_walls(walls: Sequence[Float[np.ndarray, "_ 2"]]) -> Chunk:
+    """The outlines of obstacles; those of solid ones are closed and hatched, because the viewer fills none."""
+    outlines = [np.concatenate([wall, wall[:1]]) if len(wall) > 2 else wall for wall in walls]
+    lines = [*outlines, *(line for wall in walls if len(wall) > 2 for line in _hatch(wall))]
+    widths = rr.Radius.ui_points([2.0] * len(outlines) + [0.75] * (len(lines) - len(outlines)))
+    return still("world/walls", rr.LineStrips2D(lines, colors=[DARK.wall] * len(lines), radii=widths, draw_order=2))
 
 
-def _goals(timelines: Sequence[rr.TimeColumn], goal: Float[np.ndarray, "agent time 2"]) -> Iterator[Chunk]:
-    """The goals as dots, once where they do not change.
+def _hatch(polygon: Float[np.ndarray, "corner 2"]) -> list[Float[np.ndarray, "2 2"]]:
+    """Lines at 45 degrees within a polygon."""
+    # Turned by 45 degrees, the lines are horizontal: each crosses the edges where it enters and where it leaves.
+    turned = polygon @ np.array([[1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(2.0)
+    after = np.roll(turned, -1, axis=0)
+    low, high = turned[:, 1].min(), turned[:, 1].max()
+    lines = []
+    for y in np.arange(np.ceil(low / HATCHING) * HATCHING, high, HATCHING):
+        crossed = (turned[:, 1] > y) != (after[:, 1] > y)
+        a, b = turned[crossed], after[crossed]
+        x = np.sort(a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0]))
+        ends = np.stack([x, np.full(len(x), y)], axis=1) @ np.array([[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2.0)
+        lines += list(ends.reshape(-1, 2, 2))
+    return lines
 
-    Args:
-        timelines: Times of the states.
-        goal: In metres, NaN while the agent is not there.
-    """
-    agents, states = goal.shape[:2]
-    colors = _each(VEHICLE, PEDESTRIAN, agents)
-    if (goal == goal[:, :1]).all():
-        yield still("world/goals", rr.Points2D(goal[:, 0], radii=rr.Radius.ui_points(3), colors=colors))
+
+def _draw_goals(timeline: Sequence[rr.TimeColumn], goal: Float[np.ndarray, "time agent 2"]) -> Iterator[Chunk]:
+    """The goals as dots, once where they do not change; NaN is the goal of an agent that is not there."""
+    states, agents = goal.shape[:2]
+    style: dict[str, Any] = {"radii": rr.Radius.ui_points(3), "colors": _each(DARK.vehicle, DARK.pedestrian, agents)}
+    if (goal == goal[:1]).all():
+        yield still("world/goals", rr.Points2D(goal[0], **style))
         return
-    yield still("world/goals", rr.Points2D.from_fields(radii=rr.Radius.ui_points(3), colors=colors))
-    columns = rr.Points2D.columns(positions=goal.swapaxes(0, 1).reshape(-1, 2))
-    yield Chunk.from_columns("world/goals", timelines, columns.partition([agents] * states))
+    yield still("world/goals", rr.Points2D.from_fields(**style))
+    yield moving("world/goals", timeline, [agents] * states, rr.Points2D.columns(positions=goal.reshape(-1, 2)))
 
 
 def _each(vehicle: Color, pedestrian: Color, agents: int) -> list[Color]:
@@ -153,81 +146,70 @@ def _each(vehicle: Color, pedestrian: Color, agents: int) -> list[Color]:
     return [vehicle] + [pedestrian] * (agents - 1)
 
 
-def _trails(
-    position: Float[np.ndarray, "agent time 2"],
-    same: Bool[np.ndarray, "agent step"],
-    timelines: Sequence[rr.TimeColumn],
+def _draw_trails(
+    position: Float[np.ndarray, "time agent 2"],
+    same: Bool[np.ndarray, "step agent"],
+    timeline: Sequence[rr.TimeColumn],
 ) -> Iterator[Chunk]:
     """One stroke per agent and step. The blueprint shows all strokes up to the current time, which makes a trail.
 
-    Args:
-        position: In metres.
-        same: Whether the agent is still the same one after each step; else the stroke is a dot.
-        timelines: Times of all states but the first.
+    The stroke is a dot where the agent is not the same one after the step.
     """
-    agents, states = position.shape[:2]
-    colors = _each(VEHICLE, WALKED, agents)
+    states, agents = position.shape[:2]
+    colors = _each(DARK.vehicle, DARK.walked, agents)
     yield still("world/trails", rr.LineStrips2D.from_fields(colors=colors, radii=rr.Radius.ui_points(2)))
-    before = np.where(same[..., None], position[:, :-1], position[:, 1:])
-    strokes = np.stack([before, position[:, 1:]], axis=2).swapaxes(0, 1).reshape(-1, 2, 2)
-    columns = rr.LineStrips2D.columns(strips=strokes)
-    yield Chunk.from_columns("world/trails", timelines, columns.partition([agents] * (states - 1)))
+    before = np.where(same[..., None], position[:-1], position[1:])
+    strokes = np.stack([before, position[1:]], axis=2).reshape(-1, 2, 2)
+    yield moving("world/trails", timeline, [agents] * (states - 1), rr.LineStrips2D.columns(strips=strokes))
 
 
-def _discs(
-    timelines: Sequence[rr.TimeColumn],
-    position: Float[np.ndarray, "agent time 2"],
-    velocity: Float[np.ndarray, "agent time 2"],
-    radius: Float[np.ndarray, "agent time"],
-    seen: Bool[np.ndarray, "pedestrian time"] | None,
+def _draw_discs(
+    timeline: Sequence[rr.TimeColumn],
+    position: Float[np.ndarray, "time agent 2"],
+    velocity: Float[np.ndarray, "time agent 2"],
+    radius: Float[np.ndarray, "time agent"],
+    seen: Bool[np.ndarray, "time pedestrian"] | None,
 ) -> Iterator[Chunk]:
-    """Agents as discs of their true size, with an arrow as long as the way of one second.
-
-    Args:
-        timelines: Times of the states.
-        position: In metres.
-        velocity: In m/s.
-        radius: In metres.
-        seen: Whether the vehicle sees each pedestrian; None where it sees everybody.
-    """
-    agents, states = position.shape[:2]
-    always: dict[str, Any] = {"colors": _each(VEHICLE, PEDESTRIAN, agents)} if seen is None else {}
-    changing: dict[str, Any] = {} if seen is None else {"colors": sight.colors(seen.T)}
-    if (radius == radius[:, :1]).all():
-        always["radii"] = radius[:, 0]
+    """Agents as discs of their true size, darker if the vehicle does not see them, with the way of one second."""
+    states, agents = position.shape[:2]
+    always: dict[str, Any] = {}
+    changing: dict[str, Any] = {}
+    if seen is None:
+        always["colors"] = _each(DARK.vehicle, DARK.pedestrian, agents)
     else:
-        changing["radii"] = radius.T.ravel()
+        crowds = ([DARK.pedestrian if each else DARK.hidden for each in state] for state in seen.tolist())
+        changing["colors"] = [color for crowd in crowds for color in (DARK.vehicle, *crowd)]
+    if (radius == radius[:1]).all():
+        always["radii"] = radius[0]
+    else:
+        changing["radii"] = radius.ravel()
     yield still(
         "world/agents",
         rr.Points2D.from_fields(**always),
-        rr.Arrows2D.from_fields(colors=[ARROW], radii=rr.Radius.ui_points(1.5), draw_order=40),
+        rr.Arrows2D.from_fields(colors=[DARK.text], radii=rr.Radius.ui_points(1.5), draw_order=40),
     )
-    flat, arrow = position.swapaxes(0, 1).reshape(-1, 2), velocity.swapaxes(0, 1).reshape(-1, 2)
-    columns = [*rr.Points2D.columns(positions=flat, **changing), *rr.Arrows2D.columns(origins=flat, vectors=arrow)]
-    yield Chunk.from_columns("world/agents", timelines, [column.partition([agents] * states) for column in columns])
+    flat = position.reshape(-1, 2)
+    discs = rr.Points2D.columns(positions=flat, **changing)
+    arrows = rr.Arrows2D.columns(origins=flat, vectors=velocity.reshape(-1, 2))
+    yield moving("world/agents", timeline, [agents] * states, discs, arrows)
 
 
-def _body(trace: Trace, row: int, timelines: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
-    """The rim of a vehicle on wheels, with a line that shows where it faces.
-
-    Args:
-        trace: The trace with the episode.
-        row: Its row in the trace.
-        timelines: Times of the states.
-    """
+def _draw_body(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
+    """The rim of a vehicle on wheels, with a line that shows where it faces."""
     states = int(trace.steps[row]) + 1
     place = trace.rules.body, trace.position[row, :states, 0], trace.heading[row, :states]
     radius = float(trace.radius[row, 0, 0])
     strips = [line for pair in zip(outline(*place, radius), nose(*place, radius), strict=True) for line in pair]
-    yield still("world/body", rr.LineStrips2D.from_fields(colors=[ARROW], radii=rr.Radius.ui_points(2), draw_order=35))
-    yield Chunk.from_columns("world/body", timelines, rr.LineStrips2D.columns(strips=strips).partition([2] * states))
+    style = rr.LineStrips2D.from_fields(colors=[DARK.text], radii=rr.Radius.ui_points(2), draw_order=35)
+    yield still("world/body", style)
+    yield moving("world/body", timeline, [2] * states, rr.LineStrips2D.columns(strips=strips))
 
 
-def _names(
-    timelines: Sequence[rr.TimeColumn],
-    position: Float[np.ndarray, "agent time 2"],
+def _draw_names(
+    timeline: Sequence[rr.TimeColumn],
+    position: Float[np.ndarray, "time agent 2"],
     goal: Float[np.ndarray, "2"],
-    radius: Float[np.ndarray, "agent time"],
+    radius: Float[np.ndarray, "time agent"],
     number: Int[np.ndarray, "agent"],
     label: float,
     colors: Sequence[Color],
@@ -235,7 +217,7 @@ def _names(
     """A name under each disc, and one over the vehicle's goal. At its centre Rerun would write across the disc.
 
     Args:
-        timelines: Times of the states.
+        timeline: Times of the states.
         position: In metres.
         goal: The vehicle's goal in metres.
         radius: In metres.
@@ -243,117 +225,52 @@ def _names(
         label: Height of a line of text in metres.
         colors: A colour per name.
     """
-    agents, states = position.shape[:2]
+    states, agents = position.shape[:2]
     anchors = np.empty((states, agents + 1, 2))
-    anchors[:, :-1] = position.swapaxes(0, 1)
-    anchors[:, :-1, 1] -= radius.T
+    anchors[:, :-1] = position
+    anchors[:, :-1, 1] -= radius
     anchors[:, -1] = _above_goal(goal, radius[0, 0], label)
     names = ["vehicle", *(str(agent - 1) for agent in number[1:]), "goal"]
-    style = rr.Points2D.from_fields(labels=names, colors=colors, radii=rr.Radius.ui_points(0))
-    yield still("world/names", style)
-    columns = rr.Points2D.columns(positions=anchors.reshape(-1, 2))
-    yield Chunk.from_columns("world/names", timelines, columns.partition([agents + 1] * states))
+    yield still("world/names", rr.Points2D.from_fields(labels=names, colors=colors, radii=rr.Radius.ui_points(0)))
+    yield moving("world/names", timeline, [agents + 1] * states, rr.Points2D.columns(positions=anchors.reshape(-1, 2)))
 
 
 def _above_goal(goal: Float[np.ndarray, "2"], radius: float, label: float) -> Float[np.ndarray, "2"]:
-    """Where the name of the vehicle's goal stands, in metres.
-
-    Args:
-        goal: In metres.
-        radius: The vehicle's, in metres.
-        label: Height of a line of text in metres.
-    """
+    """Where the name of the vehicle's goal stands, in metres; `label` is the height of a line of text."""
     return goal + np.array([0.0, radius + label])
 
 
 def _name_colors(trace: Trace, number: Int[np.ndarray, "agent"]) -> list[Color]:
-    """The colours of the names: those of the pedestrians' curves where the planner logged a curve of each.
-
-    Args:
-        trace: The trace.
-        number: Index of each agent in it.
-    """
+    """The colours of the names: those of the pedestrians' curves where the planner logged a curve of each."""
     pedestrians = trace.position.shape[2] - 1
     has_curves = any(is_curve(logged) and logged[0, 0].size == pedestrians > 1 for logged in trace.logs.values())
-    each = [CURVES[(agent - 1) % len(CURVES)] if has_curves else PEDESTRIAN for agent in number[1:].tolist()]
-    return [VEHICLE, *each, VEHICLE]
+    each = [CURVES[(agent - 1) % len(CURVES)] if has_curves else DARK.pedestrian for agent in number[1:].tolist()]
+    return [DARK.vehicle, *each, DARK.vehicle]
 
 
-def _ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
-    """How the episode ended, and its mark in the last state: green or red rims and a ring.
-
-    Args:
-        trace: The trace with the episode.
-        row: Its row in the trace.
-        label: Height of a line of text in metres.
-
-    Returns:
-        A sentence, and the mark.
-    """
+def _draw_ending(trace: Trace, row: int, label: float) -> tuple[str, Chunk]:
+    """How the episode ended, as a sentence, and its mark in the last state: green or red rims and a ring."""
     steps, dt, outcome = int(trace.steps[row]), trace.rules.dt, Outcome(int(trace.outcome[row]))
     sentence, involved = "reaches its goal", [0]
     if outcome is Outcome.TIMEOUT:
         sentence = "runs out of time"
     elif outcome is Outcome.COLLISION:
-        hit = pedestrian_hit(trace, row)
+        hit = moment.pedestrian_hit(trace, row)
         sentence, involved = f"hits pedestrian {hit}", [0, hit + 1]
     elif outcome is Outcome.WALL_COLLISION:
         sentence = "hits an obstacle"
-    centers = trace.position[row, steps, involved]
-    middle, ring = centers.mean(0), 3.0 * trace.radius[row, 0, 0]
-    color = SUCCESS if outcome is Outcome.SUCCESS else FAILURE
+    centers, radius = trace.position[row, steps, involved], trace.radius[row, 0, 0]
+    middle, ring = centers.mean(0), 3.0 * radius
+    color = SUCCESS if outcome is Outcome.SUCCESS else DARK.failure
     sizes = [*trace.radius[row, steps, involved], ring]
     rims = rr.LineStrips2D.columns(
         strips=[center + size * CIRCLE for center, size in zip([*centers, middle], sizes, strict=True)],
         colors=[color] * len(sizes),
     )
-    above, name = (
-        middle + np.array([0.0, ring + label]),
-        _above_goal(trace.goal[row, 0, 0], trace.radius[row, 0, 0], label),
-    )
+    above, name = middle + np.array([0.0, ring + label]), _above_goal(trace.goal[row, 0, 0], radius, label)
     if abs(above[0] - name[0]) < 6.0 * label and abs(above[1] - name[1]) < 1.5 * label:
         above[1] = name[1] + 1.5 * label  # as both could not be read
     text = rr.Points2D.columns(positions=[above], labels=[sentence], colors=[color], radii=[rr.Radius.ui_points(0)])
-    columns = [column.partition([len(sizes)]) for column in rims] + [column.partition([1]) for column in text]
-    return f"{sentence} after {steps * dt:g} s", Chunk.from_columns(
-        "world/ending", times(steps, steps + 1, dt), columns
-    )
-
-
-def _text(entity: str, text: str) -> Chunk:
-    """A text in Markdown."""
-    return still(entity, rr.TextDocument(text, media_type="text/markdown"))
-
-
-def _summary(trace: Trace, row: int, title: str, sentence: str) -> str:
-    """The text beside the picture.
-
-    Args:
-        trace: The trace with the episode.
-        row: Its row in the trace.
-        title: Which run it belongs to.
-        sentence: How it ended.
-    """
-    lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize().replace('_', ' ')}: {sentence}"]
-    keys = [KEY, approach.KEY, *([] if trace.perceived is None else [sight.KEY]), decisions.key(trace)]
-    lines += [f"{trace.split} case {trace.case[row]} · {title}", "", " · ".join(filter(None, keys))]
-    return "\n".join(lines)
-
-
-def _metrics(values: Mapping[str, float | bool]) -> str:
-    """The metrics of an episode as a table in two columns; those that are undefined are left out.
-
-    Args:
-        values: By name, with units.
-    """
-    defined = {name: value for name, value in values.items() if np.isfinite(value)}
-    cells = [f"{name} | {_value(value)}" for name, value in defined.items()]
-    cells += [" | "] * (len(cells) % 2)
-    half = len(cells) // 2
-    lines = ["| metric | value | metric | value |", "|---|---:|---|---:|"]
-    lines += [f"| {left} | {right} |" for left, right in zip(cells[:half], cells[half:], strict=True)]
-    return "\n".join(lines)
-
-
-def _value(value: float | bool) -> str:
-    return ("yes" if value else "no") if isinstance(value, bool) else f"{value:.4g}"
+    columns = [*rims.partition([len(sizes)]), *text.partition([1])]
+    timeline = moments(np.array([steps]), dt)
+    return f"{sentence} after {steps * dt:g} s", Chunk.from_columns("world/ending", timeline, columns)

@@ -1,4 +1,4 @@
-"""Rerun's files: opening, joining, and one sentence for each error."""
+"""Rerun's files and their chunks: opening, joining, and one sentence for each error."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
+from jaxtyping import Int
 from rerun.chunk import Chunk, RrdReader, StoreEntry
 
-from crowdbench.errors import InputError
+from crowdbench.utils.errors import InputError
 
 ERRORS = (RuntimeError, ValueError, OSError)
 """What Rerun and the file system raise."""
@@ -64,17 +67,38 @@ def foreign(path: Path) -> InputError:
 
 
 def chunks_of(reader: RrdReader, entry: StoreEntry, content: str) -> list[Chunk]:
-    """The chunks of one recording in a file.
+    """The chunks of one recording in a file whose entity paths are as `content`, such as `/exact/**`."""
+    return reader.store(store=entry).stream().filter(content=content).to_chunks()
+
+
+def moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
+    """The timeline of states: seconds since the start. A second one, with their numbers, would make files larger.
 
     Args:
-        reader: The file.
-        entry: Which of its recordings.
-        content: A filter of entity paths, such as `/exact/**`.
-
-    Returns:
-        The chunks.
+        steps: Numbers of the states.
+        dt: Length of a step in seconds.
     """
-    return reader.store(store=entry).stream().filter(content=content).to_chunks()
+    return [rr.TimeColumn("time", duration=steps * dt)]
+
+
+def still(entity: str, *archetypes: rr.AsComponents) -> Chunk:
+    """A chunk of what an entity shows at all times."""
+    batches = [batch for archetype in archetypes for batch in archetype.as_component_batches()]
+    return Chunk.from_columns(entity, [], [batch.partition([len(batch.as_arrow_array())]) for batch in batches])
+
+
+def moving(
+    entity: str, timeline: Sequence[rr.TimeColumn], counts: Sequence[int] | np.ndarray, *columns: rr.ComponentColumnList
+) -> Chunk:
+    """A chunk of what an entity shows at each time.
+
+    Args:
+        entity: Its path.
+        timeline: The times.
+        counts: How many there are at each time, of each of the columns.
+        *columns: What it shows.
+    """
+    return Chunk.from_columns(entity, timeline, [each for column in columns for each in column.partition(counts)])
 
 
 def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Blueprint) -> Path:

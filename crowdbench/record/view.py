@@ -5,108 +5,62 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader, StoreEntry
 
-from crowdbench.errors import InputError
-from crowdbench.record import drawing, exact, rrd, viewer
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.record import contents, rrd, viewer
 from crowdbench.record.blueprint import blueprint, side_by_side
+from crowdbench.record.drawing import extent
 from crowdbench.record.plots import logged_curves
-from crowdbench.types import Outcome, Trace
+from crowdbench.utils.errors import InputError
 
 NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+(-[0-9a-f]+)?")
 """The name of an episode's recording in the viewer: split, case, outcome, and what tells the run from others."""
 
 
 def view(
-    path: Path,
+    paths: Sequence[Path],
     case: int | None = None,
     screenshot: Path | None = None,
     *,
     seconds: float | None = None,
     web: bool = False,
 ) -> None:
-    """Open a recording in the Rerun viewer and wait until it is closed.
+    """Open a recording, or the same case of several side by side, in the Rerun viewer and wait until it is closed.
 
     Args:
-        path: The recording.
+        paths: The recordings.
         case: Number of the only case to show.
         screenshot: Path of a .png file: write a picture of the case instead of opening a window.
         seconds: The time in the case that is shown first; its end if None.
         web: Whether to open it in a browser instead of a window.
 
     Raises:
-        InputError: The file or the case does not exist, or the viewer does not start.
+        InputError: A file or the case does not exist, the case does not start alike in all recordings, the arguments
+            do not fit each other, or the viewer does not start.
     """
-    _check(case, screenshot, seconds, web)
-    with tempfile.TemporaryDirectory() as folder:
-        if case is None:
-            _entries(path)
-            shown = path.resolve()
-        else:
-            shown = _extract(path, case, Path(folder), is_picture=screenshot is not None)
-        _show(shown, screenshot, seconds, web)
-
-
-def _check(case: int | None, screenshot: Path | None, seconds: float | None, web: bool) -> None:
-    """Raises InputError where the arguments of `view` do not fit each other."""
     if screenshot is not None and (case is None or screenshot.suffix != ".png" or not screenshot.parent.is_dir()):
         raise InputError(f"a picture shows one case (--case 37) and goes to a .png file in a folder, not {screenshot}")
     if seconds is not None and (case is None or web):
         raise InputError("--time shows a moment of one case (--case 37), in a window or a picture, not with --web")
-
-
-def _show(file: Path, screenshot: Path | None, seconds: float | None, web: bool) -> None:
-    """Open a file in the viewer, or take a picture of it. The arguments are those of `view`."""
-    if screenshot is None:
-        viewer.show(file, seconds, web=web)
-    else:
-        viewer.picture(file, screenshot, seconds)
-
-
-def view_beside(
-    paths: Sequence[Path], case: int, screenshot: Path | None = None, *, seconds: float | None = None, web: bool = False
-) -> None:
-    """Open the same case of several recordings side by side, and wait until the viewer is closed.
-
-    Args:
-        paths: The recordings.
-        case: Number of the case.
-        screenshot: As in `view`.
-        seconds: As in `view`.
-        web: As in `view`.
-
-    Raises:
-        InputError: As in `view`, or the case does not start alike in all recordings.
-    """
-    _check(case, screenshot, seconds, web)
-    found = [_episode(path, case) for path in paths]
-    first, *others = (one.trace for one in found)
-    for path, other in zip(paths[1:], others, strict=True):
-        there = other.split, other.rules.dt, other.position[:, 0].shape
-        if there != (first.split, first.rules.dt, first.position[:, 0].shape) or not np.array_equal(
-            other.position[:, 0], first.position[:, 0], equal_nan=True
-        ):
-            raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
     with tempfile.TemporaryDirectory() as folder:
-        chunks = [
-            chunk.with_entity_path(f"/{n}{chunk.entity_path}")
-            for n, one in enumerate(found)
-            for chunk in one.chunks
-            if chunk.entity_path.startswith(("/world", "/plots"))
-        ]
-        names = [f"{one.planner}: {Outcome(int(one.trace.outcome[0])).label}" for one in found]
-        fastest = max(float(one.trace.preferred_speed[0, 0]) for one in found)
-        longest = first.rules.dt * max(int(one.trace.steps[0]) for one in found)
-        extents = [drawing.extent(one.trace, 0) for one in found]
-        layout = side_by_side(names, extents, fastest, longest, has_menu=screenshot is None)
-        name = f"case {case} of {len(paths)} planners"
-        shown = _written(chunks, Path(folder), application=name, recording=f"{first.split}-{case:04d}", layout=layout)
-        _show(shown, screenshot, seconds, web)
+        if case is not None:
+            write = _write_case if len(paths) == 1 else _write_beside
+            shown = write(paths, case, Path(folder), has_menu=screenshot is None)
+        elif len(paths) == 1:
+            _entries(paths[0])
+            shown = paths[0].resolve()
+        else:
+            raise InputError("several runs are shown side by side in one case: give --case 37 or --worst METRIC")
+        if screenshot is None:
+            viewer.show(shown, seconds, web=web)
+        else:
+            viewer.picture(shown, screenshot, seconds)
 
 
 def recorded_cases(path: Path) -> list[int]:
@@ -125,8 +79,7 @@ def _entries(path: Path) -> tuple[RrdReader, dict[int, StoreEntry]]:
     return reader, entries
 
 
-@dataclass(frozen=True)
-class _Recorded:
+class _Recorded(NamedTuple):
     """A recorded episode: its chunks, what they are of, and what the file calls the run and the episode."""
 
     chunks: list[Chunk]
@@ -143,45 +96,44 @@ def _episode(path: Path, case: int) -> _Recorded:
         raise InputError(
             f"case {case} is not recorded in {path}: recorded near it are {_ranges(near)} (all are with --record all)"
         )
-    with rrd.opening(path):
-        chunks = rrd.chunks_of(reader, entries[case], "/**")
-        episode = exact.episode(chunks)
-    facts = exact.facts_of(episode)
-    return _Recorded(chunks, exact.trace([episode], facts), facts["planner"], entries[case])
+    return _Recorded(*contents.read_episode(path, reader, entries[case]), entries[case])
 
 
-def _extract(path: Path, case: int, folder: Path, *, is_picture: bool) -> Path:
-    """Make a file of one case with its own blueprint.
-
-    Args:
-        path: The recording.
-        case: Number of the case.
-        folder: Where to write the file.
-        is_picture: Whether it is for a picture, which needs no menu.
-
-    Returns:
-        The file.
-
-    Raises:
-        InputError: The recording cannot be read, has no such case, or the file cannot be written.
-    """
-    found = _episode(path, case)
-    extent, fastest = drawing.extent(found.trace, 0), float(found.trace.preferred_speed[0, 0])
-    layout = blueprint([extent], logged_curves(found.chunks), fastest, has_menu=not is_picture)
+def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
+    """Write a file of a case of one recording, with its own blueprint; a picture of it needs no menu."""
+    found = _episode(paths[0], case)
+    fastest = float(found.trace.preferred_speed[0, 0])
+    layout = blueprint([extent(found.trace, 0)], logged_curves(found.chunks), fastest, has_menu=has_menu)
     entry = found.entry
-    return _written(found.chunks, folder, application=entry.application_id, recording=entry.recording_id, layout=layout)
+    return _write(found.chunks, folder, application=entry.application_id, recording=entry.recording_id, layout=layout)
 
 
-def _written(chunks: Sequence[Chunk], folder: Path, *, application: str, recording: str, layout: rrb.Blueprint) -> Path:
-    """Write a file of one recording.
+def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
+    """Write a file with the same case of several recordings. Raises InputError where it does not start alike."""
+    found = [_episode(path, case) for path in paths]
+    first, *others = (one.trace for one in found)
+    for path, other in zip(paths[1:], others, strict=True):
+        there = other.split, other.rules.dt, other.position[:, 0].shape
+        if there != (first.split, first.rules.dt, first.position[:, 0].shape) or not np.array_equal(
+            other.position[:, 0], first.position[:, 0], equal_nan=True
+        ):
+            raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
+    chunks = [
+        chunk.with_entity_path(f"/{n}{chunk.entity_path}")
+        for n, one in enumerate(found)
+        for chunk in one.chunks
+        if chunk.entity_path.startswith(("/world", "/plots"))
+    ]
+    names = [f"{one.planner}: {Outcome(int(one.trace.outcome[0])).label}" for one in found]
+    fastest = max(float(one.trace.preferred_speed[0, 0]) for one in found)
+    longest = first.rules.dt * max(int(one.trace.steps[0]) for one in found)
+    layout = side_by_side(names, [extent(one.trace, 0) for one in found], fastest, longest, has_menu=has_menu)
+    name = f"case {case} of {len(paths)} planners"
+    return _write(chunks, folder, application=name, recording=f"{first.split}-{case:04d}", layout=layout)
 
-    Args:
-        chunks: What it holds.
-        folder: Where it is written.
-        application: The name under which the viewer lists the file.
-        recording: The name of the recording.
-        layout: How the viewer shows it.
-    """
+
+def _write(chunks: Sequence[Chunk], folder: Path, *, application: str, recording: str, layout: rrb.Blueprint) -> Path:
+    """Write a file of one recording: its chunks, the names of file and recording in the viewer, and its layout."""
     with rrd.writing(f"a copy of the case in {folder}"):
         LazyChunkStream.from_iter(chunks).write_rrd(
             folder / "case.rrd", application_id=application, recording_id=recording

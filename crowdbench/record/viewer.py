@@ -14,7 +14,7 @@ from pathlib import Path
 
 from rerun.experimental import ViewerClient
 
-from crowdbench.errors import InputError
+from crowdbench.utils.errors import InputError
 
 PATIENCE = 60.0
 """Seconds after which a viewer that has not drawn its picture is given up."""

@@ -1,6 +1,6 @@
 """Writes episodes as Rerun recordings: one recording per episode, all in one .rrd file.
 
-`drawing` makes what the viewer shows, in Rerun's float32; `exact` makes what is read back.
+`drawing` makes what the viewer shows, in Rerun's float32; `contents` makes what is read back.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ import rerun as rr
 from jaxtyping import Float, Int, Shaped
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
-from crowdbench.record import drawing, exact, rrd
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.record import contents, rrd
 from crowdbench.record.blueprint import blueprint
-from crowdbench.record.chunks import still
+from crowdbench.record.drawing import draw_episode, extent
 from crowdbench.record.plots import is_curve, logged_curves
-from crowdbench.types import Outcome, Trace
+from crowdbench.record.rrd import still
 
 PROPERTIES = "crowdbench"
 """What the properties of a recording are called together."""
@@ -102,8 +103,8 @@ class Recorder:
                 drawn, title = dataclasses.replace(trace, logs=kept), f"{title} · *its decisions: `--record all`*"
             chunks = [
                 *self._properties(trace, row, measured),
-                *exact.chunks(trace, row, self._run),
-                *drawing.episode(drawn, row, title, self._with_units(measured)),
+                *contents.to_chunks(trace, row, self._run),
+                *draw_episode(drawn, row, title, self._with_units(measured)),
             ]
             name = f"{trace.split}-{trace.case[row]:04d}-{outcome.label}{self._suffix}"
             self._keep(chunks, name, trace, row)
@@ -114,13 +115,7 @@ class Recorder:
         self._plotted |= {name: max(count, self._plotted.get(name, 0)) for name, count in curves.items()}
 
     def _properties(self, trace: Trace, row: int, measured: Mapping[str, float | bool]) -> Iterator[Chunk]:
-        """What tables of many recordings show of one episode.
-
-        Args:
-            trace: The trace with the episode.
-            row: Its row in the trace.
-            measured: Its metrics by name.
-        """
+        """What tables of many recordings show of one episode."""
         case, outcome = int(trace.case[row]), Outcome(int(trace.outcome[row])).label
         yield still("__properties", rr.archetypes.RecordingInfo(name=f"case {case} · {outcome}"))
         # In one column, because each column needs one or two kilobytes in the file's index.
@@ -154,10 +149,7 @@ class Recorder:
             reader = RrdReader(path)
             entries = reader.recordings()
         for entry in entries:
-            with rrd.opening(path):
-                chunks = rrd.chunks_of(reader, entry, "/**")
-                episode = exact.episode(chunks)
-                trace = exact.trace([episode], exact.facts_of(episode))
+            chunks, trace, _ = contents.read_episode(path, reader, entry)
             self._keep(chunks, entry.recording_id, trace, 0)
             self._plot(logged_curves(chunks))
         return len(entries)
@@ -167,7 +159,7 @@ class Recorder:
         part = Path(self._folder.name) / f"{len(self._extents)}.rrd"
         with self._writing():
             LazyChunkStream.from_iter(chunks).write_rrd(part, application_id=self._application, recording_id=name)
-        self._extents.append(drawing.extent(trace, row))
+        self._extents.append(extent(trace, row))
         self._fastest = max(self._fastest, float(trace.preferred_speed[row, 0]))
 
     def __exit__(

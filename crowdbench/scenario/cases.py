@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from crowdbench.errors import InputError
-from crowdbench.rng import SPLITS
+from crowdbench.core.rng import SPLITS
+from crowdbench.utils.errors import InputError
 
 LAST = 2**62
 """Case numbers are smaller than this."""

@@ -6,23 +6,19 @@ file `certified/NAME.toml` beside the scenario's own file says which these are; 
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Int
 from pydantic import AfterValidator, Field
 
-from crowdbench.rng import SPLITS
+from crowdbench.core.rng import SPLITS
 from crowdbench.scenario.cases import LAST, Cases
-from crowdbench.toml_file import Location, Name, TomlTable, integer, number, parsed, read_toml
-
-if TYPE_CHECKING:
-    from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.toml import Location, Name, TomlTable, integer, number, parse_table, read_toml
 
 FOLDER = "certified"
 """The folder beside a scenario's file that has the file of the same name with its certified cases."""
@@ -81,7 +77,7 @@ class Certified(TomlTable):
     @classmethod
     def read(cls, path: Path) -> Certified | None:
         """Read the file; None where there is none. Raises InputError where it is not as `text` writes it."""
-        return parsed(cls, read_toml(path, "file"), Location(str(path))) if path.is_file() else None
+        return parse_table(cls, read_toml(path, "file"), Location(str(path))) if path.is_file() else None
 
     @property
     def splits(self) -> dict[str, Examined]:
@@ -98,7 +94,7 @@ class Certified(TomlTable):
         return "\n".join(lines) + "\n"
 
 
-class _Splits(TomlTable):
+class CasesBySplit(TomlTable):
     """Numbers of cases by split."""
 
     train: Numbers = Field(default=[])
@@ -106,51 +102,48 @@ class _Splits(TomlTable):
     test: Numbers = Field(default=[])
 
 
-class _LeftOut(TomlTable):
-    """The part of a scenario's table that has the cases that are left out."""
-
-    left_out: _Splits = _Splits()
-
-
 @dataclass(frozen=True)
-class Told:
+class CertificateStatus:
     """What there is to say of the certificates of a scenario.
 
     Attributes:
-        asked: The name or the file of the scenario, as a user gives it.
+        spec: The name or the file of the scenario, as a user gives it.
+        name: The scenario's name.
+        digest: Its digest with all cases.
         file: The file with the certified cases.
         certified: What it says.
-        is_stale: Whether it is for the scenario as it was before a change.
     """
 
-    asked: str
-    file: str
+    spec: str
+    name: str
+    digest: str
+    file: Path
     certified: Certified
-    is_stale: bool
 
-    def sentence(self, scenario: Scenario, cases: Cases) -> str:
-        """The share of the cases that have a certificate, or what must be done to know it.
+    @property
+    def left_out(self) -> dict[str, list[int]]:
+        """By split, the cases without a certificate; none where the file is for the scenario before a change."""
+        is_stale = self.certified.scenario != self.digest
+        return {} if is_stale else {split: each.left_out for split, each in self.certified.splits.items()}
 
-        Args:
-            scenario: The scenario.
-            cases: The cases of a run.
-        """
-        split, by = cases.split, f"`crowdbench certify {self.asked}"
-        if self.is_stale:
-            found = f"{self.file} is for the digest {self.certified.scenario}, but {scenario.name} has "
-            return f"{found}{scenario.digest} now: no case is left out; {by}` makes it again"
+    def sentence(self, cases: Cases) -> str:
+        """The share of the cases that have a certificate, or what must be done to know it for those of a run."""
+        split, by = cases.split, f"`crowdbench certify {self.spec}"
+        if self.certified.scenario != self.digest:
+            found = f"{self.file} is for the digest {self.certified.scenario}, but {self.name} has "
+            return f"{found}{self.digest} now: no case is left out; {by}` makes it again"
         examined = self.certified.splits.get(split)
-        last = int(numbers(scenario.left_out.get(split, ()), np.array([cases.stop - 1]))[0]) + 1
+        last = int(skip_left_out(self.left_out.get(split, ()), np.array([cases.stop - 1]))[0]) + 1
         number = 0 if examined is None else examined.examined
         if examined is None or last > number:
             which = f"from {split}:{number} on " if number else f"of {split} "
-            return f"the cases {which}of {scenario.name} have no certificates: {by} --cases {split}:{last}` makes them"
+            return f"the cases {which}of {self.name} have no certificates: {by} --cases {split}:{last}` makes them"
         without = len(examined.left_out)
         share = f"{number - without} of {number} examined {split} cases ({1 - without / number:.1%})"
-        return f"{share} of {scenario.name} have a certificate" + (": the others are left out" if without else "")
+        return f"{share} of {self.name} have a certificate" + (": the others are left out" if without else "")
 
 
-def numbers(left_out: Iterable[int], cases: Int[np.ndarray, "case"]) -> Int[np.ndarray, "case"]:
+def skip_left_out(left_out: Iterable[int], cases: Int[np.ndarray, "case"]) -> Int[np.ndarray, "case"]:
     """The numbers by which cases are drawn.
 
     Args:
@@ -160,53 +153,3 @@ def numbers(left_out: Iterable[int], cases: Int[np.ndarray, "case"]) -> Int[np.n
     skipped = np.array([*left_out], np.int64)
     before = skipped - np.arange(len(skipped))
     return cases + np.searchsorted(before, cases, side="right")
-
-
-def certified(scenario: Scenario, asked: str, file: Path) -> Scenario:
-    """A scenario without the cases that have no certificate.
-
-    Args:
-        scenario: With all cases.
-        asked: Its name or its file, as a user gives it.
-        file: The file with the certified cases.
-
-    Returns:
-        The scenario as it is where there is no such file, or it is for another digest.
-
-    Raises:
-        InputError: The file is not as `crowdbench certify` writes it.
-    """
-    found = Certified.read(file)
-    if found is None:
-        return scenario
-    told = Told(asked, str(file), found, found.scenario != scenario.digest)
-    chosen = {} if told.is_stale else {split: each.left_out for split, each in found.splits.items()}
-    return dataclasses.replace(without(scenario, chosen), certificates=told)
-
-
-def without(scenario: Scenario, left_out: Mapping[str, list[int]]) -> Scenario:
-    """A scenario without some of its cases, which has another digest.
-
-    Args:
-        scenario: With all cases.
-        left_out: The numbers of these cases by split, rising.
-    """
-    those = {split: list(cases) for split, cases in left_out.items() if cases}
-    if not those:
-        return scenario
-    return dataclasses.replace(scenario, left_out=those, table={**scenario.table, LEFT_OUT: those})
-
-
-def without_recorded(scenario: Scenario, table: Mapping[str, Any], source: str) -> Scenario:
-    """The scenario of a run, without the cases that the run has left out.
-
-    Args:
-        scenario: With all cases.
-        table: The table `scenario` of the run's `result.json`.
-        source: What that file is called, for errors.
-
-    Raises:
-        InputError: What is left out are no rising numbers of cases by split.
-    """
-    chosen = {key: value for key, value in table.items() if key == LEFT_OUT}
-    return without(scenario, parsed(_LeftOut, chosen, Location(source)).left_out.complete())

@@ -7,11 +7,17 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from crowdbench.dynamics import DYNAMICS
+from crowdbench.core.dynamics import DYNAMICS
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.scenario.schema import ScenarioSpec, layout_spec, parameters_spec, vehicle_spec
-from crowdbench.sim.habits import Standing, StopAndGo, Straight
-from crowdbench.sim.pedestrians import ORCA, ORCAPlus, PowerLaw, Recorded, SocialForce
+from crowdbench.scenario.schema import (
+    GoalChangeSpec,
+    LidarSpec,
+    ScenarioSpec,
+    layout_spec,
+    parameters_spec,
+    vehicle_spec,
+)
+from crowdbench.sim.pedestrians import ORCA, ORCAPlus, PowerLaw, Recorded, SocialForce, Standing, StopAndGo, Straight
 
 VERSION = 2
 """To be raised when a default changes, or what a key means: then no digest of before is the digest of a scenario now.
@@ -35,12 +41,11 @@ _NAMES = ("name", "digest", "description")
 """What a result has beside the keys that make the cases."""
 
 
-def digest_of(table: Mapping[str, Any]) -> str:
+def compute_digest(table: Mapping[str, Any]) -> str:
     """The digest of a scenario.
 
-    It is over the keys whose values differ from their defaults, and over the digests of the files of
-    layouts and policies. A key that
-    comes new, with a default that means what was the case before, changes no digest.
+    It is over the keys whose values differ from their defaults, and over the digests of the files of layouts and
+    policies. A key that comes new, with a default that means what was the case before, changes no digest.
 
     Args:
         table: The scenario in full, `Scenario.table`, or the table `scenario` of a `result.json` of any version.
@@ -62,6 +67,11 @@ def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
     defaults = top.complete()
     # Written as the name of one policy, where all pedestrians follow the same.
     (defaults["pedestrians"]["policy"],) = top.pedestrians.policy
+    # Tables that may be left out as a whole have defaults where they are given.
+    for section, key, kind in (("pedestrians", "goal_change", GoalChangeSpec), ("sensor", "lidar", LidarSpec)):
+        if table.get(section, {}).get(key) is not None:
+            fields = kind.model_fields.items()
+            defaults[section][key] = {name: field.default for name, field in fields if not field.is_required()}
     layout = table.get("layout", {})
     generator = layout.get("generator", top.layout.generator)
     if generator in LAYOUTS and "generator_file" not in layout:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.scenario.again import Room
+from crowdbench.scenario.place_agents import check_finite, check_shape
 from crowdbench.scenario.placement import Placement
-from crowdbench.scenario.placing import finite, shaped
+from crowdbench.scenario.respawn import Room
 
 GAP = 0.2
 """Distance in metres between the rims of neighbours in a group at the start."""
@@ -21,11 +21,8 @@ LARGEST = 5
 TRIES = 100
 """Draws for the place of a group that stands."""
 
-Members = Int[np.ndarray, "_"]
-"""Indices of those who belong together; of one, who is alone."""
 
-
-def drawn_groups(stream: np.random.Generator, shares: Mapping[int, float], n: int) -> list[Members]:
+def draw_groups(stream: np.random.Generator, shares: Mapping[int, float], n: int) -> Int[np.ndarray, "{n}"]:
     """Divide pedestrians into groups.
 
     Args:
@@ -34,37 +31,19 @@ def drawn_groups(stream: np.random.Generator, shares: Mapping[int, float], n: in
         n: Number of pedestrians.
 
     Returns:
-        The pedestrians of each group, in order.
+        The first one in the group of each pedestrian.
     """
     share = np.array(list(shares.values()))
     sizes = stream.choice(list(shares), n, p=share / share.sum())
-    ends = np.minimum(np.cumsum(sizes), n)
-    return [part for part in np.split(np.arange(n), ends) if len(part)]
+    return np.repeat(np.cumsum(sizes) - sizes, sizes)[:n]
 
 
-def alone(n: int) -> list[Members]:
-    """The groups of pedestrians who all walk alone."""
-    return list(np.arange(n)[:, None])
+def group_numbers(leader: Int[np.ndarray, "pedestrian"]) -> Int[np.ndarray, "pedestrian"]:
+    """The number of each one's group, -1 for who is alone, by the first one in the group of each."""
+    return np.where(np.bincount(leader, minlength=1)[leader] > 1, leader, -1)
 
 
-def first_of_group(groups: Sequence[Members], n: int) -> Int[np.ndarray, "{n}"]:
-    """The first one in the group of each of n pedestrians."""
-    first = np.arange(n)
-    for members in groups:
-        first[members] = members[0]
-    return first
-
-
-def number_of_group(groups: Sequence[Members], n: int) -> Int[np.ndarray, "{n}"]:
-    """The number of the group of each of n pedestrians, -1 for who is alone."""
-    number = np.full(n, -1)
-    for members in groups:
-        if len(members) > 1:
-            number[members] = members[0]
-    return number
-
-
-def reach_of(radius: Float[np.ndarray, "member"]) -> float:
+def group_reach(radius: Float[np.ndarray, "member"]) -> float:
     """Radius in metres of a disc that holds a group, whether it walks or stands."""
     return float(radius.max()) + _spacing(radius) * (len(radius) - 1) / 2
 
@@ -91,9 +70,9 @@ def spread(
     return aside[:, None] * np.array([-math.sin(heading), math.cos(heading)])
 
 
-def placed_together(
+def place_groups(
     layout: Callable[[Float[np.ndarray, "group"], Float[np.ndarray, "group"]], object],
-    groups: Sequence[Members],
+    leader: Int[np.ndarray, "pedestrian"],
     radius: Float[np.ndarray, "agent"],
     preferred_speed: Float[np.ndarray, "agent"],
     stands: Bool[np.ndarray, "pedestrian"],
@@ -105,7 +84,7 @@ def placed_together(
 
     Args:
         layout: Places so many agents of these radii in metres and speeds in m/s.
-        groups: The pedestrians of each group.
+        leader: The first one in the group of each pedestrian.
         radius: Radii in metres, the vehicle first.
         preferred_speed: In m/s.
         stands: Which pedestrians stand.
@@ -114,11 +93,10 @@ def placed_together(
     Raises:
         InputError: What the layout returns is no placement.
     """
-    everybody = [np.zeros(1, np.int64), *(members + 1 for members in groups)]
+    everybody = [np.zeros(1, np.int64), *(np.flatnonzero(leader == first) + 1 for first in np.unique(leader))]
     leaders = [members[0] for members in everybody]
-    placement = finite(
-        shaped(layout(np.array([reach_of(radius[each]) for each in everybody]), preferred_speed[leaders]), len(leaders))
-    )
+    reach = np.array([group_reach(radius[each]) for each in everybody])
+    placement = check_finite(check_shape(layout(reach, preferred_speed[leaders]), len(leaders)))
     start, goal = (np.empty((len(radius), 2)) for _ in range(2))
     route = None if placement.route is None else np.empty((len(radius), *placement.route.shape[1:]))
     for number, members in enumerate(everybody):
@@ -131,7 +109,9 @@ def placed_together(
         if stands[members[0] - 1]:
             others = np.setdiff1d(np.arange(len(radius)), members)
             room = Room(start[others], goal[others], radius[others], preferred_speed[others], obstacles)
-            middle = _on_way(placement.start[number], placement.goal[number], reach_of(radius[members]), room, stream)
+            middle = _on_way(
+                placement.start[number], placement.goal[number], group_reach(radius[members]), room, stream
+            )
             ahead = placement.goal[number] - placement.start[number]
             start[members] = goal[members] = middle + spread(ahead, radius[members], True)
             if route is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -36,3 +37,33 @@ Layout = Callable[..., Placement]
 - The options are keyword-only parameters with defaults.
 
 It raises InputError where there is no room for an agent."""
+
+
+@dataclass(frozen=True)
+class LayoutCall:
+    """A layout with its options."""
+
+    function: Layout
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __call__(
+        self,
+        rng: np.random.Generator,
+        radius: Float[np.ndarray, "agent"],
+        preferred_speed: Float[np.ndarray, "agent"],
+    ) -> Any:
+        """A `Placement`; anything at all where it is a user's and wrong."""
+        return self.function(rng, radius, preferred_speed, **self.options)
+
+
+def pad_points(points: Sequence[Any]) -> Float[np.ndarray, "row point 2"]:
+    """Rows of different numbers of points in one array, NaN beyond the last point of each."""
+    padded = np.full((len(points), max(map(len, points), default=0), 2), np.nan)
+    for row, each in zip(padded, points, strict=True):
+        row[: len(each)] = each
+    return padded
+
+
+def split_corners(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[Float[np.ndarray, "_ 2"]]:
+    """The corners of each polygon, without the padding."""
+    return [polygon[np.isfinite(polygon[:, 0])] for polygon in obstacles]

@@ -9,39 +9,12 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench import rng
-from crowdbench.compiled import njit
-from crowdbench.scenario.again import Again, Room, drawn
-from crowdbench.scenario.groups import Members, reach_of, spread
-from crowdbench.scenario.people import Kinds, Traits
-from crowdbench.types import World
-
-ARRIVALS = ("walk_on", "stop", "leave", "new_goal", "respawn", "back_and_forth")
-"""What a pedestrian does that has reached its goal:
-
-- `walk_on`: keep walking to it, as in CrowdNav,
-- `stop`: stand where it is from then on,
-- `leave`: be gone,
-- `new_goal`: walk to another goal,
-- `respawn`: make room for somebody else who comes in at another place, as in CrowdNav++,
-- `back_and_forth`: walk back to where it came from, and so on.
-"""
-
-GOES_ON = ("new_goal", "respawn", "back_and_forth")
-"""After these somebody walks on to another goal."""
-
-
-@dataclass(frozen=True)
-class GoalChange:
-    """How pedestrians change their goals on the way.
-
-    Attributes:
-        every: At the steps that are multiples of this number,
-        chance: each pedestrian takes another goal with this probability.
-    """
-
-    every: int
-    chance: float
+from crowdbench.core import rng
+from crowdbench.core.types import World
+from crowdbench.scenario.groups import group_reach, spread
+from crowdbench.scenario.population import Crowd, Traits
+from crowdbench.scenario.respawn import Respawn, Room, draw_again
+from crowdbench.utils.compiled import njit
 
 
 @dataclass(frozen=True)
@@ -49,18 +22,12 @@ class Renewal:
     """Changes people after a step. What is drawn depends on the case, the step and the pedestrian alone.
 
     Attributes:
-        arrival: One of `ARRIVALS`.
-        goal_change: How goals change on the way, if they do.
+        crowd: The pedestrians; the number of somebody new in the place of a person is that person's plus their largest.
         again: How the layout draws people and goals again, with its options.
-        kinds: What people come anew.
-        numbers: The number of somebody new in the place of a person is that person's plus this one.
     """
 
-    arrival: str
-    goal_change: GoalChange | None
-    again: Again
-    kinds: Kinds
-    numbers: int
+    crowd: Crowd
+    again: Respawn
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
         """Worlds in which those who have arrived, or change their minds, do what they do then.
@@ -77,57 +44,44 @@ class Renewal:
         Raises:
             InputError: The layout fails.
         """
-        arrived, change = np.zeros(world.person.shape, bool), self.goal_change
-        any_arrived = self.arrival != "walk_on" and find_arrived(world, running, arrived)
-        if not any_arrived and (change is None or not (running & (world.step % change.every == 0)).any()):
+        change, is_due = self.crowd.goal_change, np.zeros(len(world), bool)
+        if change is not None:
+            is_due = running & (world.step % change.every == 0)
+        arrived = find_arrived(world, running & (self.crowd.arrival != "walk_on"))
+        if not arrived.any() and not is_due.any():
             return world
-        walks = world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0) & ~self.kinds.stands[world.policy]
-        walks &= running[:, None]
+        walks = running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0)
+        walks &= ~self.crowd.population.stands[world.policy]
         arrived &= walks
-        turned = self._turned(world, walks)
+        turned = np.zeros_like(walks)
+        if change is not None:
+            # A group has one mind.
+            mind = np.where(world.group < 0, world.person, world.group)
+            draws = rng.uniforms(world.key, "goal_change", world.step, mind)
+            turned = is_due[:, None] & walks & (draws < change.chance)
         if not arrived.any() and not turned.any():
             return world
         after = world.take(np.arange(len(world)))  # a copy, which is changed in place
-        if self.arrival == "back_and_forth":
-            arrived = walks & _with_their_groups(arrived, world.group)
-        if self.arrival in _AT_ONCE:
-            _AT_ONCE[self.arrival](after, arrived)
+        if self.crowd.arrival == "back_and_forth":
+            arrived = walks & _add_groups(arrived, world.group)
+        if self.crowd.arrival in _AT_ONCE:
+            _AT_ONCE[self.crowd.arrival](after, arrived)
             turned, walks, arrived = turned & ~arrived, walks & ~arrived, np.zeros_like(arrived)
-        changed = walks & _with_their_groups(arrived | turned, world.group)
+        changed = walks & _add_groups(arrived | turned, world.group)
         for row, pedestrian in np.argwhere(changed).tolist():
             same = world.group[row] == world.group[row, pedestrian]
             alone = world.group[row, pedestrian] < 0
             members = np.array([pedestrian]) if alone else np.flatnonzero(walks[row] & same)
             if pedestrian == members[0]:
-                is_new = self.arrival == "respawn" and bool(arrived[row, members].any())
-                after = self._redrawn(after, row, members, is_new)
+                is_new = self.crowd.arrival == "respawn" and bool(arrived[row, members].any())
+                after = self._replace(after, row, members, is_new)
         return after
 
-    def _turned(
-        self, world: World, walks: Bool[np.ndarray, "world pedestrian"]
-    ) -> Bool[np.ndarray, "world pedestrian"]:
-        """Who of those who walk changes its goal on the way."""
-        change = self.goal_change
-        if change is None:
-            return np.zeros_like(walks)
-        due = world.step % change.every == 0
-        # A group has one mind.
-        mind = np.where(world.group < 0, world.person, world.group)
-        return due[:, None] & walks & (rng.uniforms(world.key, "goal_change", world.step, mind) < change.chance)
+    def _replace(self, world: World, row: int, members: Int[np.ndarray, "member"], is_new: bool) -> World:
+        """One pedestrian, or a group, with another goal, or others in their place, in the arrays of the worlds.
 
-    def _redrawn(self, world: World, row: int, members: Members, is_new: bool) -> World:
-        """One pedestrian, or a group, with another goal, or others in their place.
-
-        Who finds no room walks on, to be drawn again in the next step.
-
-        Args:
-            world: The worlds, changed in place.
-            row: The pedestrians' world.
-            members: Their indices.
-            is_new: Whether others come.
-
-        Returns:
-            The worlds, new ones where the arrays of routes are too short.
+        Who finds no room walks on, to be drawn again in the next step. The worlds are new ones where the arrays of
+        routes are too short.
         """
         agents, of_this = members + 1, (int(world.step[row]), int(members[0]))
         traits = None
@@ -135,10 +89,10 @@ class Renewal:
         start, goal = world.position[row, agents], world.goal[row, agents]
         if is_new:
             crowd = rng.generator(world.key[row], "crowd again", *of_this)
-            traits = self.kinds.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
+            traits = self.crowd.population.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
             radius, speed = traits.radius, float(traits.preferred_speed[0])
         room, stream = Room.of(world, row, agents), rng.generator(world.key[row], "places again", *of_this)
-        found = drawn(self.again, stream, room, reach_of(radius), speed, None if is_new else start.mean(axis=0))
+        found = draw_again(self.again, stream, room, group_reach(radius), speed, None if is_new else start.mean(axis=0))
         if found is None:
             return world
         offset = spread(found[1] - found[0], radius, stands=False)
@@ -150,13 +104,13 @@ class Renewal:
         world.origin[row, agents], world.goal[row, agents] = start, goal
         if traits is not None:
             for one, member in enumerate(members.tolist()):
-                replace_person(world, row, member, traits.of(one), start[one], self.numbers)
+                replace_person(world, row, member, traits, one, start[one], self.crowd.number[1])
         for agent, way in zip(agents.tolist(), ways, strict=True):
             world = _with_route(world, row, agent, way)
         return world
 
 
-def _with_their_groups(
+def _add_groups(
     chosen: Bool[np.ndarray, "world pedestrian"], group: Int[np.ndarray, "world pedestrian"]
 ) -> Bool[np.ndarray, "world pedestrian"]:
     """Those who are chosen, and all others of their groups."""
@@ -166,26 +120,15 @@ def _with_their_groups(
     return together
 
 
-def find_arrived(
-    world: World, running: Bool[np.ndarray, "world"], arrived: Bool[np.ndarray, "world pedestrian"]
-) -> bool:
-    """Find out who has arrived: whose goal is nearer than its radius.
-
-    Args:
-        world: The worlds.
-        running: In which of them anybody arrives.
-        arrived: False, filled.
-
-    Returns:
-        Whether anybody has.
-    """
-    people = world.position, world.goal, world.radius, world.preferred_speed, world.present
-    found: bool = _fill_arrived(*people, running, arrived)
-    return found
+def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.ndarray, "world pedestrian"]:
+    """Who has arrived, in worlds that are running: whose goal is nearer than its radius."""
+    arrived = np.zeros(world.person.shape, bool)
+    _fill_arrived(world.position, world.goal, world.radius, world.preferred_speed, world.present, running, arrived)
+    return arrived
 
 
 def replace_person(
-    world: World, row: int, pedestrian: int, traits: Traits, start: Float[np.ndarray, "2"], numbers: int
+    world: World, row: int, pedestrian: int, traits: Traits, one: int, start: Float[np.ndarray, "2"], numbers: int
 ) -> None:
     """Put somebody new in the place of a pedestrian, in the arrays of worlds.
 
@@ -193,22 +136,23 @@ def replace_person(
         world: The worlds.
         row: The pedestrian's world.
         pedestrian: Its index.
-        traits: What the new one is like.
+        traits: What those who come are like.
+        one: Which of them this is.
         start: Where it comes in, in metres.
         numbers: What is added to the numbers of the person and of its group.
     """
     agent = pedestrian + 1
     world.position[row, agent], world.velocity[row, agent] = start, 0.0
     world.history[row, :, pedestrian] = start
-    world.radius[row, agent], world.preferred_speed[row, agent] = traits.radius[0], traits.preferred_speed[0]
+    world.radius[row, agent], world.preferred_speed[row, agent] = traits.radius[one], traits.preferred_speed[one]
     world.person[row, pedestrian] += numbers
     if world.group[row, pedestrian] >= 0:
         world.group[row, pedestrian] += numbers
     world.since[row, pedestrian] = world.step[row]
-    world.policy[row, pedestrian] = traits.policy[0]
+    world.policy[row, pedestrian] = traits.policy[one]
     for name, table in traits.parameters.items():
-        for parameter, (value,) in table.items():
-            world.parameters[name][parameter][row, agent] = value
+        for parameter, values in table.items():
+            world.parameters[name][parameter][row, agent] = values[one]
 
 
 def _with_route(world: World, row: int, agent: int, way: Float[np.ndarray, "waypoint 2"]) -> World:
@@ -259,26 +203,9 @@ _AT_ONCE = {"stop": _stop, "leave": _leave, "back_and_forth": _turn_back}
 @no_type_check
 @njit
 def _fill_arrived(position, goal, radius, speed, present, running, arrived):
-    """Find out who has arrived.
-
-    Args:
-        position (array): `[world, agent, 2]`, in metres.
-        goal (array): `[world, agent, 2]`, in metres.
-        radius (array): `[world, agent]`, in metres.
-        speed (array): `[world, agent]`, preferred, in m/s; who has none has arrived before.
-        present (array): `[world, agent]`.
-        running (array): `[world]`, in which worlds anybody arrives.
-        arrived (array): `[world, pedestrian]`, False, filled.
-
-    Returns:
-        found (bool): Whether anybody has.
-    """
-    found = False
+    """Fill `arrived`, which is False; who prefers no speed has arrived before."""
     for w in range(len(running)):
         for i in range(1, radius.shape[1]):
             if running[w] and present[w, i] and speed[w, i] > 0.0:
                 dx, dy = goal[w, i, 0] - position[w, i, 0], goal[w, i, 1] - position[w, i, 1]
-                if math.sqrt(dx * dx + dy * dy) < radius[w, i]:
-                    arrived[w, i - 1] = True
-                    found = True
-    return found
+                arrived[w, i - 1] = math.sqrt(dx * dx + dy * dy) < radius[w, i]

@@ -4,65 +4,44 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int, Shaped
 
-from crowdbench import rng
-from crowdbench.dynamics import Holonomic, reach
-from crowdbench.errors import InputError, plugin_errors
-from crowdbench.scenario.again import again_of
+from crowdbench.core import rng
+from crowdbench.core.dynamics import Holonomic
+from crowdbench.core.types import HISTORY, Rules, World
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import Told, numbers
-from crowdbench.scenario.crowdnav_plus import MEMORY, CrowdNavPlus, PlusRenewal
-from crowdbench.scenario.digest import digest_of
-from crowdbench.scenario.groups import Members, alone, drawn_groups, first_of_group, number_of_group, placed_together
-from crowdbench.scenario.layouts.crowdnav_plus import crowdnav_plus
-from crowdbench.scenario.people import Kinds, Quantity, Traits
-from crowdbench.scenario.placement import Layout, Placement
-from crowdbench.scenario.placing import place
-from crowdbench.scenario.renewal import GoalChange, Renewal
-from crowdbench.scenario.tracked import TrackedCrowd, as_recorded
+from crowdbench.scenario.certified import LEFT_OUT, CertificateStatus, skip_left_out
+from crowdbench.scenario.digest import compute_digest
+from crowdbench.scenario.placement import LayoutCall
+from crowdbench.scenario.population import Crowd
+from crowdbench.scenario.recorded import TrackedCrowd
+from crowdbench.scenario.starts import Case, Starts, Vehicle
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.sight import look
-from crowdbench.sim.simulator import with_memories
-from crowdbench.tracks.excerpts import Excerpt
-from crowdbench.types import HISTORY, Rules, World
-
-CROWDNAV_TEST_SEED = 1000
-"""CrowdNav draws test case c with NumPy's legacy generator, seeded with this number plus c."""
+from crowdbench.sim.simulator import Renewal, init_memories
+from crowdbench.utils.errors import InputError
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Makes worlds from case numbers. `crowdbench.scenario.file` reads it from a file.
+    """Makes worlds from case numbers. `crowdbench.scenario.load` reads it from a file.
 
     Attributes:
         name: Name of the scenario.
         source: Name of its file in error messages.
         rules: What is the same in all cases.
         seed: Every case has its own random stream, which depends on this seed, the split and the case number.
-        crowdnav_cases: Test cases below this number have CrowdNav's random streams instead.
-        layout: Places the agents of a case.
-        layout_options: Options of the layout.
-        vehicle_radius: Radius of the vehicle in metres.
-        vehicle_speed: Preferred and largest speed of the vehicle in m/s.
-        number: Smallest and largest number of pedestrians.
-        radius: Radii of pedestrians in metres.
-        preferred_speed: Preferred and largest speeds of pedestrians in m/s; of recorded people the largest of all.
-        shares: By policy, the share of the pedestrians that follow it.
+        vehicle: The vehicle's radius and speed.
+        crowd: The pedestrians.
+        starts: How cases start: by a layout, as in CrowdNav++, or as people were recorded.
         policies: The pedestrian policies by name.
-        parameters: By policy and name, the parameters of the policies.
         table: The scenario in full, as it is written into results.
-        arrival: What becomes of pedestrians who arrive, see `crowdbench.scenario.renewal.ARRIVALS`.
-        goal_change: How pedestrians change their goals on the way, if they do.
-        tracks: The recorded people who are its crowd, instead of a layout; None for a simulated crowd.
-        groups: By size, the share of the groups of pedestrians that are so large; empty where all walk alone.
         left_out: By split, the numbers of the cases that are left out, rising: see `crowdbench.scenario.certified`.
         certificates: What there is to say of its certificates; None where there are none.
     """
@@ -71,68 +50,38 @@ class Scenario:
     source: str
     rules: Rules
     seed: int
-    crowdnav_cases: int
-    layout: Layout
-    layout_options: Mapping[str, Any]
-    vehicle_radius: float
-    vehicle_speed: float
-    number: tuple[int, int]
-    radius: Quantity
-    preferred_speed: Quantity
-    shares: Mapping[str, float]
+    vehicle: Vehicle
+    crowd: Crowd
+    starts: Starts
     policies: Mapping[str, PedestrianPolicy]
-    parameters: Mapping[str, Mapping[str, Quantity]]
     table: Mapping[str, Any]
-    arrival: str = "walk_on"
-    goal_change: GoalChange | None = None
-    tracks: TrackedCrowd | None = None
-    groups: Mapping[int, float] = dataclasses.field(default_factory=dict)
     left_out: Mapping[str, Sequence[int]] = dataclasses.field(default_factory=dict)
-    certificates: Told | None = None
+    certificates: CertificateStatus | None = None
 
     @functools.cached_property
-    def renewal(self) -> Callable[[World, Bool[np.ndarray, "world"]], World] | None:
+    def renewal(self) -> Renewal | None:
         """What becomes of people after a step; None where they only walk."""
-        if self.tracks:
-            return come_and_go
-        if self.arrival == "walk_on" and self.goal_change is None:
-            return None
-        again = functools.partial(again_of(self.layout), **self.layout_options)
-        renewal = Renewal(self.arrival, self.goal_change, again, self.kinds, self.number[1])
-        theirs = self.crowdnav_plus
-        return PlusRenewal(theirs, renewal) if theirs is not None and self.arrival == "respawn" else renewal
-
-    @functools.cached_property
-    def crowdnav_plus(self) -> CrowdNavPlus | None:
-        """How the test cases below `crowdnav_cases` go where they are those of CrowdNav++."""
-        if not self.crowdnav_cases or self.layout is not crowdnav_plus:
-            return None
-        (policy,) = self.shares
-        return CrowdNavPlus(
-            self.number[1],
-            self.kinds,
-            policy,
-            vehicle_radius=self.vehicle_radius,
-            goal_change=self.goal_change,
-            left_out=self.left_out.get("test", ()),
-            **self.layout_options,
-        )
+        return self.starts.renewal(self.crowd)
 
     @property
-    def kinds(self) -> Kinds:
-        """What pedestrians there may be."""
-        standing = [name for name, policy in self.policies.items() if policy.stands]
-        return Kinds(self.radius, self.preferred_speed, self.shares, standing, self.parameters)
+    def tracks(self) -> TrackedCrowd | None:
+        """The recorded people who are its crowd, instead of a layout; None for a simulated crowd."""
+        return self.starts if isinstance(self.starts, TrackedCrowd) else None
+
+    @property
+    def layout(self) -> LayoutCall | None:
+        """Places the agents of a case, with its options; None where people are recorded."""
+        return self.starts.layout
 
     @property
     def digest(self) -> str:
-        """Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.digest.digest_of`."""
-        return digest_of(self.table)
+        """Twelve hexadecimal digits that change with the cases: see `crowdbench.scenario.digest.compute_digest`."""
+        return compute_digest(self.table)
 
     @property
     def max_agents(self) -> int:
         """The largest number of agents: the vehicle and the pedestrians."""
-        return self.number[1] + 1
+        return self.crowd.number[1] + 1
 
     def check_data(self, data: Path | None) -> None:
         """Refuse recorded tracks that the scenario does not need.
@@ -145,6 +94,15 @@ class Scenario:
         """
         if data is not None and self.tracks is None:
             raise InputError(f"--data does not go with {self.name}, which has no table [tracks]: leave out one of them")
+
+    def leave_out(self, cases: Mapping[str, list[int]]) -> Scenario:
+        """The scenario without some of its cases, which has another digest.
+
+        Args:
+            cases: The numbers of these cases by split, rising.
+        """
+        those = {split: list(numbers) for split, numbers in cases.items() if numbers}
+        return dataclasses.replace(self, left_out=those, table={**self.table, LEFT_OUT: those}) if those else self
 
     def worlds(self, cases: Cases) -> World:
         """The starts of a range of cases."""
@@ -163,39 +121,25 @@ class Scenario:
         Raises:
             InputError: A layout has no room for a crowd, fails, or places what cannot be, or a policy makes no memory.
         """
-        drawn_as = numbers(self.left_out.get(split, ()), cases)
-        keys = rng.case_keys(self.seed, split, drawn_as)
+        numbers = self._numbers(split, cases)
+        keys = rng.case_keys(self.seed, split, numbers)
+        drawn = [Case(self.source, split, case, key) for case, key in zip(numbers.tolist(), keys, strict=True)]
+        starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
+        traits, placements = [start.traits for start in starts], [start.placement for start in starts]
         worlds, agents = len(cases), self.max_agents
-        position, goal = np.zeros((2, worlds, agents, 2))
-        radius, speed = np.ones((2, worlds, agents))
-        present = np.zeros((worlds, agents), bool)
-        policy, group = np.zeros((worlds, agents - 1), np.int64), np.full((worlds, agents - 1), -1)
-        parameters = {
-            name: {parameter: np.zeros((worlds, agents)) for parameter in table}
-            for name, table in self.parameters.items()
-        }
-        drawn = np.full(worlds, -1)
-        routes, obstacles = [], []
-        for w, (case, key) in enumerate(zip(drawn_as.tolist(), keys, strict=True)):
-            traits, placement, groups, drawn[w] = self._start(split, case, key)
-            n = len(traits.radius)
-            group[w, :n] = number_of_group(groups, n)
-            present[w, : n + 1] = True
-            radius[w, 0], speed[w, 0] = self.vehicle_radius, self.vehicle_speed
-            radius[w, 1 : n + 1], speed[w, 1 : n + 1] = traits.radius, traits.preferred_speed
-            policy[w, :n] = traits.policy
-            for name, table in traits.parameters.items():
-                for parameter, values in table.items():
-                    parameters[name][parameter][w, 1 : n + 1] = values
-            position[w, : n + 1], goal[w, : n + 1] = placement.start, placement.goal
-            routes.append(placement.route)
-            obstacles.append(placement.obstacles)
-        route = _padded(routes, agents)
+        position = _stack([placement.start for placement in placements], agents, np.zeros(2))
+        goal = _stack([placement.goal for placement in placements], agents, np.zeros(2))
+        present = _stack([np.ones(len(each.radius) + 1, bool) for each in traits], agents, False)
+        route = _pad_blocks([placement.route for placement in placements], agents)
         ahead = goal[:, 0] - position[:, 0]
         if not isinstance(self.rules.dynamics, Holonomic) and route.shape[2]:
             # What turns slowly faces its first waypoint.
             ahead = np.where(np.isnan(route[:, 0, 0]), ahead, route[:, 0, 0] - position[:, 0])
-        start = World(
+
+        def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], rest: float) -> np.ndarray:
+            return np.concatenate([np.full((worlds, 1), vehicle), _stack(pedestrians, agents - 1, rest)], axis=1)
+
+        world = World(
             case=cases,
             key=keys,
             noise_key=rng.noise_keys(keys),
@@ -208,130 +152,55 @@ class Scenario:
             goal=goal,
             route=route,
             waypoint=np.zeros((worlds, agents), np.int64),
-            radius=radius,
-            preferred_speed=speed,
+            radius=stack(self.vehicle.radius, [each.radius for each in traits], 1.0),
+            preferred_speed=stack(self.vehicle.speed, [each.preferred_speed for each in traits], 1.0),
             present=present,
             person=np.where(present[:, 1:], np.arange(agents - 1), -1),
             since=np.zeros((worlds, agents - 1), np.int64),
             track=np.empty((worlds, 0, agents - 1, 2)),
-            group=group,
+            group=_stack([start.group for start in starts], agents - 1, -1),
             history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
-            obstacles=_padded(obstacles),
-            policy=policy,
-            parameters=parameters,
-            memory={name: {} for name in self.parameters} | ({MEMORY: {"drawn": drawn}} if self.crowdnav_plus else {}),
+            obstacles=_pad_blocks([placement.obstacles for placement in placements]),
+            policy=_stack([each.policy for each in traits], agents - 1, 0),
+            parameters={
+                name: {
+                    parameter: stack(0.0, [each.parameters[name][parameter] for each in traits], 0.0)
+                    for parameter in table
+                }
+                for name, table in self.crowd.population.parameters.items()
+            },
+            memory={name: {} for name in self.crowd.population.parameters},
             rules=self.rules,
         )
-        if self.tracks:
-            start = self.tracks.begun(start, [self.tracks.window(split, case) for case in drawn_as.tolist()])
-        return with_memories(look(start), self.policies)
+        return init_memories(look(self.starts.complete(world, drawn, starts)), self.policies)
 
     def blocks(self, cases: Cases) -> Int[np.ndarray, "world"] | None:
         """The block of recorded time of each case; None where nobody is recorded, so that cases are independent."""
         if self.tracks is None:
             return None
-        return self.tracks.blocks(cases.split, numbers(self.left_out.get(cases.split, ()), cases.indices))
+        return self.tracks.blocks(cases.split, self._numbers(cases.split, cases.indices))
 
-    def _start(self, split: str, case: int, key: np.uint64) -> tuple[Traits, Placement, Sequence[Members], int]:
-        """The start of a case.
-
-        Args:
-            split: Split of the case.
-            case: Number of the case.
-            key: Start of the random streams of the case.
-
-        Returns:
-            The pedestrians, where all start and go, the groups of pedestrians, and what `CrowdNavPlus.start` drew, -1
-            if it was not that.
-        """
-        if split == "test" and case < self.crowdnav_cases and self.crowdnav_plus is not None:
-            traits, placement, drawn = self.crowdnav_plus.start(case)
-            return traits, placement, [], drawn
-        window = self.tracks.window(split, case) if self.tracks else None
-        traits = self.people(rng.generator(key, "crowd"), window)
-        n = len(traits.radius)
-        groups = drawn_groups(rng.generator(key, "groups"), self.groups, n) if self.groups else []
-        if groups:
-            traits = traits.alike(first_of_group(groups, n))
-        room = np.append(self.vehicle_radius + reach(self.rules.body), traits.radius)
-        speed, stands = np.append(self.vehicle_speed, traits.preferred_speed), self.kinds.stands[traits.policy]
-        return traits, self._place(split, case, key, room, speed, groups, stands, window), groups, -1
-
-    def people(self, crowd: np.random.Generator, window: Excerpt | None = None) -> Traits:
-        """Draw the pedestrians of a case.
-
-        Args:
-            crowd: The random stream of the case's crowd, at its start.
-            window: The window of the case, where people are recorded.
-        """
-        if window is None:
-            return self.kinds.draw(crowd, int(crowd.integers(self.number[0], self.number[1] + 1)))
-        return as_recorded(window, self.kinds.draw(crowd, len(window.radius)), list(self.parameters))
-
-    def _place(
-        self,
-        split: str,
-        case: int,
-        key: np.uint64,
-        radius: Float[np.ndarray, "agent"],
-        speed: Float[np.ndarray, "agent"],
-        groups: Sequence[Members],
-        stands: Bool[np.ndarray, "pedestrian"],
-        window: Excerpt | None,
-    ) -> Placement:
-        """Let the layout place the agents of one case.
-
-        Args:
-            split: Split of the case.
-            case: Number of the case.
-            key: Start of the random streams of the case, which are not used where the case is CrowdNav's.
-            radius: Radii in metres, the vehicle's around its whole body.
-            speed: Preferred speeds in m/s.
-            groups: The pedestrians of each group; empty where all walk alone.
-            stands: Which pedestrians stand.
-            window: The window of the case, where people are recorded.
-
-        Raises:
-            InputError: The layout has no room for the crowd, fails, or places what cannot be.
-        """
-        if split == "test" and case < self.crowdnav_cases:
-            legacy = np.random.MT19937()
-            legacy._legacy_seeding(CROWDNAV_TEST_SEED + case)
-            stream = np.random.Generator(legacy)
-        else:
-            stream = rng.generator(key, "places")
-
-        def asked(radius: Float[np.ndarray, "group"], speed: Float[np.ndarray, "group"]) -> object:
-            with plugin_errors("the layout raised"):
-                return self.layout(stream, radius, speed, **self.layout_options)
-
-        def placed() -> object:
-            if not groups and not stands.any():
-                return asked(radius, speed)
-            those = groups or alone(len(stands))
-            return placed_together(asked, those, radius, speed, stands, rng.generator(key, "standing"))
-
-        try:
-            if self.tracks and window:
-                return self.tracks.place(window, stream, radius, self.rules)
-            return place(placed, radius)
-        except InputError as error:
-            raise InputError(f"{self.source}: in case {split}:{case}, {error}") from None
+    def _numbers(self, split: str, cases: Int[np.ndarray, "world"]) -> Int[np.ndarray, "world"]:
+        """The numbers by which cases are drawn."""
+        return skip_left_out(self.left_out.get(split, ()), cases)
 
 
-def _padded(
-    points: Sequence[Float[np.ndarray, "_ _ 2"] | None], n: int | None = None
+def _stack(rows: Sequence[np.ndarray], length: int, rest: Any) -> Shaped[np.ndarray, "row {length} ..."]:
+    """Rows of different lengths in one array, filled up with `rest`."""
+    stacked = np.full((len(rows), length, *np.shape(rest)), rest)
+    for row, values in zip(stacked, rows, strict=True):
+        row[: len(values)] = values
+    return stacked
+
+
+def _pad_blocks(
+    blocks: Sequence[Float[np.ndarray, "_ _ 2"] | None], n: int | None = None
 ) -> Float[np.ndarray, "world row point 2"]:
-    """Put the points of all worlds into one array, NaN where a world has fewer.
-
-    Args:
-        points: Points in metres of each world; None where it has none.
-        n: Length of the array's second axis; the largest that any world needs if None.
-    """
-    lengths = [(0, 0) if each is None else each.shape[:2] for each in points]
+    """The points of all worlds in one array, NaN where a world has fewer or none; n rows of each if given."""
+    lengths = [(0, 0) if each is None else each.shape[:2] for each in blocks]
     longest = np.max(lengths, axis=0, initial=0)
-    padded = np.full((len(points), longest[0] if n is None else n, longest[1], 2), np.nan)
-    for w, (each, (first, second)) in enumerate(zip(points, lengths, strict=True)):
+    padded = np.full((len(blocks), longest[0] if n is None else n, longest[1], 2), np.nan)
+    for own, each, (first, second) in zip(padded, blocks, lengths, strict=True):
         if each is not None:
-            padded[w, :first, :second] = each
+            own[:first, :second] = each
     return padded

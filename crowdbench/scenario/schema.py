@@ -13,16 +13,16 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model, field_validator, model_validator
 
-from crowdbench.dynamics import DYNAMICS
-from crowdbench.errors import InputError
-from crowdbench.numbers import is_integer, is_number
-from crowdbench.plugin_options import REQUIRED, Option, read_options
+from crowdbench.core.dynamics import DYNAMICS
+from crowdbench.core.types import COLLISION_RULES
+from crowdbench.plugins.options import REQUIRED, Option, read_options
 from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
-from crowdbench.scenario.renewal import ARRIVALS
-from crowdbench.toml_file import Flag, Name, Text, TomlTable, choice, integer, number, table
-from crowdbench.types import COLLISION_RULES
+from crowdbench.scenario.population import ARRIVALS
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.numbers import is_integer, is_number
+from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, number, table
 
 Spec = TypeVar("Spec", bound=TomlTable)
 
@@ -154,7 +154,7 @@ class LidarSpec(TomlTable):
 
 
 class SensorSpec(TomlTable):
-    """`[sensor]`: what the vehicle sees of pedestrians, see `crowdbench.types.Sensor`.
+    """`[sensor]`: what the vehicle sees of pedestrians, see `crowdbench.core.types.Sensor`.
 
     The range is in metres, the field of view in degrees, the delay in steps; people are remembered for seconds.
     `nearest` is the number of pedestrians that planners are shown at most; without it see `SHOWN`.

@@ -1,7 +1,7 @@
-"""The rule of an episode: collision, arrival and time-out are defined here and nowhere else.
+"""The rule of an episode: collision, arrival and time-out are defined here and nowhere else. Compiled.
 
 The simulator calls `check_step` for the vehicle of each world. Environments (for pedestrians as agents) and the
-lookahead (for predicted steps) call the compiled `step_outcome`.
+lookahead (for predicted steps) call `step_outcome`.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.compiled import njit
-from crowdbench.dynamics.motion import HOLONOMIC
-from crowdbench.geometry import nearest_in_step
+from crowdbench.core.dynamics.motion import HOLONOMIC
+from crowdbench.core.geometry import Discs, nearest_in_step
+from crowdbench.core.types import COLLISION_RULES, Outcome
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.swept import gaps_on_arc
-from crowdbench.types import COLLISION_RULES, Outcome, Rules, World
+from crowdbench.utils.compiled import njit
 
 _CROWDNAV, _CROWDNAV_PLUS = COLLISION_RULES.index("crowdnav"), COLLISION_RULES.index("crowdnav_plus")
 
@@ -37,7 +37,9 @@ class StepCheck(NamedTuple):
     wall_gap: Float[np.ndarray, "world"]
 
 
-def check_step(before: World, after: World) -> StepCheck:
+@no_type_check
+@njit
+def check_step(rules, before, after, check):
     """Find out whether a step ended the episode, and how close the vehicle came to pedestrians and obstacles in it.
 
     - Time-out: it is the last step of `Rules.max_steps`, whatever else happens in it.
@@ -52,68 +54,50 @@ def check_step(before: World, after: World) -> StepCheck:
     The first of these that applies is the outcome, in CrowdNav's order.
 
     Args:
-        before: The worlds before the step.
-        after: The worlds after it.
-
-    Returns:
-        The outcome and the gaps of the step.
+        rules (RuleNumbers): The rules.
+        before (Before): The worlds before the step, see `crowdbench.sim.simulator`.
+        after (After): The worlds after it.
+        check (StepCheck): Filled.
     """
-    check = unchecked(len(before))
-    rules = before.rules
-    check_worlds(
-        rules.dynamics.code,
-        rules.discs,
-        rules.goal_tolerance or 0.0,
-        rules.collision_code,
-        rules.dt,
-        before.heading,
-        after.velocity,
-        after.angular_speed,
+    position, radius, obstacles, is_plus = (
         before.position,
-        before.velocity,
-        after.position,
-        before.goal,
         before.radius,
-        before.present,
         before.obstacles,
-        before.step,
-        rules.max_steps,
-        *check,
+        rules.collision == _CROWDNAV_PLUS,
     )
-    return check
-
-
-def unchecked(worlds: int) -> StepCheck:
-    """Arrays for the check of so many worlds, which `check_worlds` fills."""
-    return StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds))
-
-
-def swept_motion(
-    before: Float[np.ndarray, "agent 2"],
-    after: Float[np.ndarray, "agent 2"],
-    velocity_before: Float[np.ndarray, "agent 2"],
-    rules: Rules,
-) -> Float[np.ndarray, "agent 2"]:
-    """The motion of all agents of one world in a step, as the collision check takes it.
-
-    Args:
-        before: Positions before the step in metres.
-        after: Positions after the step in metres.
-        velocity_before: Velocities before the step in m/s.
-        rules: Its `collision` names the rule.
-
-    Returns:
-        Displacement of each agent in metres, along a straight line at constant speed.
-    """
-    motion = np.empty(before.shape)
-    fill_motion(before, after, velocity_before, rules.collision_code, rules.dt, motion)
-    return motion
+    motion, last = np.empty(position.shape[1:]), position if is_plus else after.position
+    for w in range(len(position)):
+        fill_motion(position[w], after.position[w], before.velocity[w], rules.collision, rules.dt, motion)
+        discs = Discs(position[w], motion, radius[w], before.present[w])
+        if rules.code == HOLONOMIC:
+            check.gap[w], _ = nearest_in_step(0, discs)
+            x, y, dx, dy = position[w, 0, 0], position[w, 0, 1], motion[0, 0], motion[0, 1]
+            check.wall_gap[w] = wall_gap_in_step(x, y, dx, dy, radius[w, 0], obstacles[w])
+        else:
+            speed, turn_rate = math.hypot(after.velocity[w, 0, 0], after.velocity[w, 0, 1]), after.angular_speed[w]
+            if is_plus:
+                speed, turn_rate = 0.0, 0.0
+            arc = before.heading[w], speed, turn_rate, rules.dt
+            check.gap[w], check.wall_gap[w] = gaps_on_arc(rules.body, *arc, discs, obstacles[w])
+        dx, dy = before.goal[w, 0, 0] - last[w, 0, 0], before.goal[w, 0, 1] - last[w, 0, 1]
+        near = rules.goal_tolerance if rules.goal_tolerance > 0.0 else radius[w, 0]
+        is_last = before.step[w] + 1 >= rules.max_steps
+        check.outcome[w] = step_outcome(check.gap[w], check.wall_gap[w], dx, dy, near, is_last)
 
 
 @no_type_check
 @njit
 def fill_motion(before, after, velocity_before, rule, dt, motion):
-    """Fill `motion [agent, 2]` of one world, see `swept_motion`."""
+    """The motion of all agents of one world in a step, as the collision check takes it.
+
+    Args:
+        before (array): `[agent, 2]`, positions before the step in metres.
+        after (array): `[agent, 2]`, positions after it.
+        velocity_before (array): `[agent, 2]`, in m/s.
+        rule (int): Index of the collision rule in `COLLISION_RULES`.
+        dt (float): Duration of the step in seconds.
+        motion (array): `[agent, 2]`, filled: displacements in metres, along a straight line at constant speed.
+    """
     for i in range(len(motion)):
         for axis in range(2):
             if rule == _CROWDNAV_PLUS:
@@ -149,70 +133,3 @@ def step_outcome(gap, wall_gap, dx, dy, tolerance, is_last):
     if math.sqrt(dx * dx + dy * dy) < tolerance:
         return Outcome.SUCCESS.value
     return Outcome.RUNNING.value
-
-
-@no_type_check
-@njit
-def check_worlds(
-    code,
-    body,
-    tolerance,
-    rule,
-    dt,
-    heading,
-    velocity,
-    turn_rate,
-    position,
-    velocity_before,
-    end,
-    goal,
-    radius,
-    present,
-    obstacles,
-    step,
-    max_steps,
-    outcome,
-    gap,
-    wall_gap,
-):
-    """Check a step of each world's vehicle, see `check_step`. Compiled.
-
-    Args:
-        code (int): The code of its dynamics.
-        body (array): `[disc]`, where the centres of its discs are, in metres ahead of its position.
-        tolerance (float): Distance in metres to its goal below which it has arrived; 0 stands for its radius.
-        rule (int): Index of the collision rule in `COLLISION_RULES`.
-        dt (float): Duration of the step in seconds.
-        heading (array): `[world]`, the vehicle's heading before the step in radians.
-        velocity (array): `[world, agent, 2]`, after the step, in m/s.
-        turn_rate (array): `[world]`, the vehicle's in the step, in rad/s.
-        position (array): `[world, agent, 2]`, before the step, in metres.
-        velocity_before (array): `[world, agent, 2]`, before the step, in m/s.
-        end (array): `[world, agent, 2]`, positions after the step in metres.
-        goal (array): `[world, agent, 2]`, in metres.
-        radius (array): `[world, agent]`, in metres.
-        present (array): `[world, agent]`.
-        obstacles (array): `[world, polygon, corner, 2]`, in metres.
-        step (array): `[world]`, steps done before this one.
-        max_steps (int): Steps after which an episode times out.
-        outcome (array): `[world]`, filled: an `Outcome`.
-        gap (array): `[world]`, filled, in metres.
-        wall_gap (array): `[world]`, filled, in metres.
-    """
-    motion = np.empty(position.shape[1:])
-    for w in range(len(radius)):
-        fill_motion(position[w], end[w], velocity_before[w], rule, dt, motion)
-        if code == HOLONOMIC:
-            gap[w], _ = nearest_in_step(0, position[w], motion, radius[w], present[w])
-            x, y, mx, my = position[w, 0, 0], position[w, 0, 1], motion[0, 0], motion[0, 1]
-            wall_gap[w] = wall_gap_in_step(x, y, mx, my, radius[w, 0], obstacles[w])
-        else:
-            own = heading[w], math.hypot(velocity[w, 0, 0], velocity[w, 0, 1]), turn_rate[w], dt
-            if rule == _CROWDNAV_PLUS:
-                own = heading[w], 0.0, 0.0, dt
-            others = motion, radius[w], present[w], obstacles[w]
-            gap[w], wall_gap[w] = gaps_on_arc(body, *own, position[w], *others)
-        last = position if rule == _CROWDNAV_PLUS else end
-        dx, dy = goal[w, 0, 0] - last[w, 0, 0], goal[w, 0, 1] - last[w, 0, 1]
-        near = tolerance if tolerance > 0.0 else radius[w, 0]
-        outcome[w] = step_outcome(gap[w], wall_gap[w], dx, dy, near, step[w] + 1 >= max_steps)

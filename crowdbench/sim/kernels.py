@@ -10,7 +10,7 @@ from typing import Any, no_type_check
 
 import numpy as np
 
-from crowdbench.compiled import njit
+from crowdbench.utils.compiled import njit
 
 _ONE_AT_A_TIME = threading.Lock()
 
@@ -25,7 +25,7 @@ def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], C
         The function compiled for one thread, and for all threads. Calls of the second one wait for each other.
     """
     # The second one gets another name, because the cache removes what another version of a kernel has left.
-    twin = types.FunctionType(loop.__code__, loop.__globals__, f"{loop.__name__}_parallel")
+    twin = types.FunctionType(loop.__code__, loop.__globals__, f"{loop.__name__}_parallel", None, loop.__closure__)
     twin.__module__, twin.__qualname__ = loop.__module__, twin.__name__
     parallel = njit(error_model="numpy", parallel=True)(twin)
 

@@ -10,8 +10,8 @@ from typing import no_type_check
 
 import numpy as np
 
-from crowdbench.compiled import njit
 from crowdbench.sim.obstacles import number_of_corners
+from crowdbench.utils.compiled import njit
 
 
 @no_type_check

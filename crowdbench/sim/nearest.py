@@ -8,8 +8,8 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Int
 
-from crowdbench.compiled import njit
-from crowdbench.types import Observation
+from crowdbench.core.types import Observation
+from crowdbench.utils.compiled import njit
 
 _OVER_TIME = ("history", "filled")
 """What has an axis `time` before the axis `pedestrian`."""

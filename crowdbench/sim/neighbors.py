@@ -14,9 +14,9 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.compiled import njit, prange
 from crowdbench.sim.kernels import at, serial_and_parallel
 from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.utils.compiled import njit, prange
 
 CELLS_FROM = 128
 """Worlds with at least this many agents get cells. In smaller ones it takes no longer to look at all."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import no_type_check
 
-from crowdbench.compiled import njit
+from crowdbench.utils.compiled import njit
 
 _TOUCHING = 1e-9
 """Discs whose gap to a wall is below this, in metres, touch it."""

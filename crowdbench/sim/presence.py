@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.geometry import norm
-from crowdbench.types import World
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import World
 
 
 def track_at(world: World, step: Int[np.ndarray, "world"]) -> Float[np.ndarray, "world pedestrian 2"]:

@@ -8,10 +8,10 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.compiled import njit
-from crowdbench.geometry import local_goals
+from crowdbench.core.geometry import local_goals
+from crowdbench.core.types import Trace, World
 from crowdbench.sim.obstacles import wall_gap_in_step
-from crowdbench.types import Trace, World
+from crowdbench.utils.compiled import njit
 
 SIGHT_GAP = 0.01
 """A waypoint is in sight where the straight way to it passes all walls with this gap, in metres."""
@@ -21,7 +21,7 @@ REACH = 1.0
 
 
 def goals_on_way(world: World) -> Float[np.ndarray, "world agent 2"]:
-    """The local goal of each agent in metres, see `crowdbench.geometry.local_goals`."""
+    """The local goal of each agent in metres, see `crowdbench.core.geometry.local_goals`."""
     return local_goals(world.position, world.goal, world.route, world.waypoint)
 
 

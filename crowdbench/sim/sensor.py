@@ -8,10 +8,10 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.compiled import njit
+from crowdbench.core.types import HISTORY, Lidar, Observation, Pedestrians, Vehicle, World
 from crowdbench.sim.lines_of_sight import measure_all_beams
 from crowdbench.sim.nearest import with_nearest
-from crowdbench.types import HISTORY, Lidar, Observation, Pedestrians, Vehicle, World
+from crowdbench.utils.compiled import njit
 
 
 def observe(
@@ -102,7 +102,7 @@ def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
 
 
 def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
-    """What a lidar measures at the vehicle's position, as `crowdbench.types.Observation.lidar`."""
+    """What a lidar measures at the vehicle's position, as `crowdbench.core.types.Observation.lidar`."""
     distance = np.empty((len(world), lidar.beams))
     measure_all_beams(
         world.heading, world.position, world.radius, world.present, world.obstacles, lidar.range, distance

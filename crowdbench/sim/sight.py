@@ -9,29 +9,43 @@
   pedestrian is neither seen nor remembered.
 - `unseen` `[world, pedestrian]`: steps since the last measurement; -1 where it is neither seen nor remembered.
 - `observed` `[world, pedestrian]`, `history` `[world, time, pedestrian, 2]` and `filled` `[world, time, pedestrian]` as
-  in `crowdbench.types.Pedestrians`.
+  in `crowdbench.core.types.Pedestrians`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import no_type_check
+import operator
+from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from crowdbench.compiled import njit
-from crowdbench.rng import four_normal, purpose_bits, uniform
+from crowdbench.core.rng import four_normal, purpose_bits, uniform
+from crowdbench.core.types import HISTORY, World
 from crowdbench.sim.lines_of_sight import is_hidden
-from crowdbench.types import HISTORY, World
+from crowdbench.utils.compiled import njit
 
 PADDING = (0.0, 0.0, 0.0, 0.0, 1.0)
 """The state of a pedestrian that is not seen."""
 
-TRACKS = ("person", "state", "unseen", "observed", "history", "filled")
-"""The arrays of the tracks, in the order in which `_track` takes them."""
+_SCENE = operator.attrgetter(
+    "key", "step", "position", "velocity", "heading", "radius", "present", "person", "obstacles"
+)
+"""What `_measure` takes of a world."""
 
 _NOISE, _MISSED = purpose_bits("sensor"), purpose_bits("missed detections")
+
+
+class Tracks(NamedTuple):
+    """The arrays of `World.sight` that are tracks."""
+
+    person: Int[np.ndarray, "world pedestrian"]
+    state: Float[np.ndarray, "world pedestrian 5"]
+    unseen: Int[np.ndarray, "world pedestrian"]
+    observed: Int[np.ndarray, "world pedestrian"]
+    history: Float[np.ndarray, "world time pedestrian 2"]
+    filled: Bool[np.ndarray, "world time pedestrian"]
 
 
 def look(world: World) -> World:
@@ -56,11 +70,11 @@ def look(world: World) -> World:
         sent["sent"] = np.concatenate([before["sent"][:, 1:], measured[:, None]], axis=1)
         sent["sender"] = np.concatenate([before["sender"][:, 1:], sender[:, None]], axis=1)
         measured, sender = (np.ascontiguousarray(before[name][:, 0]) for name in ("sent", "sender"))
-    tracks = {name: before[name] for name in TRACKS}
-    after = {name: np.empty_like(track) for name, track in tracks.items()}
+    tracks = Tracks(*(before[name] for name in Tracks._fields))
+    after = Tracks(*map(np.empty_like, tracks))
     dt = world.rules.dt
-    _track(measured, sender, dt, sensor.steps_remembered(dt), *tracks.values(), *after.values())
-    return world.replace(sight=sent | after)
+    _track(measured, sender, dt, sensor.steps_remembered(dt), *tracks, *after)
+    return world.replace(sight=sent | after._asdict())
 
 
 def _nothing(world: World) -> dict[str, np.ndarray]:
@@ -83,67 +97,29 @@ def _measured(world: World) -> Float[np.ndarray, "world pedestrian 5"]:
     """What is measured of each pedestrian now, NaN of those that are not detected."""
     sensor = world.rules.sensor
     measured = np.full((*world.person.shape, 5), np.nan)
-    _measure(
-        np.inf if sensor.range is None else sensor.range,
-        -2.0 if sensor.field_of_view >= 360.0 else math.cos(math.radians(sensor.field_of_view / 2.0)),
-        sensor.occlusion,
-        sensor.noise.position,
-        sensor.noise.velocity,
-        sensor.missed,
-        world.key,
-        world.step,
-        world.position,
-        world.velocity,
-        world.heading,
-        world.radius,
-        world.present,
-        world.person,
-        world.obstacles,
-        measured,
-    )
+    reach = np.inf if sensor.range is None else sensor.range
+    least_cosine = -2.0 if sensor.field_of_view >= 360.0 else math.cos(math.radians(sensor.field_of_view / 2.0))
+    noise = sensor.noise.position, sensor.noise.velocity
+    _measure(measured, reach, least_cosine, sensor.occlusion, *noise, sensor.missed, *_SCENE(world))
     return measured
 
 
 @no_type_check
 @njit(error_model="numpy")
-def _measure(
-    reach,
-    least_cosine,
-    occlusion,
-    position_noise,
-    velocity_noise,
-    missed,
-    key,
-    step,
-    position,
-    velocity,
-    heading,
-    radius,
-    present,
-    person,
-    obstacles,
-    measured,
-):
+def _measure(measured, reach, least_cosine, occlusion, position_noise, velocity_noise, missed, *scene):
     """Measure whoever can be seen and is not missed.
 
     Args:
+        measured: `[world, pedestrian, 5]`, filled with measurements.
         reach: Largest distance in metres between the rims of the vehicle and of a person that is seen.
         least_cosine: Smallest cosine of the angle between the heading and a person that is seen.
         occlusion: Whether walls and other people hide persons.
         position_noise: Standard deviation in metres.
         velocity_noise: Standard deviation in m/s.
         missed: Probability that a person is not detected.
-        key: `[world]`, the key of the case.
-        step: `[world]`, steps done so far.
-        position: `[world, agent, 2]`, in metres.
-        velocity: `[world, agent, 2]`, in m/s.
-        heading: `[world]`, in radians.
-        radius: `[world, agent]`, in metres.
-        present: `[world, agent]`.
-        person: `[world, pedestrian]`, the number of each pedestrian as a person.
-        obstacles: `[world, polygon, corner, 2]`, in metres.
-        measured: `[world, pedestrian, 5]`, filled with measurements.
+        *scene: `_SCENE` of the worlds.
     """
+    key, step, position, velocity, heading, radius, present, person, obstacles = scene
     for w in range(len(key)):
         for p in range(person.shape[1]):
             a = p + 1
@@ -170,24 +146,7 @@ def _measure(
 
 @no_type_check
 @njit(error_model="numpy")
-def _track(
-    measured,
-    sender,
-    dt,
-    remembered,
-    person,
-    state,
-    unseen,
-    observed,
-    history,
-    filled,
-    new_person,
-    new_state,
-    new_unseen,
-    new_observed,
-    new_history,
-    new_filled,
-):
+def _track(measured, sender, dt, remembered, *tracks):
     """Continue the tracks by the measurements that arrive in a step.
 
     A measured person after a gap has the gap in its history filled on the line from its last measured position. Another
@@ -198,19 +157,10 @@ def _track(
         sender: `[world, pedestrian]`, the person in each place when it was measured, -1 where there was none.
         dt: Length of a step in seconds.
         remembered: For how many steps a person is remembered.
-        person: `[world, pedestrian]`; this and the following are the arrays of `World.sight` before the step.
-        state: `[world, pedestrian, 5]`.
-        unseen: `[world, pedestrian]`.
-        observed: `[world, pedestrian]`.
-        history: `[world, time, pedestrian, 2]`.
-        filled: `[world, time, pedestrian]`.
-        new_person: Filled, like `person`, and so are the others.
-        new_state: Filled.
-        new_unseen: Filled.
-        new_observed: Filled.
-        new_history: Filled.
-        new_filled: Filled.
+        *tracks: The fields of the `Tracks` before the step, and of those after it, which are filled.
     """
+    person, state, unseen, observed, history, filled = tracks[:6]
+    new_person, new_state, new_unseen, new_observed, new_history, new_filled = tracks[6:]
     worlds, length, pedestrians, _ = history.shape
     for w in range(worlds):
         for p in range(pedestrians):

@@ -11,15 +11,15 @@ from typing import no_type_check
 
 import numpy as np
 
-from crowdbench.compiled import njit
-from crowdbench.dynamics.motion import along_arc, chords
-from crowdbench.geometry import nearest_in_step
+from crowdbench.core.dynamics.motion import along_arc, chords
+from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.utils.compiled import njit
 
 
 @no_type_check
 @njit(nogil=True)
-def gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, present, obstacles):
+def gaps_on_arc(body, heading, speed, turn_rate, dt, discs, obstacles):
     """The smallest distances between the vehicle's rim and those of pedestrians, and obstacles, during a step.
 
     Compiled, for one world.
@@ -30,20 +30,19 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, p
         speed (float): Its speed during the step in m/s.
         turn_rate (float): Its turn rate during the step in rad/s.
         dt (float): Duration of the step in seconds.
-        position (array): `[agent, 2]`, positions before the step in metres, the vehicle's first.
-        motion (array): `[agent, 2]`, displacements of pedestrians in the step in metres.
-        radius (array): `[agent]`, in metres.
-        present (array): `[agent]`, whether each agent counts.
+        discs (Discs): The vehicle, whose motion is not read, and the pedestrians.
         obstacles (array): `[polygon, corner, 2]`, in metres, NaN after the last corner.
 
     Returns:
         gap (float): To pedestrians, in metres; negative where discs overlap, infinite without pedestrians.
         wall_gap (float): To obstacles, likewise.
     """
+    position, motion = discs.position, discs.motion
     x, y = position[0, 0], position[0, 1]
     number = chords(speed, turn_rate, max(abs(body[0]), abs(body[-1])), dt)
     # By hand: numba takes seconds to compile expressions of arrays.
     begin, chord = np.empty(position.shape), np.empty(motion.shape)
+    on_chord = Discs(begin, chord, discs.radius, discs.counts)
     for agent in range(1, len(position)):
         for axis in range(2):
             chord[agent, axis] = motion[agent, axis] / number
@@ -58,9 +57,9 @@ def gaps_on_arc(body, heading, speed, turn_rate, dt, position, motion, radius, p
             begin[0, 0], begin[0, 1] = x0 + ahead * math.cos(before), y0 + ahead * math.sin(before)
             chord[0, 0] = x1 + ahead * math.cos(after) - begin[0, 0]
             chord[0, 1] = y1 + ahead * math.sin(after) - begin[0, 1]
-            nearest, _ = nearest_in_step(0, begin, chord, radius, present)
+            nearest, _ = nearest_in_step(0, on_chord)
             gap = min(gap, nearest)
-            wall = wall_gap_in_step(begin[0, 0], begin[0, 1], chord[0, 0], chord[0, 1], radius[0], obstacles)
+            wall = wall_gap_in_step(begin[0, 0], begin[0, 1], chord[0, 0], chord[0, 1], discs.radius[0], obstacles)
             wall_gap = min(wall_gap, wall)
     return gap, wall_gap
 

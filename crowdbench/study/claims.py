@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.evaluate.formats import markdown
-from crowdbench.evaluate.results import Episodes
-from crowdbench.evaluate.summary import Estimate
+from crowdbench.metrics.summary import Estimate
+from crowdbench.runs.results import Episodes
 from crowdbench.study.intervals import difference_over_networks, reduction_over_networks
 from crowdbench.study.measures import LEAST_SHARED, PLANNER_MEASURES, SUCCESS, Measure
 from crowdbench.study.schema import ClaimSpec
-from crowdbench.toml_file import Location
+from crowdbench.utils.tables import markdown
+from crowdbench.utils.toml import Location
 
 POINTS = dataclasses.replace(SUCCESS, unit="points")
 REDUCTION = Measure("reduction", "reduction", "%", sign=1, digits=1, scale=100.0)
@@ -67,25 +67,20 @@ class Assessment:
     verdict: Verdict
 
     def cells(self) -> list[str]:
-        """As `claims_grid` shows it."""
-        word = PLANNER_MEASURES[self.measure].word
-        figure = f"{self.row} against {self.than}: " + (f"reduction of {word}" if self.kind == "reduction" else word)
+        """As `claims_table` shows it."""
+        measure = PLANNER_MEASURES[self.measure]
+        word, unit = measure.word, POINTS if measure is SUCCESS else measure
+        if self.kind == "reduction":
+            word, unit = f"reduction of {word}", REDUCTION
         return [
             f"{self.text} ({self.source})",
-            figure,
-            f"> {self._shown.number(self.bound)}",
-            self._shown.estimate(self.figure),
-            _number(self.networks),
+            f"{self.row} against {self.than}: {word}",
+            f"> {unit.number(self.bound)}",
+            unit.estimate(self.figure),
+            " and ".join(str(number) for number in dict.fromkeys(self.networks)),
             str(self.cases),
             f"**{self.verdict}**",
         ]
-
-    @property
-    def _shown(self) -> Measure:
-        """How the figure is written."""
-        if self.kind == "reduction":
-            return REDUCTION
-        return POINTS if self.measure == SUCCESS.metric else PLANNER_MEASURES[self.measure]
 
 
 def check_claim(claim: ClaimSpec, networks: Mapping[str, Sequence[str]], location: Location) -> None:
@@ -148,33 +143,20 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
 
 
 def _verdict(figure: Estimate, bound: float, networks: tuple[int, int], cases: int) -> Verdict:
-    """The verdict on a figure that is over so many networks of each row, 0 for a planner without any, and `cases`."""
+    """The verdict on a figure that is over so many networks of each row, 0 for a planner without any, and `cases`.
+
+    It holds where the interval lies above the bound, and is refuted where it lies below.
+    """
     if 1 in networks:
         return Verdict.ONE_NETWORK
-    return verdict(figure, bound) if cases >= LEAST_SHARED else Verdict.UNDECIDED
-
-
-def _number(networks: tuple[int, int]) -> str:
-    """How many networks a claim is about: one number, or those of either row where they differ."""
-    return " and ".join(str(number) for number in dict.fromkeys(networks))
-
-
-def verdict(figure: Estimate, bound: float) -> Verdict:
-    """The verdict on a claim.
-
-    Args:
-        figure: What was measured, with its interval; NaN where nothing was.
-        bound: What the claim says that the figure exceeds.
-
-    Returns:
-        Holds where the interval lies above the bound, refuted where it lies below, undecided otherwise.
-    """
-    if figure.low > bound + ROUNDING:
+    if cases >= LEAST_SHARED and figure.low > bound + ROUNDING:
         return Verdict.HOLDS
-    return Verdict.REFUTED if figure.high < bound - ROUNDING else Verdict.UNDECIDED
+    if cases >= LEAST_SHARED and figure.high < bound - ROUNDING:
+        return Verdict.REFUTED
+    return Verdict.UNDECIDED
 
 
-def claims_grid(claims: Sequence[Assessment]) -> str:
+def claims_table(claims: Sequence[Assessment]) -> str:
     """The claims in a Markdown table."""
     header = ["claim", "figure", "claimed", "measured", "networks", "cases", "verdict"]
     return markdown(header, [claim.cells() for claim in claims])
@@ -196,14 +178,6 @@ def _gain_in_success(
     Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data",
     Journal of Educational and Behavioral Statistics 37(4) (2012), 479-488, doi:10.3102/1076998611411915. Theirs is an
     adjusted Wald interval of one pair of samples; here the cases so completed are those of every network.
-
-    Args:
-        ours: Whether each network succeeds in each case.
-        theirs: The same of the other row.
-        paired: As in `difference_over_networks`.
-
-    Returns:
-        The difference.
     """
     won, lost = (np.tile(pair, (len(row), 1)) for pair, row in (([1.0, 0.0], ours), ([0.0, 1.0], theirs)))
     guarded = difference_over_networks(np.hstack([ours, won]), np.hstack([theirs, lost]), paired)

@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Int, Shaped
 
 from crowdbench import catalog
-from crowdbench.evaluate.compare import mcnemar, sign_test
-from crowdbench.evaluate.formats import Grid, markdown
-from crowdbench.evaluate.results import Episodes
-from crowdbench.evaluate.summary import CONFIDENCE, Estimate, bootstrap, rate
+from crowdbench.metrics.summary import CONFIDENCE, Estimate, bootstrap, rate
+from crowdbench.runs.compare import mcnemar, sign_test
+from crowdbench.runs.load import load_run
+from crowdbench.runs.results import Episodes
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.measures import DISCOMFORT, GAP, JERK, LEAST_SHARED, SUCCESS, TIME
-from crowdbench.study.planned import PlannedRun
+from crowdbench.study.folder import describe_scenario, read_episodes
+from crowdbench.study.measures import DISCOMFORT, GAP, JERK, LEAST_SHARED, PRIVILEGED, SUCCESS, TIME, with_mark
 from crowdbench.study.schema import CrowdsSpec
-from crowdbench.study.tables import PRIVILEGED, FilledTable, PlannedTable, marked
-from crowdbench.toml_file import Location
+from crowdbench.utils.tables import Grid, markdown
+from crowdbench.utils.toml import Location
 
 OVER_SOLVED = (TIME, DISCOMFORT, JERK, GAP)
 """What is measured over solved cases: each planner's own, or those that both of a pair solve."""
+
+FAILURES = {"collision_rate": "collision", "wall_collision_rate": "with a wall", "timeout_rate": "time-out"}
+"""What ends the other cases: rates, and their headings."""
 
 NOTES = (
     "Success has Wilson's 95 % interval. Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the "
@@ -37,7 +44,8 @@ PAIRED = (
     "The second table of a crowd says in which measures the planner of the row is significantly better or worse than "
     "the planner of the column: in success by McNemar's exact test (p < 0.05), in the other measures by a paired "
     "bootstrap of the mean difference over the cases that both solve (its 95 % interval excludes 0, and there are at "
-    f"least {LEAST_SHARED} such cases)."
+    f"least {LEAST_SHARED} such cases). The {{tests}} tests in a crowd are not corrected for their number: between "
+    "planners that do not differ, about one test in twenty finds a difference."
 )
 
 
@@ -64,42 +72,19 @@ class CrowdRow:
     over_solved: dict[str, Estimate]
 
     @classmethod
-    def of(cls, run: PlannedRun, episodes: Episodes) -> CrowdRow:
-        """Summarize one run.
-
-        Args:
-            run: The run.
-            episodes: Its episodes.
-
-        Returns:
-            The row of its planner.
-        """
+    def of(cls, run: Run, episodes: Episodes) -> CrowdRow:
+        """Summarize the episodes of a run."""
         success = episodes.columns[SUCCESS.metric]
-        solved = episodes.take(np.flatnonzero(success))
+        collision, wall, timeout = (float(episodes.columns[name].mean()) for name in FAILURES)
+        over_solved = _over_solved(episodes.columns, success, episodes.block)
         return cls(
-            planner=run.planner,
-            privileged=run.privileged,
-            success_rate=rate(success, episodes.block),
-            collision_rate=float(episodes.columns["collision_rate"].mean()),
-            wall_collision_rate=float(episodes.columns["wall_collision_rate"].mean()),
-            timeout_rate=float(episodes.columns["timeout_rate"].mean()),
-            over_solved={
-                each.metric: bootstrap(solved.columns[each.metric], np.ones(len(solved)), solved.block)
-                for each in OVER_SOLVED
-            },
+            run.driver.name, run.driver.privileged, rate(success, episodes.block), collision, wall, timeout, over_solved
         )
 
     @property
     def name(self) -> str:
-        """The planner, marked where it is privileged."""
-        return marked(self.planner, self.privileged)
-
-    def cells(self, walls: bool) -> list[str]:
-        """As `FilledCrowd` shows it; `walls` is whether the collisions with walls are shown."""
-        rates = [self.collision_rate, *([self.wall_collision_rate] if walls else []), self.timeout_rate]
-        failures = [SUCCESS.number(rate) for rate in rates]
-        means = [each.estimate(self.over_solved[each.metric]) for each in OVER_SOLVED]
-        return [self.name, SUCCESS.estimate(self.success_rate), *failures, *means]
+        """The planner, with an asterisk where it is privileged."""
+        return with_mark(self.planner, self.privileged)
 
 
 @dataclass(frozen=True)
@@ -124,23 +109,17 @@ class Pair:
 
     @classmethod
     def of(cls, names: tuple[str, str], one: Episodes, two: Episodes) -> Pair:
-        """Compare two planners case by case.
+        """Compare two planners.
 
         Args:
             names: The names of the two planners.
             one: The episodes of the first.
             two: The episodes of the second, of the same cases.
-
-        Returns:
-            The comparison.
         """
         a, b = one.columns[SUCCESS.metric], two.columns[SUCCESS.metric]
         both = a & b
-        ones, block = np.ones(both.sum()), None if one.block is None else one.block[both]
-        differences = {
-            each.metric: bootstrap(two.columns[each.metric][both] - one.columns[each.metric][both], ones, block)
-            for each in OVER_SOLVED
-        }
+        changes = {each.metric: two.columns[each.metric] - one.columns[each.metric] for each in OVER_SOLVED}
+        differences = _over_solved(changes, both, one.block)
         p = mcnemar(a, b) if one.block is None else sign_test(a, b, one.block)
         better = {SUCCESS.metric: names[int(b.sum() > a.sum())]} if p < 1 - CONFIDENCE else {}
         for each in OVER_SOLVED:
@@ -151,12 +130,22 @@ class Pair:
 
     def cell(self) -> str:
         """In which measures `second`, whose row it is, is better or worse than `first`."""
-        measures = [each for each in (SUCCESS, *OVER_SOLVED) if each.metric in self.better]
-        better = [each.word for each in measures if self.better[each.metric] == self.second]
-        worse = [each.word for each in measures if self.better[each.metric] == self.first]
-        said = [f"{how}: {', '.join(words)}" for how, words in (("better", better), ("worse", worse)) if words]
+        verdicts = []
+        for how, winner in (("better", self.second), ("worse", self.first)):
+            words = [each.word for each in (SUCCESS, *OVER_SOLVED) if self.better.get(each.metric) == winner]
+            verdicts += [f"{how}: {', '.join(words)}"] if words else []
         few = f" ({self.both_solved} solved by both)" if self.both_solved < LEAST_SHARED else ""
-        return ("; ".join(said) or "no significant difference") + few
+        return ("; ".join(verdicts) or "no significant difference") + few
+
+
+def _over_solved(
+    columns: Mapping[str, Shaped[np.ndarray, "case"]],
+    solved: Bool[np.ndarray, "case"],
+    block: Int[np.ndarray, "case"] | None,
+) -> dict[str, Estimate]:
+    """The means of `OVER_SOLVED` over the solved cases."""
+    ones, block = np.ones(solved.sum()), None if block is None else block[solved]
+    return {each.metric: bootstrap(columns[each.metric][solved], ones, block) for each in OVER_SOLVED}
 
 
 @dataclass(frozen=True)
@@ -169,86 +158,80 @@ class FilledCrowd:
     blocks: int | None = None
 
     @classmethod
-    def of(cls, runs: list[PlannedRun], out: Path) -> FilledCrowd:
-        """Summarize and compare the runs of one scenario.
-
-        Args:
-            runs: Runs of the same cases of one scenario.
-            out: The folder with their results.
-
-        Returns:
-            The planners and their comparisons.
-        """
-        found = [(run.planner, run.episodes(out)) for run in runs]
+    def of(cls, runs: list[Run], out: Path) -> FilledCrowd:
+        """Summarize and compare the runs of one scenario that are in the folder `out`, all of the same cases."""
+        found = [(run.driver.name, read_episodes(run, out)) for run in runs]
         planners = [CrowdRow.of(run, episodes) for run, (_, episodes) in zip(runs, found, strict=True)]
         pairs = [Pair.of((a, b), one, two) for (a, one), (b, two) in itertools.combinations(found, 2)]
-        changes = "".join(f", {key}={value}" for key, value in runs[0].spec.overrides.items())
-        return cls(f"{runs[0].scenario.name}{changes}", planners, pairs, found[0][1].blocks.get("blocks"))
+        return cls(describe_scenario(runs[0]), planners, pairs, found[0][1].blocks.get("blocks"))
 
     def markdown(self) -> str:
         """Its two tables under its heading: what was measured, and in what each pair differs."""
+        of_time = "" if self.blocks is None else f", {self.blocks} blocks of time"
         planners = self.grid()
         tables = [markdown(planners.header, planners.rows)]
         if self.pairs:
-            tables.append(self._matrix())
-        of_time = "" if self.blocks is None else f", {self.blocks} blocks of time"
+            columns = self.planners[:-1]
+            cells = {(pair.second, pair.first): pair.cell() for pair in self.pairs}
+            rows = [
+                [row.name, *(cells.get((row.planner, each.planner), "") for each in columns)] for row in self.planners
+            ]
+            tables.append(markdown(["significantly better or worse than", *(each.name for each in columns)], rows[1:]))
         return "\n\n".join([f"### {self.scenario}{of_time}", *tables])
 
     def grid(self) -> Grid:
-        """What was measured."""
-        walls = any(row.wall_collision_rate > 0.0 for row in self.planners)
-        failures = ["collision", *(["with a wall"] if walls else []), "time-out"]
-        header = ["planner", "success", *failures, *(each.word for each in OVER_SOLVED)]
-        return Grid(self.scenario, header, [row.cells(walls) for row in self.planners], self.planners)
-
-    def _matrix(self) -> str:
-        names = [row.name for row in self.planners]
-        cells = {(pair.second, pair.first): pair.cell() for pair in self.pairs}
+        """What was measured; collisions with walls are shown where there are any."""
+        failures = dict(FAILURES)
+        if not any(row.wall_collision_rate > 0.0 for row in self.planners):
+            del failures["wall_collision_rate"]
         rows = [
-            [row.name] + [cells.get((row.planner, column.planner), "") for column in self.planners[:-1]]
-            for row in self.planners[1:]
+            [
+                row.name,
+                SUCCESS.estimate(row.success_rate),
+                *(SUCCESS.number(getattr(row, name)) for name in failures),
+                *(each.estimate(row.over_solved[each.metric]) for each in OVER_SOLVED),
+            ]
+            for row in self.planners
         ]
-        return markdown(["significantly better or worse than", *names[:-1]], rows)
+        header = ["planner", "success", *failures.values(), *(each.word for each in OVER_SOLVED)]
+        return Grid(self.scenario, header, rows, self.planners)
 
 
 @dataclass(frozen=True)
-class FilledCrowdsTable(FilledTable):
-    """All crowds with their figures."""
+class FilledCrowdsTable:
+    """All crowds with their figures. Its fields are what `--format json` prints."""
 
     title: str
     cases: str
     crowds: list[FilledCrowd]
 
     def markdown(self) -> str:
-        """See `FilledTable`."""
+        """The tables as GitHub shows them, under their headings."""
         return "\n\n".join([f"## {self.title}", f"Cases {self.cases}.", *(crowd.markdown() for crowd in self.crowds)])
 
     def grids(self) -> list[Grid]:
-        """See `FilledTable`."""
+        """The parts of it that have a row for each planner."""
         return [crowd.grid() for crowd in self.crowds]
 
     def notes(self) -> list[str]:
-        """See `FilledTable`."""
-        notes = [NOTES]
-        if tests := len(self.crowds[0].pairs) * (1 + len(OVER_SOLVED)):
-            notes.append(
-                f"{PAIRED} The {tests} tests in a crowd are not corrected for their number: between planners that do "
-                "not differ, about one test in twenty finds a difference."
-            )
-        if any(crowd.blocks is not None for crowd in self.crowds):
-            notes.append(RECORDED)
-        if any(row.privileged for crowd in self.crowds for row in crowd.planners):
-            notes.append(PRIVILEGED)
-        return notes
+        """What a page says below its tables, once for all that say the same."""
+        tests = len(self.crowds[0].pairs) * (1 + len(OVER_SOLVED))
+        notes = {
+            NOTES: True,
+            PAIRED.format(tests=tests): tests > 0,
+            RECORDED: any(crowd.blocks is not None for crowd in self.crowds),
+            PRIVILEGED: any(row.privileged for crowd in self.crowds for row in crowd.planners),
+        }
+        return [note for note, applies in notes.items() if applies]
 
 
 @dataclass(frozen=True)
-class CrowdsTable(PlannedTable):
+class CrowdsTable:
     """Planners in crowds, the same cases for all; `by_scenario` has the runs of each scenario in a list."""
 
     title: str
     cases: Cases
-    by_scenario: list[list[PlannedRun]]
+    by_scenario: list[list[Run]]
 
     @classmethod
     def of(cls, spec: CrowdsSpec, location: Location, data: Path | None = None) -> CrowdsTable:
@@ -263,24 +246,22 @@ class CrowdsTable(PlannedTable):
             InputError: A planner or a scenario does not exist, or two planners have the same name.
         """
         scenarios = catalog.simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
+        base = RunSpec("", "", spec.cases, overrides=spec.overrides, record="none", data=data)
         with location.named():
             by_scenario = [
-                [
-                    PlannedRun.of(planner, {}, scenario, spec.cases, overrides=spec.overrides, data=data)
-                    for planner in spec.planners
-                ]
+                [load_run(replace(base, planner=planner, scenario=scenario)) for planner in spec.planners]
                 for scenario in scenarios
             ]
-        if len({run.planner for run in by_scenario[0]}) < len(spec.planners):
+        if len({run.driver.name for run in by_scenario[0]}) < len(spec.planners):
             raise location.at("planners").wrong(repr(spec.planners), "planners of different names")
         return cls(spec.title, spec.cases, by_scenario)
 
     @property
-    def runs(self) -> list[PlannedRun]:
-        """See `PlannedTable`."""
+    def runs(self) -> list[Run]:
+        """All runs that it needs."""
         return [run for runs in self.by_scenario for run in runs]
 
     def fill(self, out: Path) -> FilledCrowdsTable:
-        """See `PlannedTable`."""
+        """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
         crowds = [FilledCrowd.of(runs, out) for runs in self.by_scenario]
         return FilledCrowdsTable(self.title, str(self.cases), crowds)

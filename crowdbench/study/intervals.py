@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
-from crowdbench.evaluate.summary import CONFIDENCE, NOTHING, Estimate
+from crowdbench.metrics.summary import CONFIDENCE, NOTHING, Estimate
 
 Values = Float[np.ndarray, "network case"]
 

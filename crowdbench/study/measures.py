@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.evaluate.results import Episodes
-from crowdbench.evaluate.summary import Estimate
+from crowdbench.metrics.summary import Estimate
+from crowdbench.runs.results import Episodes
 
 
 @dataclass(frozen=True)
@@ -73,3 +73,13 @@ LEAST_SHARED = 6
 With fewer, even a difference of the same sign in every case is likely by chance (2 * 0.5**5 > 0.05), and a bootstrap,
 which draws from nothing but these cases, would not notice.
 """
+
+PRIVILEGED = (
+    r"\* uses the pedestrians' next velocities, which no vehicle could know: shown for comparison, never ranked."
+)
+"""A note on planners that are marked with an asterisk."""
+
+
+def with_mark(planner: str, privileged: bool) -> str:
+    """A planner's name as tables show it: with an asterisk where it is privileged."""
+    return f"{planner} *" if privileged else planner

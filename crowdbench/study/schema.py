@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf
 
-from crowdbench.evaluate.replanning import LOOK_FIRST
+from crowdbench.runs.spec import LOOK_FIRST
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.measures import PLANNER_MEASURES
-from crowdbench.toml_file import Name, Names, Text, TomlTable, Values, choice, integer, number, table
+from crowdbench.utils.toml import Name, Names, Text, TomlTable, Values, choice, integer, number, table
 
 
 def _cases(value: Any) -> Any:
@@ -99,6 +99,14 @@ class PlannersSpec(TomlTable):
     variant: VariantSpec | None = Field(default=None, description="a table with a title and overrides")
     rows: list[RowSpec] = Field(min_length=1, description="one table or more")
     claims: list[ClaimSpec] = Field(default=[], description="a list of tables")
+
+    def quick_look(self) -> PlannersSpec:
+        """The same table with the first network of each row alone, on the cases for a quick look."""
+        rows = [
+            row.model_copy(update={"weights": row.weights[:1], "seeds": row.seeds[:1], "second_reading": None})
+            for row in self.rows
+        ]
+        return self.model_copy(update={"rows": rows, "cases": self.quick})
 
 
 class CrowdsSpec(TomlTable):

@@ -14,8 +14,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
-from crowdbench.errors import InputError, described
-from crowdbench.files import whole
+from crowdbench.utils.errors import InputError, describe_error
+from crowdbench.utils.files import whole
 
 
 @dataclass(frozen=True)
@@ -68,52 +68,34 @@ def read(path: Path) -> State:
 
 
 def tensors_of(part: str, network: nn.Module) -> dict[str, Tensor]:
-    """A network's tensors, to be written.
-
-    Args:
-        part: The part's name.
-        network: The network.
-
-    Returns:
-        Its tensors, their names with the part's in front.
-    """
+    """A network's tensors, to be written: their names with the part's in front."""
     return {f"{part}.{name}": tensor.contiguous() for name, tensor in network.state_dict().items()}
 
 
+def networks_state(training: object, parts: Sequence[str]) -> dict[str, Tensor]:
+    """The tensors of the networks that are attributes of a training, to be written."""
+    return {key: value for part in parts for key, value in tensors_of(part, getattr(training, part)).items()}
+
+
 def optimizer_state(part: str, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """An optimizer's tensors, to be written.
-
-    Args:
-        part: The part's name.
-        optimizer: The optimizer.
-
-    Returns:
-        Its tensors, their names with the part's in front.
-    """
+    """An optimizer's tensors, to be written: their names with the part's in front."""
     states = optimizer.state_dict()["state"].items()
     return {f"{part}.{number}.{name}": tensor for number, state in states for name, tensor in state.items()}
 
 
 def part_of(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors of one part of the training.
-
-    Args:
-        part: The part's name.
-        tensors: All tensors of a checkpoint.
-
-    Returns:
-        The part's tensors, their names without the part's.
-    """
+    """The tensors of one part of a training, from those of its checkpoint: their names without the part's."""
     return {name.removeprefix(f"{part}."): tensor for name, tensor in tensors.items() if name.startswith(f"{part}.")}
 
 
-def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
-    """Give an optimizer the tensors that `optimizer_state` took from it.
+def restore_networks(training: object, parts: Sequence[str], tensors: Mapping[str, Tensor]) -> None:
+    """Give networks of a training the tensors of a checkpoint. Raises RuntimeError where they are of another one."""
+    for part in parts:
+        getattr(training, part).load_state_dict(part_of(part, tensors))
 
-    Args:
-        optimizer: The optimizer.
-        tensors: Its tensors, as `part_of` returns them.
-    """
+
+def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
+    """Give an optimizer the tensors that `optimizer_state` took from it, as `part_of` returns them."""
     state: dict[int, dict[str, Tensor]] = {}
     for name, tensor in tensors.items():
         number, _, key = name.partition(".")
@@ -121,7 +103,7 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Te
     optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
 
 
-def renamed(tensors: Mapping[str, Tensor], names: Mapping[str, str]) -> dict[str, Tensor]:
+def rename_tensors(tensors: Mapping[str, Tensor], names: Mapping[str, str]) -> dict[str, Tensor]:
     """Tensors of an older checkpoint under their present names.
 
     Args:
@@ -144,7 +126,7 @@ def _metadata(path: Path) -> dict[str, Any]:
         with safe_open(path, "pt") as file:
             written = json.loads((file.metadata() or {})["training"])
     except (SafetensorError, OSError, KeyError, ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not a checkpoint of a training: {described(error)}") from None
+        raise InputError(f"{path} is not a checkpoint of a training: {describe_error(error)}") from None
     kinds = {"about": dict, "facts": dict, "curve": list}
     if not (isinstance(written, dict) and all(isinstance(written.get(key), kind) for key, kind in kinds.items())):
         raise InputError(f"{path} is not a checkpoint of a training: it must have {', '.join(kinds)}")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
-from crowdbench.errors import InputError
-from crowdbench.files import half_written
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import half_written, hold_lock
 
 CHECKPOINT = "checkpoint.safetensors"
 """The state of the training. It is removed last: while it is there, the training is not finished."""
@@ -63,38 +64,26 @@ def remove(directory: Path) -> None:
         directory.rmdir()
 
 
-def lock(directory: Path) -> FileLock:
-    """Lock a directory, and clear away what killed trainings have left half-written there.
-
-    Args:
-        directory: The directory.
-
-    Returns:
-        The lock, for `unlock`.
+@contextlib.contextmanager
+def hold(directory: Path) -> Iterator[None]:
+    """Keep other processes out of a directory, and clear away what killed trainings have left half-written there.
 
     Raises:
         InputError: Another process trains there.
         OSError: Nothing can be written there.
     """
     path = directory / LOCK
-    # First, because FileLock would wait for ever where the file cannot be made.
+    # First, because a lock would wait for ever where the file cannot be made.
     path.touch()
-    held = FileLock(path, timeout=0)
-    try:
-        # A file system without locks has none.
-        with contextlib.suppress(NotImplementedError):
-            held.acquire()
-    except Timeout:
-        raise InputError(f"another process trains in {directory}: wait for it, or name another directory") from None
-    for left in _half_written(directory):
-        left.unlink(missing_ok=True)
-    return held
-
-
-def unlock(held: FileLock) -> None:
-    """Give a directory free again."""
-    Path(held.lock_file).unlink(missing_ok=True)
-    held.release()
+    with contextlib.ExitStack() as stack:
+        try:
+            stack.enter_context(hold_lock(path, 0))
+        except Timeout:
+            raise InputError(f"another process trains in {directory}: wait for it, or name another directory") from None
+        for left in _half_written(directory):
+            left.unlink(missing_ok=True)
+        stack.callback(path.unlink, missing_ok=True)
+        yield
 
 
 def _half_written(directory: Path) -> list[Path]:

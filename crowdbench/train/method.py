@@ -9,8 +9,6 @@ from __future__ import annotations
 import abc
 import dataclasses
 import json
-import types
-import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,23 +28,6 @@ MOST_SEED = 10**9
 Default = TypeVar("Default")
 
 
-@dataclass(frozen=True)
-class Option:
-    """An option of `crowdbench train` that belongs to one method.
-
-    Attributes:
-        type: `str`, `int`, `float` or `bool`; a `bool` is a flag.
-        default: Its value where it is not given.
-        help: What it means, in one sentence without a full stop.
-        least: The smallest number allowed, or None.
-    """
-
-    type: type
-    default: Any
-    help: str
-    least: float | None
-
-
 def option(default: Default, help: str, least: float | None = None) -> Default:
     """A field of a request that is an option of `crowdbench train`.
 
@@ -56,7 +37,7 @@ def option(default: Default, help: str, least: float | None = None) -> Default:
         least: The smallest number allowed, or None.
 
     Returns:
-        The field, for the body of a dataclass.
+        The field, for the body of a dataclass; its metadata are the last two.
     """
     return dataclasses.field(default=default, metadata={"help": help, "least": least})
 
@@ -98,15 +79,14 @@ class Request(abc.ABC):
             InputError: Some of them contradict each other.
         """
 
-    @classmethod
-    def own_options(cls) -> dict[str, Option]:
-        """The options of this method alone, by field name."""
-        hints = typing.get_type_hints(cls)
-        return {
-            field.name: Option(_without_none(hints[field.name]), field.default, **field.metadata)
-            for field in dataclasses.fields(cls)
-            if field.metadata
-        }
+    def progress(self, done: int, seconds: float) -> float:
+        """The part of the training that is done, from 0 to 1.
+
+        Args:
+            done: How many of what `length` counts are done.
+            seconds: The training time so far.
+        """
+        return min(1.0, seconds / (60.0 * self.minutes) if self.minutes else done / getattr(self, self.length))
 
     @property
     def command(self) -> str:
@@ -188,7 +168,7 @@ class Training(Protocol):
     def curve(self) -> Sequence[Any]:
         """The validations so far, dataclasses: the first field is the x axis, `str` gives a line for the user."""
 
-    def chosen(self) -> Any:
+    def best_point(self) -> Any:
         """The point of the curve whose network is `best`."""
 
     @property
@@ -211,10 +191,3 @@ class Training(Protocol):
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-
-
-def _without_none(hint: Any) -> type:
-    """The type in `type | None`."""
-    if isinstance(hint, types.UnionType):
-        [hint] = [each for each in typing.get_args(hint) if each is not types.NoneType]
-    return typing.cast(type, hint)

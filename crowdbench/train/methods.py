@@ -6,16 +6,16 @@ follow from it.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
 
-from crowdbench.errors import InputError
-from crowdbench.train.method import Option, Request
-from crowdbench.train.ppo_request import PPORequest
+from crowdbench.networks import card as cards
+from crowdbench.train.method import Request
+from crowdbench.train.planner_requests import PPORequest, ValueRequest
 from crowdbench.train.social_gan_request import SocialGANRequest
-from crowdbench.train.value_request import ValueRequest
-from crowdbench.weights import card as cards
+from crowdbench.utils.errors import InputError
 
 METHODS: dict[str, type[Request]] = {
     "cadrl": ValueRequest,
@@ -34,15 +34,16 @@ def method_of(network: str) -> type[Request]:
     return METHODS[network]
 
 
-def own_options() -> dict[str, tuple[Option, list[str]]]:
-    """The options that only some networks have, by field name, each with these networks.
+def own_options() -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
+    """The options that only some networks have, made by `option`: by name, each with these networks.
 
     Methods that share the name of an option mean the same by it: the first of them describes it.
     """
-    found: dict[str, tuple[Option, list[str]]] = {}
+    found: dict[str, tuple[dataclasses.Field[Any], list[str]]] = {}
     for network, method in METHODS.items():
-        for name, option in method.own_options().items():
-            found.setdefault(name, (option, []))[1].append(network)
+        for field in dataclasses.fields(method):
+            if field.metadata:
+                found.setdefault(field.name, (field, []))[1].append(network)
     return found
 
 
@@ -59,7 +60,7 @@ def check_options(network: str, options: Mapping[str, Any]) -> None:
     method = method_of(network)
     for name, (_, networks) in own_options().items():
         if name in options and network not in networks:
-            raise InputError(f"--{name.replace('_', '-')} is not for {network}, only for {_joined(networks)}")
+            raise InputError(f"--{name.replace('_', '-')} is not for {network}, only for {_join(networks)}")
     for name, value in options.items():
         if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"--{name.replace('_', '-')} is {value}, but must be a finite number")
@@ -78,7 +79,7 @@ def headline(card: Mapping[str, Any]) -> str:
 def built_in_weights() -> list[tuple[str, str]]:
     """Name and headline of the built-in weights."""
     # Imported here, because torch takes a second and the options are shown without it.
-    from crowdbench.weights.store import built_in, read_card
+    from crowdbench.networks.weights import built_in, read_card
 
     return [(path.stem, headline(read_card(path))) for path in built_in()]
 
@@ -89,6 +90,6 @@ def markdown(card: Mapping[str, Any]) -> str:
     return cards.markdown(card, method.card_rows(card), method.card_figures(card))
 
 
-def _joined(names: list[str]) -> str:
+def _join(names: list[str]) -> str:
     *others, last = names
     return f"{', '.join(others)} and {last}" if others else last

@@ -12,7 +12,7 @@ import math
 import random
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,17 +24,12 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
 from crowdbench.envs.stable_baselines import CASES, CrowdVecEnv
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import Metric
-from crowdbench.evaluate.metrics.motion import jerk
-from crowdbench.evaluate.metrics.outcomes import navigation_time_or_limit, success_rate
-from crowdbench.evaluate.rollout import rollout
-from crowdbench.planners.policy.network import NAME, Policy, SetEncoder
+from crowdbench.metrics.motion import jerk
+from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
+from crowdbench.planners.policy.network import Policy, SetEncoder
 from crowdbench.planners.policy.planner import PolicyPlanner
-from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
 from crowdbench.train.checkpoint import State, optimizer_state, part_of, restore_optimizer, tensors_of
-from crowdbench.train.choice import chosen
+from crowdbench.train.driving import DrivingTraining
 
 WORLDS = 128
 """Worlds that are driven at once."""
@@ -63,41 +58,12 @@ LOG_STD = -0.5
 VALIDATIONS = 20
 """Validations of a training, after which it can be resumed."""
 
-VALIDATION_CASES = Cases("val", 0, 200)
-"""The cases of a validation, in each of its scenarios."""
-
-
 ALIAS = re.compile("(pi_|vf_)(?=features_extractor)")
 """Stable-baselines3 names the encoder that action and value share three times; one of them is kept."""
 
 
 @dataclass(frozen=True)
-class Setup:
-    """What is trained, and for how long.
-
-    Attributes:
-        scenario: The scenario of all episodes.
-        validation: The scenarios in which the policy is validated.
-        nearest: How many pedestrians the policy is shown, at most.
-        reward: What it learns from, as `crowdbench.envs.rewards` takes it.
-        seed: The seed of weights, batches, exploration and training cases.
-        steps: How many steps to train for, of all worlds together, where `minutes` is None.
-        minutes: How long to train, in minutes, or None.
-        device: `cpu` or `cuda`.
-    """
-
-    scenario: Scenario
-    validation: Sequence[Scenario]
-    nearest: int
-    reward: str
-    seed: int
-    steps: int
-    minutes: float | None
-    device: str
-
-
-@dataclass(frozen=True)
-class Validated:
+class CurvePoint:
     """One validation: a point of the training curve. Its means are over the cases of all validation scenarios.
 
     Attributes:
@@ -170,17 +136,20 @@ def _untrained() -> Policy:
         return Policy()
 
 
-class Training:
-    """A training of a policy and all its state. `run` may be called on a new or on a restored one."""
+class Training(DrivingTraining[Policy, CurvePoint]):
+    """A training of a policy and all its state. `run` may be called on a new or on a restored one.
 
-    def __init__(self, setup: Setup) -> None:
-        self.setup = setup
+    Args:
+        request: The `PPORequest` that asks for it.
+        device: `cpu` or `cuda`.
+    """
+
+    def __init__(self, request: Any, device: str) -> None:
+        super().__init__(request)
+        self.nearest = request.nearest or max(self.scenario.max_agents - 1, 1)
         self.steps = 0
-        self.seconds = 0.0
-        self.curve: list[Validated] = []
-        self.validated: list[Policy] = []
         self.worlds = CrowdVecEnv(
-            WORLDS, setup.scenario, setup.seed, reward=setup.reward, nearest=setup.nearest, cases=CASES
+            WORLDS, self.scenario, request.seed, reward=request.reward, nearest=self.nearest, cases=CASES
         )
         with _own_randomness():
             self.ppo = PPO(
@@ -192,8 +161,8 @@ class Training:
                 n_epochs=EPOCHS,
                 gamma=GAMMA,
                 gae_lambda=LAMBDA,
-                seed=setup.seed,
-                device=setup.device,
+                seed=request.seed,
+                device=device,
                 policy_kwargs={
                     "features_extractor_class": CrowdExtractor,
                     "net_arch": {"pi": [64], "vf": [64]},
@@ -206,8 +175,20 @@ class Training:
     @property
     def progress(self) -> float:
         """The part of the training that is done, from 0 to 1."""
-        steps, minutes = self.setup.steps, self.setup.minutes
-        return min(1.0, self.seconds / (60.0 * minutes) if minutes else self.steps / steps)
+        return self.request.progress(self.steps, self.seconds)
+
+    @property
+    def current(self) -> Policy:
+        """See `DrivingTraining`: a copy of what a planner needs."""
+        actor, found = self.ppo.policy, _untrained()
+        found.encoder.load_state_dict(actor.features_extractor.encoder.state_dict())
+        found.hidden.load_state_dict(actor.mlp_extractor.policy_net.state_dict())
+        found.action.load_state_dict(actor.action_net.state_dict())
+        return found.cpu()
+
+    def planner(self, network: Policy) -> PolicyPlanner:
+        """See `DrivingTraining`."""
+        return PolicyPlanner(network, self.nearest)
 
     def run(self, after_validation: Callable[[], None]) -> None:
         """Train to the end, and call `after_validation` whenever the curve has a new point."""
@@ -223,7 +204,7 @@ class Training:
     def _segment(self) -> None:
         """Train until the next validation. All that is random in it follows from the seed and the curve so far."""
         goal = (math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS
-        self.ppo.set_random_seed(self.setup.seed + 1000 * len(self.curve))  # new training cases, too
+        self.ppo.set_random_seed(self.request.seed + 1000 * len(self.curve))  # new training cases, too
         self.ppo._last_obs = None  # so that all worlds start anew, as after a resume
         start = time.perf_counter()  # training cases are drawn
         _, callback = self.ppo._setup_learn(self.ppo.num_timesteps, self.returns, reset_num_timesteps=False)
@@ -243,15 +224,9 @@ class Training:
 
     def _validate(self) -> None:
         """Add a point to the curve, and keep its policy."""
-        policy = self.policy
-        driver = Driver(PolicyPlanner(policy, self.setup.nearest), NAME)
-        traces = [rollout(driver, scenario, VALIDATION_CASES) for scenario in self.setup.validation]
-
-        def mean(metric: Metric) -> float:
-            return float(np.nanmean([metric(trace) for trace in traces]))
-
+        mean = self.drive_validation()
         self.curve.append(
-            Validated(
+            CurvePoint(
                 steps=self.steps,
                 seconds=self.seconds,
                 reward=float(np.mean(self.returns.returns)) if self.returns.returns else 0.0,
@@ -261,49 +236,18 @@ class Training:
             )
         )
         self.returns.returns.clear()
-        self.validated.append(policy)
-
-    @property
-    def policy(self) -> Policy:
-        """The policy as it is: a copy of what a planner needs."""
-        actor, found = self.ppo.policy, _untrained()
-        found.encoder.load_state_dict(actor.features_extractor.encoder.state_dict())
-        found.hidden.load_state_dict(actor.mlp_extractor.policy_net.state_dict())
-        found.action.load_state_dict(actor.action_net.state_dict())
-        return found.cpu()
-
-    def chosen(self) -> Validated:
-        """The point of the curve whose policy is `best`."""
-        return chosen(self.curve, self.validated_on)
-
-    @property
-    def validated_on(self) -> int:
-        """The number of cases of each validation."""
-        return len(VALIDATION_CASES) * len(self.setup.validation)
-
-    @property
-    def best(self) -> Policy:
-        """See `crowdbench.train.method.Training`. Before the first validation, the policy as it is."""
-        return self.validated[self.curve.index(self.chosen())] if self.curve else self.policy
 
     def state(self) -> State:
         """The state of the training, for a checkpoint. Worlds are not in it: each segment begins with new episodes."""
         own = {name: tensor for name, tensor in tensors_of("policy", self.ppo.policy).items() if not ALIAS.search(name)}
-        tensors = own | optimizer_state("optimizer", self.ppo.policy.optimizer)
-        for number, policy in enumerate(self.validated):
-            tensors |= tensors_of(f"validated.{number}", policy)
+        tensors = own | optimizer_state("optimizer", self.ppo.policy.optimizer) | self.validated_tensors()
         return State(tensors, {"steps": self.steps, "seconds": self.seconds}, self.curve)
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        self.validated.clear()
         own = part_of("policy", state.tensors)
         whole = {name: own[ALIAS.sub("", name)] for name in self.ppo.policy.state_dict()}
         self.ppo.policy.load_state_dict(whole)
         restore_optimizer(self.ppo.policy.optimizer, part_of("optimizer", state.tensors))
-        for number in range(len(state.curve)):
-            policy = _untrained()
-            policy.load_state_dict(part_of(f"validated.{number}", state.tensors))
-            self.validated.append(policy)
-        self.steps, self.seconds = state.facts["steps"], state.facts["seconds"]
-        self.curve = [Validated(**point) for point in state.curve]
+        self.restore_curve(state, CurvePoint)
+        self.steps = state.facts["steps"]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from crowdbench.reward import discount, episode_rewards
+from crowdbench.core.reward import discount, episode_rewards
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.networks.joint_state import joint_states
 from crowdbench.sim.routes import goals_in_trace
-from crowdbench.types import Outcome, Trace
-from crowdbench.value.joint_state import joint_states
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Transitions:
 
     def take(self, rows: Int[np.ndarray, "row"] | slice) -> Transitions:
         """The transitions of the given rows."""
-        return Transitions(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
+        return Transitions(*(array[rows] for array in vars(self).values()))
 
 
 def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
@@ -106,14 +105,7 @@ def _returns(
     """The discounted sums of n rewards from every step on.
 
     They are the n-step returns of Sutton and Barto (2018, equation 7.1) without the last term, the value after n steps.
-
-    Args:
-        reward: The reward of every step, 0 after an episode's last one.
-        gamma: The discount of a step.
-        n: The number of rewards in a sum.
-
-    Returns:
-        The sum that starts at each step.
+    Rewards are 0 after an episode's last step.
     """
     returns = np.zeros_like(reward)
     for later in range(min(n, reward.shape[1])):
@@ -135,15 +127,11 @@ class ReplayBuffer:
     def add(self, new: Transitions) -> None:
         """Add transitions, always with the same size of the pedestrian axis."""
         if self.transitions is None:
-            self.transitions = Transitions(
-                *(
-                    np.zeros((self.capacity, *getattr(new, field.name).shape[1:]), getattr(new, field.name).dtype)
-                    for field in dataclasses.fields(Transitions)
-                )
-            )
+            empty = (np.zeros((self.capacity, *array.shape[1:]), array.dtype) for array in vars(new).values())
+            self.transitions = Transitions(*empty)
         rows = (self.added + np.arange(len(new))) % self.capacity
-        for field in dataclasses.fields(Transitions):
-            getattr(self.transitions, field.name)[rows] = getattr(new, field.name)
+        for name, array in vars(new).items():
+            getattr(self.transitions, name)[rows] = array
         self.added += len(new)
 
     def sample(self, generator: np.random.Generator, n: int) -> Transitions:

@@ -12,6 +12,8 @@ import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,13 +21,23 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
-from crowdbench.evaluate.prediction_errors import TOGETHER, displacement
+from crowdbench.catalog import load_scenario
+from crowdbench.core.types import HISTORY
+from crowdbench.metrics.prediction_errors import TOGETHER, displacement
+from crowdbench.networks.social_gan import NOISE, Discriminator, Generator
 from crowdbench.predict import Prediction
-from crowdbench.predict.social_gan import scattered
-from crowdbench.predict.social_gan_network import NOISE, Discriminator, Generator
-from crowdbench.train.checkpoint import State, optimizer_state, part_of, renamed, restore_optimizer, tensors_of
+from crowdbench.predict.social_gan import scatter
+from crowdbench.train import social_gan_samples as samples
+from crowdbench.train.checkpoint import (
+    State,
+    networks_state,
+    optimizer_state,
+    part_of,
+    rename_tensors,
+    restore_networks,
+    restore_optimizer,
+)
 from crowdbench.train.social_gan_samples import HORIZON, Samples
-from crowdbench.types import HISTORY
 
 BATCH = 64
 """Scenes of an update."""
@@ -65,30 +77,7 @@ FORMER_NAMES = {
 
 
 @dataclass(frozen=True)
-class Setup:
-    """What is trained, and for how long.
-
-    Attributes:
-        training: The windows to train on.
-        validation: The windows to validate on.
-        pooling: Whether the generator has the social pooling module.
-        seed: The seed of weights, batches and noise.
-        epochs: How many epochs to train for, where `minutes` is None.
-        minutes: How long to train, in minutes, or None.
-        device: `cpu` or `cuda`.
-    """
-
-    training: Samples
-    validation: Samples
-    pooling: bool
-    seed: int
-    epochs: int
-    minutes: float | None
-    device: str
-
-
-@dataclass(frozen=True)
-class Validated:
+class CurvePoint:
     """One validation: a point of the training curve.
 
     Errors are those of the best of `MODES` futures, chosen jointly for all pedestrians of a window.
@@ -117,27 +106,38 @@ class Validated:
 
 
 class Training:
-    """A training of a Social GAN and all its state. `run` may be called on a new or on a restored one."""
+    """A training of a Social GAN and all its state. `run` may be called on a new or on a restored one.
 
-    def __init__(self, setup: Setup) -> None:
-        self.setup = setup
+    Args:
+        request: The `SocialGANRequest` that asks for it.
+        device: `cpu` or `cuda`.
+    """
+
+    def __init__(self, request: Any, device: str) -> None:
+        self.request = request
+        self.device = device
+        if request.data is None:
+            scenario = load_scenario(request.scenario, request.overrides)
+            self.training, self.validation = samples.of_scenario(scenario)
+        else:
+            recordings = Path(request.data)
+            self.training, self.validation = samples.of_recordings(recordings, request.held_out, request.dt)
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(setup.seed)
-            self.generator = Generator(setup.pooling).to(setup.device)
-            self.discriminator = Discriminator().to(setup.device)
+            torch.manual_seed(request.seed)
+            self.generator = Generator(request.pooling).to(device)
+            self.discriminator = Discriminator().to(device)
         self.average = copy.deepcopy(self.generator)
         self.best = copy.deepcopy(self.generator)
         self.generator_optimizer = torch.optim.Adam(self.generator.parameters(), lr=LEARNING_RATE)
         self.discriminator_optimizer = torch.optim.Adam(self.discriminator.parameters(), lr=LEARNING_RATE)
         self.epochs = 0
         self.seconds = 0.0
-        self.curve: list[Validated] = []
+        self.curve: list[CurvePoint] = []
 
     @property
     def progress(self) -> float:
         """The part of the training that is done, from 0 to 1."""
-        epochs, minutes = self.setup.epochs, self.setup.minutes
-        return min(1.0, self.seconds / (60.0 * minutes) if minutes else self.epochs / epochs)
+        return self.request.progress(self.epochs, self.seconds)
 
     def run(self, after_validation: Callable[[], None]) -> None:
         """Train to the end, and call `after_validation` whenever the curve has a new point."""
@@ -156,15 +156,15 @@ class Training:
         for optimizer in (self.generator_optimizer, self.discriminator_optimizer):
             for group in optimizer.param_groups:
                 group["lr"] = rate
-        rng = torch.Generator().manual_seed(self.setup.seed * EPOCHS_PER_SEED + self.epochs)
-        order = torch.randperm(len(self.setup.training), generator=rng).numpy()
+        rng = torch.Generator().manual_seed(self.request.seed * EPOCHS_PER_SEED + self.epochs)
+        order = torch.randperm(len(self.training), generator=rng).numpy()
         batches = [order[start : start + BATCH] for start in range(0, len(order), BATCH)]
         loss, discriminator_loss = np.mean([self._update(rows, rng) for rows in batches], axis=0).tolist()
         return loss, discriminator_loss
 
     def _update(self, rows: np.ndarray, rng: torch.Generator) -> tuple[float, float]:
         """One step of both optimizers on the windows of the given rows. The losses."""
-        position, present = self._scenes(self.setup.training, rows)
+        position, present = self._scenes(self.training, rows)
         position = position @ _rotations(len(rows), rng).to(position)[:, None]
         noise = torch.randn((len(rows), MODES, NOISE), generator=rng).to(position)
         scene, pedestrian = present.nonzero(as_tuple=True)
@@ -183,59 +183,58 @@ class Training:
         return loss.item(), discriminator_loss.item()
 
     def _scenes(
-        self, samples: Samples, rows: np.ndarray
+        self, windows: Samples, rows: np.ndarray
     ) -> tuple[Float[Tensor, "scene time pedestrian 2"], Bool[Tensor, "scene pedestrian"]]:
         """Positions in metres and presence in the windows of the given rows, as tensors."""
-        present = samples.present[rows]
+        present = windows.present[rows]
         widest = int(present.sum(axis=1).max())  # those who are present come first
-        position = torch.from_numpy(samples.position[rows, :, :widest])
-        return position.to(self.setup.device), torch.from_numpy(present[:, :widest]).to(self.setup.device)
+        position = torch.from_numpy(windows.position[rows, :, :widest])
+        return position.to(self.device), torch.from_numpy(present[:, :widest]).to(self.device)
 
     @torch.inference_mode()
     def _validate(self, loss: float, discriminator_loss: float) -> None:
         """Add a point to the curve, and keep the generator if it is the best one so far."""
         rng = torch.Generator().manual_seed(0)
         total, count = np.zeros(2), 0
-        for start in range(0, len(self.setup.validation), 2 * BATCH):
-            rows = np.arange(start, min(start + 2 * BATCH, len(self.setup.validation)))
-            position, present = self._scenes(self.setup.validation, rows)
+        for start in range(0, len(self.validation), 2 * BATCH):
+            rows = np.arange(start, min(start + 2 * BATCH, len(self.validation)))
+            position, present = self._scenes(self.validation, rows)
             noise = torch.randn((len(rows), MODES, NOISE), generator=rng).to(position)
             predicted = self.average(position[:, :HISTORY], present, noise, HORIZON)
-            moves = scattered(predicted, present).cpu().numpy()
+            moves = scatter(predicted, present).cpu().numpy()
             path = position.cpu().numpy()
             prediction = Prediction(path[:, None, HISTORY - 1, None] + moves.cumsum(axis=2), moves)
             error = displacement(prediction, path[:, HISTORY:], present.cpu().numpy())[present.cpu().numpy()]
             total, count = total + error[:, TOGETHER, :, -1].sum(axis=0), count + len(error)
         ade, fde = (total / count).tolist()
-        self.curve.append(Validated(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
-        if self.chosen() is self.curve[-1]:
+        self.curve.append(CurvePoint(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
+        if self.best_point() is self.curve[-1]:
             self.best.load_state_dict(self.average.state_dict())
 
-    def chosen(self) -> Validated:
+    def best_point(self) -> CurvePoint:
         """The point of the curve with the smallest ADE; of equals the last."""
         return min(reversed(self.curve), key=lambda point: point.ade)
 
     @property
     def validated_on(self) -> int:
         """The number of windows of each validation."""
-        return len(self.setup.validation)
+        return len(self.validation)
 
     def state(self) -> State:
         """The state of the training, for a checkpoint."""
-        tensors = {key: value for part in NETWORKS for key, value in tensors_of(part, getattr(self, part)).items()}
+        tensors = networks_state(self, NETWORKS)
         for part in OPTIMIZERS:
             tensors |= optimizer_state(part, getattr(self, part))
         return State(tensors, {"epochs": self.epochs, "seconds": self.seconds}, self.curve)
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        tensors = renamed(state.tensors, FORMER_NAMES)
-        for part in NETWORKS:
-            getattr(self, part).load_state_dict(part_of(part, tensors))
+        tensors = rename_tensors(state.tensors, FORMER_NAMES)
+        restore_networks(self, NETWORKS, tensors)
         for part in OPTIMIZERS:
             restore_optimizer(getattr(self, part), part_of(part, tensors))
         self.epochs, self.seconds = state.facts["epochs"], state.facts["seconds"]
-        self.curve = [Validated(**point) for point in state.curve]
+        self.curve = [CurvePoint(**point) for point in state.curve]
 
 
 def variety_loss(

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from crowdbench.errors import InputError
+from crowdbench.networks import card as cards
 from crowdbench.train.method import Request, Training, option
-from crowdbench.weights import card as cards
+from crowdbench.utils.errors import InputError
 
 EPOCHS = 50
 """The epochs of a training where their number is not given."""
@@ -63,38 +63,32 @@ class SocialGANRequest(Request):
     def training(self, device: str) -> Training:
         """See `Request`. Raises InputError where recordings, scene or scenario do not exist, or are too short."""
         # Imported here, because torch and the simulator take seconds and the options are shown without them.
-        from crowdbench.catalog import load_scenario
-        from crowdbench.train import social_gan_samples as samples
-        from crowdbench.train.social_gan import Setup, Training
+        from crowdbench.train.social_gan import Training
 
-        if self.data is None:
-            training, validation = samples.of_scenario(load_scenario(self.scenario, self.overrides))
-        else:
-            training, validation = samples.of_recordings(Path(self.data), self.held_out, self.dt)
-        return Training(Setup(training, validation, self.pooling, self.seed, self.epochs, self.minutes, device))
+        return Training(self, device)
 
     def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Request`. The figures are the errors on the validation windows."""
         from crowdbench.train.social_gan import MODES
 
-        chosen, setup = training.chosen(), training.setup
+        best = training.best_point()
         source, data = self._source()
         return {
             "training": {
                 **source,
                 "pooling": self.pooling,
                 "seed": self.seed,
-                "windows": len(setup.training),
+                "windows": len(training.training),
                 "epochs": training.curve[-1].epochs,
-                "kept_after_epochs": chosen.epochs,
+                "kept_after_epochs": best.epochs,
                 "minutes": round(training.seconds / 60, 1),
             },
             "figures": {
                 "validation": {
-                    "windows": len(setup.validation),
+                    "windows": len(training.validation),
                     "modes": MODES,
-                    "ade": chosen.ade,
-                    "fde": chosen.fde,
+                    "ade": best.ade,
+                    "fde": best.fde,
                 }
             },
             "data": data,
@@ -108,7 +102,7 @@ class SocialGANRequest(Request):
     def _source(self) -> tuple[dict[str, Any], str]:
         """What a card says of the pedestrians that were learned from: as JSON, and in words."""
         from crowdbench.catalog import load_scenario
-        from crowdbench.tracks.eth_ucy import DT, read_folder, scenes
+        from crowdbench.scenario.tracks.eth_ucy import DT, read_folder, scenes
 
         if self.data is None:
             scenario = load_scenario(self.scenario, self.overrides)

@@ -10,17 +10,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from crowdbench.errors import InputError
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.rollout import rollout
-from crowdbench.geometry import norm
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import HISTORY
+from crowdbench.planners.driver import Driver
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.predict.training_tracks import resampled, training_split
-from crowdbench.predict.windows import windows
+from crowdbench.predict.windows import resample, training_split, windows
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.tracks.eth_ucy import Tracks, read_folder
-from crowdbench.types import HISTORY
+from crowdbench.scenario.tracks.eth_ucy import Tracks, read_folder
+from crowdbench.utils.errors import InputError
 
 HORIZON = 8
 """Steps to predict in a window, after the `HISTORY` observed ones."""
@@ -68,7 +67,7 @@ def of_recordings(folder: Path, held_out: str | None, dt: float | None) -> tuple
         InputError: There are no recordings, there is no such scene, or no recording is long enough.
     """
     training, validation = training_split(read_folder(folder), held_out)
-    return _checked(from_tracks(training, dt), from_tracks(validation, dt))
+    return _validate(from_tracks(training, dt), from_tracks(validation, dt))
 
 
 def of_scenario(scenario: Scenario) -> tuple[Samples, Samples]:
@@ -76,10 +75,10 @@ def of_scenario(scenario: Scenario) -> tuple[Samples, Samples]:
 
     Raises InputError where no episode is long enough.
     """
-    return _checked(from_scenario(scenario, TRAINING_CASES), from_scenario(scenario, VALIDATION_CASES))
+    return _validate(from_scenario(scenario, TRAINING_CASES), from_scenario(scenario, VALIDATION_CASES))
 
 
-def _checked(training: Samples, validation: Samples) -> tuple[Samples, Samples]:
+def _validate(training: Samples, validation: Samples) -> tuple[Samples, Samples]:
     if not (len(training) and len(validation)):
         raise InputError(f"there is no window of {LENGTH} consecutive steps to train and validate on")
     return training, validation
@@ -95,8 +94,8 @@ def from_tracks(recordings: Sequence[Tracks], dt: float | None) -> Samples:
     Returns:
         The windows.
     """
-    found = [windows(tracks if dt in (None, tracks.dt) else resampled(tracks, dt), LENGTH) for tracks in recordings]
-    return _joined([_ordered(part.position, part.present) for part in found])
+    found = [windows(tracks if dt in (None, tracks.dt) else resample(tracks, dt), LENGTH) for tracks in recordings]
+    return _join([_order(part.position, part.present) for part in found])
 
 
 def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
@@ -126,11 +125,11 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
         person = persons[:, start : start + LENGTH]
         same = (person == person[:, :1]).all(axis=1) & (person[:, 0] >= 0)
         used = same & under_way & np.isfinite(position).all(axis=(1, 3))
-        found.append(_ordered(position[used.any(axis=1)], used[used.any(axis=1)]))
-    return _joined(found)
+        found.append(_order(position[used.any(axis=1)], used[used.any(axis=1)]))
+    return _join(found)
 
 
-def _ordered(
+def _order(
     position: Float[np.ndarray, "window time pedestrian 2"], present: Bool[np.ndarray, "window pedestrian"]
 ) -> Samples:
     """Windows with those who are present first, at positions relative to the first of them.
@@ -144,7 +143,7 @@ def _ordered(
     return Samples(np.where(present[:, None, :, None], near, 0.0).astype(np.float32), present)
 
 
-def _joined(parts: Sequence[Samples]) -> Samples:
+def _join(parts: Sequence[Samples]) -> Samples:
     """All windows in one batch, padded to the largest number of pedestrians."""
     widest = max((part.present.shape[1] for part in parts), default=0)
 

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from crowdbench.errors import InputError, described
-from crowdbench.evaluate.summary import wilson
-from crowdbench.files import whole
+from crowdbench.metrics.summary import wilson
+from crowdbench.networks.weights import save_network
 from crowdbench.record import curves
 from crowdbench.train import checkpoint, directories, methods
-from crowdbench.train.choice import Validation
 from crowdbench.train.directories import CHECKPOINT, CURVE, RECORDING, WEIGHTS
+from crowdbench.train.driving import Validation
 from crowdbench.train.method import Request, Training
-from crowdbench.weights.store import save_network
+from crowdbench.utils.errors import InputError, describe_error
+from crowdbench.utils.files import whole
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class TrainingRun:
             ranges = [wilson(np.arange(training.validated_on) < count) for count in solved]
             intervals["success"] = [(one.low, one.high) for one in ranges]
         points = [dataclasses.asdict(point) for point in curve]
-        kept = curve.index(training.chosen())
+        kept = curve.index(training.best_point())
         curves.write(self.directory / RECORDING, self.request.command, points, kept=kept, intervals=intervals)
 
     def _save(self) -> None:
@@ -176,12 +176,10 @@ class TrainingRun:
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
         """Keep other processes out of the directory."""
-        with self._writing():
-            lock = directories.lock(self.directory)
-        try:
+        with contextlib.ExitStack() as stack:
+            with self._writing():
+                stack.enter_context(directories.hold(self.directory))
             yield
-        finally:
-            directories.unlock(lock)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -208,7 +206,8 @@ def _readable(path: Path) -> Iterator[None]:
         raise InputError(f"{path} cannot be continued: {error}") from None
     except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise InputError(
-            f"{path} cannot be continued: it is damaged, or of another version of crowdbench: {described(error)[:200]}"
+            f"{path} cannot be continued: it is damaged, or of another version of crowdbench: "
+            f"{describe_error(error)[:200]}"
         ) from None
 
 

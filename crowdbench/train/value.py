@@ -15,30 +15,38 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.special import ndtr
 from torch import Tensor
 
-from crowdbench.evaluate.driver import Driver
-from crowdbench.evaluate.metrics import Metric
-from crowdbench.evaluate.metrics.outcomes import discounted_return, navigation_time_or_limit, success_rate
-from crowdbench.evaluate.rollout import rollout
+from crowdbench.core.types import Observation, Trace
+from crowdbench.metrics.outcomes import discounted_return, navigation_time_or_limit, success_rate
+from crowdbench.networks.value import NETWORKS, ValueNetwork
+from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.planners.reactive import ORCAPlanner
-from crowdbench.predict import ConstantVelocity, Predictor
+from crowdbench.predict import ConstantVelocity
+from crowdbench.predict.load import load_predictor
+from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.scenario import Scenario
-from crowdbench.train.checkpoint import State, optimizer_state, part_of, restore_optimizer, tensors_of
-from crowdbench.train.choice import chosen
-from crowdbench.train.exploration import EpsilonGreedy
+from crowdbench.train.checkpoint import (
+    State,
+    networks_state,
+    optimizer_state,
+    part_of,
+    restore_networks,
+    restore_optimizer,
+)
+from crowdbench.train.driving import DrivingTraining
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
-from crowdbench.types import Trace
-from crowdbench.value.networks import NETWORKS, ValueNetwork
 
 DEMONSTRATIONS = 2000
 """Episodes that ORCA demonstrates."""
@@ -79,9 +87,6 @@ AVERAGING = 0.01
 VALIDATIONS = 8
 """Number of validations while the network learns from its own episodes; one more follows the imitation."""
 
-VALIDATION_CASES = Cases("val", 0, 200)
-"""The cases of a validation, in each of its scenarios."""
-
 CASES_PER_SEED = 1_000_000
 """Number of training cases that belong to each seed."""
 
@@ -90,34 +95,7 @@ PARTS = ("network", "average")
 
 
 @dataclass(frozen=True)
-class Setup:
-    """What is trained, and for how long.
-
-    Attributes:
-        network: The name of the network, one of `NETWORKS`.
-        scenario: The scenario of all episodes.
-        predictor: The predictor in the lookahead of training episodes.
-        limits: The limits to the commands, in training episodes and in validation; None for none.
-        validation: The scenarios in which the network is validated.
-        seed: The seed of weights, batches, exploration and training cases.
-        episodes: How many episodes to train for, where `minutes` is None.
-        minutes: How long to train, in minutes, or None.
-        device: `cpu` or `cuda`.
-    """
-
-    network: str
-    scenario: Scenario
-    predictor: Predictor
-    limits: Limits | None
-    validation: Sequence[Scenario]
-    seed: int
-    episodes: int
-    minutes: float | None
-    device: str
-
-
-@dataclass(frozen=True)
-class Validated:
+class CurvePoint:
     """One validation: a point of the training curve. Its means are over the cases of all validation scenarios.
 
     Attributes:
@@ -145,27 +123,41 @@ class Validated:
         )
 
 
-class Training:
-    """A training of a value network and all its state. `run` may be called on a new or on a restored one."""
+class Training(DrivingTraining[ValueNetwork, CurvePoint]):
+    """A training of a value network and all its state. `run` may be called on a new or on a restored one.
 
-    def __init__(self, setup: Setup) -> None:
-        self.setup = setup
+    Args:
+        request: The `ValueRequest` that asks for it.
+        device: `cpu` or `cuda`.
+    """
+
+    def __init__(self, request: Any, device: str) -> None:
+        _, self.predictor = load_predictor(request.predictor)
+        super().__init__(request)
+        self.limits = Limits(**request.all_limits) if request.limits else None
+        self.device = device
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(setup.seed)
-            self.network = NETWORKS[setup.network]().to(setup.device)
+            torch.manual_seed(request.seed)
+            self.network = NETWORKS[request.network]().to(device)
         self.average = copy.deepcopy(self.network)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
         self.replay = ReplayBuffer(CAPACITY)
         self.rounds = 0
-        self.seconds = 0.0
-        self.curve: list[Validated] = []
-        self.validated: list[ValueNetwork] = []
+
+    @property
+    def current(self) -> ValueNetwork:
+        """See `DrivingTraining`: the moving average."""
+        return self.average
 
     @property
     def progress(self) -> float:
         """The part of the training that is done, from 0 to 1."""
-        episodes, minutes = self.setup.episodes, self.setup.minutes
-        return min(1.0, self.seconds / (60.0 * minutes) if minutes else self.rounds * ROUND / episodes)
+        return self.request.progress(self.rounds * ROUND, self.seconds)
+
+    def planner(self, network: ValueNetwork) -> ValuePlanner:
+        """See `DrivingTraining`."""
+        # Always with constant velocity, which a vehicle can know; the predictor in training may be the oracle.
+        return ValuePlanner(ConstantVelocity(), network, limits=self.limits)
 
     def run(self, after_validation: Callable[[], None]) -> None:
         """Train to the end, and call `after_validation` whenever the curve has a new point."""
@@ -186,10 +178,11 @@ class Training:
 
     def imitate(self) -> float:
         """Learn the returns of demonstrated episodes by regression. Returns the mean loss of the last epoch."""
-        trace = rollout(Driver(ORCAPlanner(SAFETY_SPACE), "orca"), self.setup.scenario, self._cases(0, DEMONSTRATIONS))
+        driver = Driver(ORCAPlanner(SAFETY_SPACE), "orca")
+        trace = rollout(driver, self.scenario, self._cases(0, DEMONSTRATIONS), undisturbed=False)
         steps = transitions(trace, N_STEPS, truncated=False)
         optimizer = torch.optim.Adam(self.network.parameters(), lr=IMITATION_RATE)
-        generator = np.random.default_rng([self.setup.seed, 0])
+        generator = np.random.default_rng([self.request.seed, 0])
         for _ in range(IMITATION_EPOCHS):
             order = generator.permutation(len(steps))
             batches = [steps.take(order[start : start + BATCH]) for start in range(0, len(steps), BATCH)]
@@ -203,7 +196,7 @@ class Training:
             group["lr"] = LEARNING_RATE * min(1.0, 2.0 * (1.0 - self.progress))
         steps = transitions(self._drive(), N_STEPS)
         self.replay.add(steps)
-        generator = np.random.default_rng([self.setup.seed, 1, self.rounds])
+        generator = np.random.default_rng([self.request.seed, 1, self.rounds])
         losses = []
         for _ in range(REPLAY_RATIO * len(steps) // BATCH):
             batch = self.replay.sample(generator, BATCH)
@@ -215,9 +208,10 @@ class Training:
 
     def _drive(self) -> Trace:
         """A round of training episodes with epsilon-greedy exploration."""
-        planner = ValuePlanner(self.setup.predictor, self.network, limits=self.setup.limits)
-        driver = Driver(EpsilonGreedy(planner, self.exploration, self.setup.seed), self.setup.network)
-        return rollout(driver, self.setup.scenario, self._cases(DEMONSTRATIONS + self.rounds * ROUND, ROUND))
+        planner = ValuePlanner(self.predictor, self.network, limits=self.limits)
+        driver = Driver(EpsilonGreedy(planner, self.exploration, self.request.seed), self.request.network)
+        cases = self._cases(DEMONSTRATIONS + self.rounds * ROUND, ROUND)
+        return rollout(driver, self.scenario, cases, undisturbed=False)
 
     @property
     def exploration(self) -> float:
@@ -227,7 +221,7 @@ class Training:
 
     def _cases(self, start: int, n: int) -> Cases:
         """`n` training cases of this seed."""
-        start += self.setup.seed * CASES_PER_SEED
+        start += self.request.seed * CASES_PER_SEED
         return Cases("train", start, start + n)
 
     @torch.no_grad()
@@ -246,20 +240,13 @@ class Training:
         return loss.item()
 
     def _tensor(self, array: np.ndarray) -> Tensor:
-        return torch.from_numpy(array).to(self.setup.device)
+        return torch.from_numpy(array).to(self.device)
 
     def _validate(self, loss: float) -> None:
         """Add a point to the curve, and keep its network."""
-        # Always with constant velocity, which a vehicle can know; the predictor in training may be the oracle.
-        planner = ValuePlanner(ConstantVelocity(), self.average, limits=self.setup.limits)
-        driver = Driver(planner, self.setup.network)
-        traces = [rollout(driver, scenario, VALIDATION_CASES) for scenario in self.setup.validation]
-
-        def mean(metric: Metric) -> float:
-            return float(np.mean([metric(trace) for trace in traces]))
-
+        mean = self.drive_validation()
         self.curve.append(
-            Validated(
+            CurvePoint(
                 episodes=self.rounds * ROUND,
                 seconds=self.seconds,
                 exploration=self.exploration,
@@ -269,46 +256,56 @@ class Training:
                 discounted_return=mean(discounted_return),
             )
         )
-        self.validated.append(copy.deepcopy(self.average))
-
-    def chosen(self) -> Validated:
-        """The point of the curve whose network is `best`."""
-        return chosen(self.curve, self.validated_on)
-
-    @property
-    def validated_on(self) -> int:
-        """The number of cases of each validation."""
-        return len(VALIDATION_CASES) * len(self.setup.validation)
-
-    @property
-    def best(self) -> ValueNetwork:
-        """See `crowdbench.train.method.Training`. Before the first validation, the network as it is."""
-        return self.validated[self.curve.index(self.chosen())] if self.curve else self.average
 
     def state(self) -> State:
         """The state of the training, for a checkpoint."""
-        tensors = {key: value for part in PARTS for key, value in tensors_of(part, getattr(self, part)).items()}
-        for number, network in enumerate(self.validated):
-            tensors |= tensors_of(f"validated.{number}", network)
-        tensors |= optimizer_state("optimizer", self.optimizer)
+        tensors = networks_state(self, PARTS) | self.validated_tensors() | optimizer_state("optimizer", self.optimizer)
         if self.replay.transitions is not None:
-            kept = self.replay.transitions.take(slice(0, len(self.replay)))
-            tensors |= {f"replay.{name}": torch.from_numpy(array) for name, array in vars(kept).items()}
+            transitions = self.replay.transitions.take(slice(0, len(self.replay)))
+            tensors |= {f"replay.{name}": torch.from_numpy(array) for name, array in vars(transitions).items()}
         return State(tensors, {"rounds": self.rounds, "seconds": self.seconds, "added": self.replay.added}, self.curve)
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        tensors = state.tensors
-        self.validated.clear()
-        for part in PARTS:
-            getattr(self, part).load_state_dict(part_of(part, tensors))
-        for number in range(len(state.curve)):
-            network = copy.deepcopy(self.network)
-            network.load_state_dict(part_of(f"validated.{number}", tensors))
-            self.validated.append(network)
-        restore_optimizer(self.optimizer, part_of("optimizer", tensors))
-        if replay := part_of("replay", tensors):
+        restore_networks(self, PARTS, state.tensors)
+        self.restore_curve(state, CurvePoint)
+        restore_optimizer(self.optimizer, part_of("optimizer", state.tensors))
+        if replay := part_of("replay", state.tensors):
             self.replay.add(Transitions(**{name: tensor.numpy() for name, tensor in replay.items()}))
-        self.replay.added = state.facts["added"]
-        self.rounds, self.seconds = state.facts["rounds"], state.facts["seconds"]
-        self.curve = [Validated(**point) for point in state.curve]
+        self.replay.added, self.rounds = state.facts["added"], state.facts["rounds"]
+
+
+class EpsilonGreedy(Planner):
+    """Takes a command within another planner's limits at random with probability epsilon, and else the best one.
+
+    The random choice depends only on seed, case and step.
+
+    Args:
+        planner: The planner that knows the best command.
+        epsilon: The probability of a random command, from 0 to 1.
+        seed: The seed of the random choices.
+    """
+
+    def __init__(self, planner: ValuePlanner, epsilon: float, seed: int) -> None:
+        self.privileged = planner.privileged
+        self.native = planner.native
+        self.planner = planner
+        self.epsilon = epsilon
+        self.purpose = f"exploration {seed}"
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        vehicle, limits = obs.vehicle, self.planner.limits
+        commands = self.planner.commands(vehicle, obs.dt)
+        allowed = np.ones(commands.shape[:2], bool)
+        if limits is not None:
+            after = vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, obs.dt)
+            allowed = limits.allow(vehicle.velocity, after, obs.dt)
+        # Uniform numbers by the normal distribution function: the streams of a case have only normal numbers.
+        explore, which = ndtr(obs.noise(self.purpose, (2,))).T
+        drawn = (which * allowed.sum(axis=1)).astype(int)
+        chosen = commands[np.arange(len(obs)), (allowed.cumsum(axis=1) > drawn[:, None]).argmax(axis=1)]
+        greedy = explore >= self.epsilon
+        if greedy.any():
+            chosen[greedy] = self.planner.plan(obs.take(greedy))
+        return chosen

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench import Driver, Observation, Planner, load_planner, load_scenario, rollout
-from crowdbench.evaluate.replanning import EVERY_STEP, Replanning
-from crowdbench.planners.lookahead.one_step import scene_of
+from crowdbench.core.types import Outcome, Pedestrians, Vehicle
+from crowdbench.planners.scene import scene_of
+from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
-from crowdbench.types import Outcome, Pedestrians, Vehicle
 
 FOLDER = Path(__file__).parent
 PLANNERS = ("cadrl", "lstm_rl", "sarl", "sarl_lin", "sarl_cvm", "sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from crowdbench.errors import InputError
+from crowdbench.utils.errors import InputError
 
 
 def build_site(root: Path, out: Path) -> int:

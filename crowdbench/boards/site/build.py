@@ -2,139 +2,138 @@
 
 from __future__ import annotations
 
-import itertools
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 import jinja2
+from markupsafe import Markup
 
-from crowdbench.boards.board import Board, read_boards
+from crowdbench.boards.board import read_boards
 from crowdbench.boards.ranking import ALPHA
-from crowdbench.boards.season import SEASON, Season, read_season
-from crowdbench.boards.site.agreement import groups
-from crowdbench.boards.site.cases import case_table
+from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
+from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
-from crowdbench.boards.site.output import INDEX, site_folder
-from crowdbench.boards.site.pages import STYLE, environment, write_page
-from crowdbench.boards.site.pairs import pair_table
-from crowdbench.boards.site.rows import Row, other_rows, ranked_rows, success_axis
-from crowdbench.boards.site.scatter import scatter
-from crowdbench.boards.standings import Standings, read_entries, standings
-from crowdbench.errors import InputError
+from crowdbench.boards.site.figures import success_against_time
+from crowdbench.boards.standings import Standing, Standings, read_entries, standings
+from crowdbench.utils.directory import new_directory
+from crowdbench.utils.errors import InputError
+
+INDEX = "index.html"
+
+MARK = '<meta name="generator" content="crowdbench leaderboard build">'
+"""What the first page of every site holds, so that no other folder is replaced."""
 
 ENTRY_PAGES = "entries"
 """The folder of the pages of a board's entries, inside the board's."""
 
+FILTERS = (
+    texts.number,
+    texts.metric,
+    texts.milliseconds,
+    texts.p_text,
+    texts.sortable,
+    texts.shorten,
+    texts.web_address,
+    texts.options_text,
+    texts.why_unranked,
+    tables.band,
+)
+"""What the templates apply to values, each by its own name."""
 
-@dataclass(frozen=True)
-class Shown:
-    """A board as the pages show it.
-
-    Attributes:
-        board: The board.
-        standings: Its standings.
-        ranked: The rows of its ranked entries.
-        others: The rows of the others.
-        seed: The seed of its cases in the season; None where it is not known yet.
-    """
-
-    board: Board
-    standings: Standings
-    ranked: list[Row]
-    others: list[Row]
-
-    seed: int | None
-
-    @property
-    def has_methods(self) -> bool:
-        """Whether some entry claims something of its method."""
-        return any(row.verification and row.verification.method for row in (*self.ranked, *self.others))
+HERE = Path(__file__).parent
+TEMPLATES = HERE / "templates"
+STYLE = HERE / "style.css"
 
 
 def build(root: Path, out: Path) -> int:
-    """Build all pages; see `crowdbench.boards.site.build_site`.
-
-    Args:
-        root: The folder of the boards.
-        out: The folder to write.
-
-    Returns:
-        The number of pages.
-    """
-    templates = environment()
-    with site_folder(out) as folder:
+    """Build all pages; see `crowdbench.boards.site.build_site`."""
+    templates = _templates()
+    _check_replaceable(out)
+    with new_directory(out, overwrite=True, mark=INDEX) as folder:
         season = read_season(root) if (root / SEASON).exists() else None
-        boards = [_shown(board, root, season) for board in read_boards(root)]
+        templates.globals["season"] = season
+        name = season.spec.name if season else ""
+        boards = [standings(board, read_entries(board, root), name) for board in read_boards(root)]
+        seeds = {found.board.name: _seed(season, found.board.name) for found in boards}
         shutil.copyfile(STYLE, folder / STYLE.name)
-        _write_index(templates, folder, boards, season)
-        for shown in boards:
-            _write_board(templates, folder / shown.board.name, shown, season)
-            for row in (*shown.ranked, *shown.others):
-                _write_entry(templates, folder / shown.board.name / ENTRY_PAGES, shown, row, season)
-    return 1 + sum(1 + len(shown.ranked) + len(shown.others) for shown in boards)
+        index = {"boards": boards, "seeds": seeds, "groups": tables.board_groups(boards)}
+        _write(folder / INDEX, templates.get_template("index.html").render(top="", **index))
+        for found in boards:
+            _write_board(templates, folder / found.board.name, found, seeds[found.board.name])
+    return 1 + sum(1 + len(found.entries) for found in boards)
 
 
-def _shown(board: Board, root: Path, season: Season | None) -> Shown:
-    found = standings(board, read_entries(board, root), season.spec.name if season else "")
-    return Shown(board, found, ranked_rows(found), other_rows(found), _seed(season, board.name))
+def _check_replaceable(path: Path) -> None:
+    """Raise InputError where `path` holds something that no build has made."""
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path.resolve()} is a file: name a folder with --out")
+    index = path / INDEX
+    is_site = index.is_file() and MARK in index.read_text(encoding="utf-8", errors="replace")
+    if path.exists() and any(path.iterdir()) and not is_site:
+        raise InputError(f"{path.resolve()} holds something other than the pages of leaderboards: choose another --out")
+
+
+def _templates() -> jinja2.Environment:
+    """The templates, which escape every text that they are given."""
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {function.__name__: function for function in FILTERS}
+    made.globals |= {
+        "METRICS": texts.METRICS,
+        "MARK": Markup(MARK),
+        "SORT": Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8")),
+    }
+    return made
 
 
 def _seed(season: Season | None, board: str) -> int | None:
+    """The seed of the cases of a board in the season; None where it is not known yet."""
     if season is None:
         return None
     try:
         return season.seed(board)
-    except InputError:  # the season is still open
+    except TooEarly:  # the season is still open
         return None
 
 
-def _write_index(templates: jinja2.Environment, folder: Path, boards: list[Shown], season: Season | None) -> None:
-    write_page(
-        templates,
-        "index.html",
-        folder / INDEX,
-        top="",
-        boards=boards,
-        season=season,
-        groups=groups([shown.standings for shown in boards]),
-    )
-
-
-def _write_board(templates: jinja2.Environment, folder: Path, shown: Shown, season: Season | None) -> None:
-    write_page(
-        templates,
-        "board.html",
-        folder / INDEX,
+def _write_board(templates: jinja2.Environment, folder: Path, found: Standings, seed: int | None) -> None:
+    """Write the page of a board, and those of its entries."""
+    page = templates.get_template("board.html").render(
         top="../",
-        shown=shown,
-        board=shown.board,
-        standings=shown.standings,
-        season=season,
-        begin=success_axis(shown.standings),
-        scatter=scatter(shown.standings),
-        pairs=pair_table(shown.standings),
-        cases=case_table(shown.standings),
+        board=found.board,
+        standings=found,
+        seed=seed,
+        begin=tables.success_axis(found),
+        scatter=success_against_time(found),
+        pairs=tables.pair_table(found),
+        cases=tables.case_table(found),
         alpha=ALPHA,
-        families=[
-            (family, [each.name for each in scenarios])
-            for family, scenarios in itertools.groupby(shown.board.scenarios, lambda each: each.family)
-        ],
+        families=list(found.board.spec.families.items()),
     )
+    _write(folder / INDEX, page)
+    for one in found.entries:
+        _write_entry(templates, folder / ENTRY_PAGES, found, one)
 
 
-def _write_entry(templates: jinja2.Environment, folder: Path, shown: Shown, row: Row, season: Season | None) -> None:
+def _write_entry(templates: jinja2.Environment, folder: Path, found: Standings, one: Standing) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    entry = row.standing.entry
-    write_page(
-        templates,
-        "entry.html",
-        folder / f"{entry.name}.html",
+    page = templates.get_template("entry.html").render(
         top="../../",
-        shown=shown,
-        board=shown.board,
-        row=row,
-        entry=entry,
-        season=season,
-        failures=failures(shown.board, entry, folder),
+        board=found.board,
+        standings=found,
+        one=one,
+        entry=one.entry,
+        undecided=tables.undecided(found, one),
+        failures=failures(found.board, one.entry, folder),
     )
+    _write(folder / f"{one.entry.name}.html", page)
+
+
+def _write(path: Path, page: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page, encoding="utf-8", errors="replace", newline="\n")

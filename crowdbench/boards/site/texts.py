@@ -83,7 +83,7 @@ def sortable(value: float | None) -> str:
     return "" if value is None or not math.isfinite(value) else f"{value:.9g}"
 
 
-def shortened(text: str, longest: int = LONGEST) -> str:
+def shorten(text: str, longest: int = LONGEST) -> str:
     """A stranger's text without control characters, cut where it is too long for a page.
 
     Args:
@@ -137,8 +137,8 @@ def why_unranked(standing: Standing, bounds: FlagsSpec) -> str:
         return "It was made for other rules of this board than the present ones."
     if standing.reason.startswith("more than "):
         return "Other entries of its submitter are ranked here."
-    if standing.season is not None and standing.season.verdict != Verdict.RERUN:
-        return standing.season.reason
+    if standing.verification is not None and standing.verification.verdict != Verdict.RERUN:
+        return standing.verification.reason
     return " ".join(beyond(flag, bounds) for flag in standing.flags)
 
 

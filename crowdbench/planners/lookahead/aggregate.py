@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.errors import InputError
-from crowdbench.planners.lookahead.one_step import Scene
+from crowdbench.planners.scene import Crowd, Scene
+from crowdbench.utils.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -46,26 +46,21 @@ def one_crowd(scene: Scene) -> Scene:
 
     It is the predicted state of Li et al. 2020, equation 2, which holds every future of every pedestrian.
     """
-    worlds, modes, pedestrians = scene.crowd.shape[:3]
-    everybody = (worlds, 1, modes * pedestrians, 2)
-    return dataclasses.replace(
-        scene,
-        crowd=scene.crowd.reshape(everybody),
-        next_crowd=scene.next_crowd.reshape(everybody),
-        next_velocity=scene.next_velocity.reshape(everybody),
-        crowd_radius=np.tile(scene.crowd_radius, modes),
-        present=np.tile(scene.present, modes),
+    crowd = scene.crowd
+    worlds, modes, times, pedestrians = crowd.position.shape[:4]
+    everybody = Crowd(
+        crowd.position.swapaxes(1, 2).reshape(worlds, 1, times, modes * pedestrians, 2),
+        crowd.velocity.reshape(worlds, 1, modes * pedestrians, 2),
+        np.tile(crowd.radius, modes),
+        np.tile(crowd.present, modes),
     )
+    return dataclasses.replace(scene, crowd=everybody)
 
 
 def mean_future(scene: Scene) -> Scene:
     """The scene with a single future: everybody at the mean of the predicted positions, with the mean velocity."""
-    return dataclasses.replace(
-        scene,
-        crowd=scene.crowd.mean(axis=1, keepdims=True),
-        next_crowd=scene.next_crowd.mean(axis=1, keepdims=True),
-        next_velocity=scene.next_velocity.mean(axis=1, keepdims=True),
-    )
+    position, velocity = (each.mean(axis=1, keepdims=True) for each in scene.crowd[:2])
+    return dataclasses.replace(scene, crowd=scene.crowd._replace(position=position, velocity=velocity))
 
 
 MEAN = Aggregate(separate_futures, mean_over_modes)

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.dynamics import Holonomic
-from crowdbench.errors import InputError
-from crowdbench.geometry import norm
-from crowdbench.numbers import is_integer, is_number
-from crowdbench.planners.lookahead.one_step import Scene
-from crowdbench.types import DISCOMFORT_GAP, Outcome
+from crowdbench.core.dynamics import Holonomic
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import DISCOMFORT_GAP, Outcome
+from crowdbench.planners.scene import Scene
+from crowdbench.utils.numbers import is_number, require, require_count
 
 ROUNDING = 1e-9
 """How far a command may be beyond a limit by rounding, in m/s or, where speeds are multiplied, m^2/s^2."""
@@ -47,8 +46,8 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name, limit in vars(self).items():
-            _check(name, limit, is_number(limit) and limit > 0.0, "a number above 0")
-        _check("max_turn", self.max_turn, self.max_turn <= math.pi, "pi at most")
+            require(name, limit, is_number(limit) and limit > 0.0, "a number above 0")
+        require("max_turn", self.max_turn, self.max_turn <= math.pi, "pi at most")
 
     def allow(
         self, velocity: Float[np.ndarray, "world 2"], commands: Float[np.ndarray, "world action 2"], dt: float
@@ -108,7 +107,7 @@ class ChangeCost:
     cost: float
 
     def __post_init__(self) -> None:
-        _check("cost", self.cost, is_number(self.cost) and self.cost >= 0.0, "a number, 0 or more")
+        require("cost", self.cost, is_number(self.cost) and self.cost >= 0.0, "a number, 0 or more")
 
     def __call__(
         self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
@@ -130,7 +129,7 @@ class ChangeCost:
 class PrintedShaping:
     """Equation 8 as printed: `threshold` - |a_t - a_{t-1}|, added on collision, in discomfort and at the goal.
 
-    The rest of the reward, equation 7, is `crowdbench.reward.reward`. Differs from equation 7 in discomfort because
+    The rest of the reward, equation 7, is `core.reward.reward`. Differs from equation 7 in discomfort because
     the paper prints -0.1 - d_min/2, which would punish a larger gap more. CrowdNav (Chen et al. 2019), where it comes
     from, has (d_min - 0.2) / 2 = -0.1 + d_min/2, times dt, and so has crowdbench.
 
@@ -149,7 +148,7 @@ class PrintedShaping:
     threshold: float
 
     def __post_init__(self) -> None:
-        _check("threshold", self.threshold, is_number(self.threshold), "a number")
+        require("threshold", self.threshold, is_number(self.threshold), "a number")
 
     def __call__(
         self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
@@ -178,8 +177,8 @@ class Exploration:
     n: int = 2
 
     def __post_init__(self) -> None:
-        _check("epsilon", self.epsilon, is_number(self.epsilon) and self.epsilon > 0.0, "a number above 0")
-        _check("n", self.n, is_integer(self.n) and self.n >= 1, "a whole number, 1 or more")
+        require("epsilon", self.epsilon, is_number(self.epsilon) and self.epsilon > 0.0, "a number above 0")
+        require_count("n", self.n)
 
     def __call__(self, scene: Scene, command: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world action 2"]:
         """The commands around one command for each world.
@@ -195,19 +194,15 @@ class Exploration:
             Commands, at speeds from 0 to the preferred speed.
         """
         offset = self.epsilon * np.arange(-self.n, self.n + 1)
-        if not isinstance(scene.dynamics, Holonomic):
-            low, high = scene.dynamics.space(scene.preferred_speed)
+        vehicle = scene.vehicle
+        if not isinstance(vehicle.dynamics, Holonomic):
+            low, high = vehicle.dynamics.space(vehicle.preferred_speed)
             finer = np.stack(np.meshgrid(offset, offset, indexing="ij"), axis=-1).reshape(-1, 2)
             return np.clip(command[:, None] + finer, low[:, None], high[:, None])
-        limit = scene.preferred_speed[:, None]
+        limit = vehicle.preferred_speed[:, None]
         speed = np.clip(norm(command)[:, None] + offset, 0.0, limit)
-        moving = np.where(norm(command)[:, None] > 0.0, command, scene.velocity)
-        ahead = np.where(norm(moving)[:, None] > 0.0, moving, scene.local_goal - scene.position)
+        moving = np.where(norm(command)[:, None] > 0.0, command, vehicle.velocity)
+        ahead = np.where(norm(moving)[:, None] > 0.0, moving, vehicle.local_goal - vehicle.position)
         heading = np.arctan2(ahead[:, 1], ahead[:, 0])[:, None] + offset
         direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
         return (speed[:, :, None, None] * direction[:, None]).reshape(len(command), -1, 2)
-
-
-def _check(name: str, value: object, good: bool, right: str) -> None:
-    if not good:
-        raise InputError(f"{name} is {value!r}, but must be {right}")

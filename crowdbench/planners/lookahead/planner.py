@@ -9,22 +9,22 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.dynamics import Dynamics, Holonomic, State
-from crowdbench.dynamics.grids import speeds_and_headings
-from crowdbench.errors import InputError
-from crowdbench.geometry import norm
-from crowdbench.numbers import is_integer
+from crowdbench.core.dynamics import Holonomic
+from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.core.geometry import norm
+from crowdbench.core.reward import discount, reward
+from crowdbench.core.types import Observation, Outcome, Vehicle
+from crowdbench.networks.value import ValueNetwork, evaluate
+from crowdbench.networks.weights import digest
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead.aggregate import MEAN, Aggregate, mean_future
 from crowdbench.planners.lookahead.kce import Limits
-from crowdbench.planners.lookahead.one_step import Scene, moved, scene_of, try_commands
+from crowdbench.planners.lookahead.one_step import propagate_vehicle, try_commands
+from crowdbench.planners.scene import Scene, scene_of
 from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.checked import checked
-from crowdbench.reward import discount, reward
-from crowdbench.threads import CHUNK, in_chunks
-from crowdbench.types import Observation, Outcome
-from crowdbench.value.networks import ValueNetwork, evaluate
-from crowdbench.weights.store import digest
+from crowdbench.predict.validation import validate_prediction
+from crowdbench.utils.numbers import require_count
+from crowdbench.utils.threads import CHUNK, in_chunks
 
 Actions = Callable[[Float[np.ndarray, "world"]], Float[np.ndarray, "world action 2"]]
 Reward = Callable[
@@ -38,8 +38,8 @@ Shaping = Callable[
 Explore = Callable[[Scene, Float[np.ndarray, "world 2"]], Float[np.ndarray, "world action 2"]]
 
 
-class Considered(NamedTuple):
-    """Commands that were considered, and what each is worth: minus infinity where the limits exclude it."""
+class ScoredActions(NamedTuple):
+    """Commands with what each is worth: minus infinity where the limits exclude it."""
 
     commands: Float[np.ndarray, "world action 2"]
     values: Float[np.ndarray, "world action"]
@@ -60,7 +60,7 @@ class ValuePlanner(Planner):
         value: The value network.
         actions: Makes the commands to choose from, in m/s, from preferred speeds in m/s. A vehicle on wheels has the
             commands of its dynamics instead.
-        reward: The reward of a step, called like `crowdbench.reward.reward`.
+        reward: The reward of a step, called like `crowdbench.core.reward.reward`.
         shaping: What a change of velocity adds to the reward, called like `kce.ChangeCost`; None for nothing.
         aggregate: Makes one value of a command's values under all predicted futures.
         limits: Which changes of velocity are allowed; None for all. With limits, braking as hard as they allow is one
@@ -89,8 +89,8 @@ class ValuePlanner(Planner):
         explore: Explore | None = None,
         shortlist: int | None = None,
     ) -> None:
-        if shortlist is not None and not (is_integer(shortlist) and shortlist >= 1):
-            raise InputError(f"shortlist is {shortlist!r}, but must be a whole number, 1 or more")
+        if shortlist is not None:
+            require_count("shortlist", shortlist)
         self.privileged = predictor.privileged
         self.predictor = predictor
         self.value = value.eval()
@@ -105,10 +105,10 @@ class ValuePlanner(Planner):
 
     def unseen(self, scene: str) -> ValuePlanner:
         """See `Planner`: with the predictor that was not trained on the scene."""
-        made = copy.copy(self)
-        made.predictor = self.predictor.unseen(scene)
-        made.facts = {**self.facts, **made.predictor.facts}
-        return made
+        other = copy.copy(self)
+        other.predictor = self.predictor.unseen(scene)
+        other.facts = {**self.facts, **other.predictor.facts}
+        return other
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -116,14 +116,18 @@ class ValuePlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""
-        prediction = checked(self.predictor.predict(obs, steps), type(self.predictor).__name__, obs, steps)
+        prediction = self.predict(obs, steps)
         commands, first = self.follow(obs, prediction)
         self._log(obs, prediction, scene_of(obs, prediction, 0, obs.vehicle), commands[:, 0], first)
         return commands
 
+    def predict(self, obs: Observation, steps: int) -> Prediction:
+        """The pedestrians' next steps. Raises InputError where the predictor breaks its contract."""
+        return validate_prediction(self.predictor.predict(obs, steps), type(self.predictor).__name__, obs, steps)
+
     def follow(
         self, obs: Observation, prediction: Prediction
-    ) -> tuple[Float[np.ndarray, "world time 2"], list[Considered]]:
+    ) -> tuple[Float[np.ndarray, "world time 2"], list[ScoredActions]]:
         """The commands for the steps of a prediction, each decided where the earlier ones have led.
 
         Args:
@@ -136,80 +140,62 @@ class ValuePlanner(Planner):
         steps = prediction.position.shape[2]
         commands = np.empty((len(obs), steps, 2))
         vehicle = obs.vehicle
-        first: list[Considered] = []
+        first: list[ScoredActions] = []
         for step in range(steps):
-            command, considered = self._chosen(scene_of(obs, prediction, step, vehicle))
+            command, scored = self._choose(scene_of(obs, prediction, step, vehicle))
             commands[:, step] = command
-            first = first or considered
-            vehicle = moved(vehicle, command, obs)
+            first = first or scored
+            vehicle = propagate_vehicle(vehicle, command, obs)
         return commands, first
 
     def decide(self, scene: Scene) -> Float[np.ndarray, "world 2"]:
         """The command for each world."""
-        return self._chosen(scene)[0]
+        return self._choose(scene)[0]
 
-    def _chosen(self, scene: Scene) -> tuple[Float[np.ndarray, "world 2"], list[Considered]]:
+    def _choose(self, scene: Scene) -> tuple[Float[np.ndarray, "world 2"], list[ScoredActions]]:
         """The command for each world, and what was considered for it."""
-        offered = self._valued(scene, self.commands(scene.state, scene.dynamics, scene.preferred_speed, scene.dt))
+        offered = self._score(scene, self.commands(scene.vehicle, scene.dt))
         command, value = offered.best()
         if self.explore is None:
             return command, [offered]
-        finer = self._valued(scene, self.explore(scene, command))
+        finer = self._score(scene, self.explore(scene, command))
         finer_command, finer_value = finer.best()
         return np.where((finer_value > value)[:, None], finer_command, command), [offered, finer]
 
-    def commands(
-        self, state: State, dynamics: Dynamics, preferred_speed: Float[np.ndarray, "world"], dt: float
-    ) -> Float[np.ndarray, "world action 2"]:
+    def commands(self, vehicle: Vehicle, dt: float) -> Float[np.ndarray, "world action 2"]:
         """The commands to choose from. Not all of them are within the limits; with limits, the last one brakes.
 
         Args:
-            state: The vehicle before the step.
-            dynamics: How it moves.
-            preferred_speed: Its preferred speed in m/s.
+            vehicle: The vehicle before the step.
             dt: Duration of the step in seconds.
-
-        Returns:
-            The commands.
         """
-        if isinstance(dynamics, Holonomic):
-            commands = self.actions(preferred_speed)
-        else:
-            commands = dynamics.commands(state, preferred_speed, dt)
+        dynamics, state, speed = vehicle.dynamics, vehicle.state, vehicle.preferred_speed
+        commands = self.actions(speed) if isinstance(dynamics, Holonomic) else dynamics.commands(state, speed, dt)
         if self.limits is None:
             return commands
-        brake = dynamics.follow(state, self.limits.brake(state.velocity, dt), preferred_speed, dt)
+        brake = dynamics.follow(state, self.limits.brake(state.velocity, dt), speed, dt)
         return np.concatenate([commands, brake[:, None]], axis=1)
 
-    def _valued(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> Considered:
-        """Some commands with their values, or those of them that are on the shortlist."""
-        if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.shape[1] > 1:
-            commands = self._shortlisted(scene, commands, self.shortlist)
-        return Considered(commands, self.values(scene, commands))
-
-    def _shortlisted(
-        self, scene: Scene, commands: Float[np.ndarray, "world action 2"], number: int
-    ) -> Float[np.ndarray, "world kept 2"]:
-        """The `number` commands that are best under the mean of the futures."""
-        loss = -self.values(mean_future(scene), commands)
-        # In their old order, which decides between commands of equal value.
-        kept = np.sort(loss.argsort(axis=1, kind="stable")[:, :number], axis=1)
-        return np.take_along_axis(commands, kept[..., None], axis=1)
+    def _score(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> ScoredActions:
+        """Some commands with their values; with a shortlist, those that are best under the mean of the futures."""
+        if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.velocity.shape[1] > 1:
+            loss = -self.values(mean_future(scene), commands)
+            # In their old order, which decides between commands of equal value.
+            best = np.sort(loss.argsort(axis=1, kind="stable")[:, : self.shortlist], axis=1)
+            commands = np.take_along_axis(commands, best[..., None], axis=1)
+        return ScoredActions(commands, self.values(scene, commands))
 
     def values(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> Float[np.ndarray, "world action"]:
-        """What each command is worth.
+        """What each command is worth: minus infinity where the limits exclude it.
 
         Args:
             scene: The state before the step, and the predicted crowd.
             commands: The commands.
-
-        Returns:
-            Their values: minus infinity where the limits exclude the command.
         """
         arranged = self.aggregate.arrange(scene)
         allowed = np.ones(commands.shape[:2], bool)
         if self.limits is not None:
-            allowed = self.limits.allow(scene.velocity, scene.velocities(commands), scene.dt)
+            allowed = self.limits.allow(scene.vehicle.velocity, scene.velocities(commands), scene.dt)
         flat, world = commands[allowed], np.nonzero(allowed)[0]
         found = np.empty(len(flat))
 
@@ -228,8 +214,8 @@ class ValuePlanner(Planner):
         tried = try_commands(scene, commands, world)
         now = self.reward(tried.outcome, tried.gap, scene.dt)
         if self.shaping is not None:
-            now = now + self.shaping(tried.outcome, tried.gap, norm(tried.velocity - scene.velocity[world]))
-        factor = discount(scene.preferred_speed, scene.dt)[world, None]
+            now = now + self.shaping(tried.outcome, tried.gap, norm(tried.velocity - scene.vehicle.velocity[world]))
+        factor = discount(scene.vehicle.preferred_speed, scene.dt)[world, None]
         later = evaluate(self.value, tried.joint, _present(scene, world, tried.joint.shape))[0]
         return self.aggregate.combine(now + np.where(tried.outcome == Outcome.RUNNING, factor * later, 0.0))
 
@@ -239,12 +225,12 @@ class ValuePlanner(Planner):
         prediction: Prediction,
         scene: Scene,
         command: Float[np.ndarray, "world 2"],
-        considered: Sequence[Considered],
+        scored: Sequence[ScoredActions],
     ) -> None:
         """Log the predicted crowd, all commands, the value of the state after the chosen one, and the attention."""
         if obs.logs is None:
             return
-        each = [np.dstack([scene.velocities(one.commands), one.values]) for one in considered]
+        each = [np.dstack([scene.velocities(one.commands), one.values]) for one in scored]
         obs.log("commands", np.concatenate(each, axis=1))
         world, arranged = np.arange(len(obs)), self.aggregate.arrange(scene)
         joint = try_commands(arranged, command, world).joint
@@ -256,7 +242,9 @@ class ValuePlanner(Planner):
 
         in_chunks(fill, len(obs), _chunk(arranged))
         # A pedestrian's attention: the sum over its copies in one crowd, or the mean over separate futures.
-        attention = attention[..., : arranged.present.shape[1]].reshape(len(obs), *scene.crowd.shape[1:3])
+        attention = attention[..., : arranged.crowd.present.shape[1]].reshape(
+            len(obs), *scene.crowd.velocity.shape[1:3]
+        )
         obs.log("predicted", prediction.position)
         obs.log("value", value.mean(axis=1))
         obs.log("attention", attention.sum(axis=1) / present.shape[1])
@@ -264,7 +252,7 @@ class ValuePlanner(Planner):
 
 def _chunk(scene: Scene) -> int:
     """Number of commands that are valued at once, so that memory does not grow with worlds or modes."""
-    modes, pedestrians = scene.crowd.shape[1:3]
+    modes, pedestrians = scene.crowd.velocity.shape[1:3]
     return max(1, CHUNK // (modes * max(pedestrians, 1)))
 
 
@@ -273,5 +261,5 @@ def _present(
 ) -> Bool[np.ndarray, "row mode pedestrian"]:
     """Which pedestrians of the joint states are present. There is at least one row, even without pedestrians."""
     present = np.zeros(shape[:3], bool)
-    present[..., : scene.present.shape[1]] = scene.present[world][:, None]
+    present[..., : scene.crowd.present.shape[1]] = scene.crowd.present[world][:, None]
     return present

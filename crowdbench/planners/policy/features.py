@@ -1,6 +1,6 @@
 """What a policy is shown: the vehicle and the nearest pedestrians in the frame of the goal.
 
-The frame has its origin at the vehicle and its x axis towards the local goal (`crowdbench.geometry.local_goals`), so
+The frame has its origin at the vehicle and its x axis towards the local goal (`core.geometry.local_goals`), so
 that a policy need not learn what turning the whole scene changes. The pedestrians are the nearest that are seen,
 nearest first, so that a crowd of any size has features of the same size.
 
@@ -12,14 +12,14 @@ in metres and m/s. A gap is the distance between two rims.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.compiled import njit
-from crowdbench.types import Observation
+from crowdbench.core.types import Observation
+from crowdbench.networks.joint_state import PedestrianStates
+from crowdbench.utils.compiled import njit
 
 VEHICLE_FEATURES = 5
 """Numbers about the vehicle."""
@@ -31,23 +31,32 @@ LEAST_DISTANCE = 1e-9
 """Distance in metres to the goal below which the frame of the goal is that of the world."""
 
 
-@dataclass(frozen=True)
-class Features:
+class Features(NamedTuple):
     """What a policy is shown.
 
     Attributes:
         vehicle: About the vehicle.
         pedestrians: About the nearest pedestrians, 0 where there are fewer.
         seen: Which of these pedestrians there are.
-        index: Which pedestrian of the observation each of them is; -1 where there is none.
+        which: Which pedestrian of the observation each of them is; -1 where there is none.
         axis: The direction of the goal, a unit vector along the axes of the world.
     """
 
     vehicle: Float[np.ndarray, "world features"]
     pedestrians: Float[np.ndarray, "world nearest others"]
     seen: Bool[np.ndarray, "world nearest"]
-    index: Int[np.ndarray, "world nearest"]
+    which: Int[np.ndarray, "world nearest"]
     axis: Float[np.ndarray, "world 2"]
+
+
+class _Vehicles(NamedTuple):
+    """What features tell of vehicles: lengths in metres, velocities in m/s."""
+
+    position: Float[np.ndarray, "world 2"]
+    velocity: Float[np.ndarray, "world 2"]
+    local_goal: Float[np.ndarray, "world 2"]
+    radius: Float[np.ndarray, "world"]
+    preferred_speed: Float[np.ndarray, "world"]
 
 
 def features(obs: Observation, nearest: int) -> Features:
@@ -56,35 +65,20 @@ def features(obs: Observation, nearest: int) -> Features:
     Args:
         obs: What the vehicle sees.
         nearest: How many pedestrians are shown, at most.
-
-    Returns:
-        The features.
     """
-    worlds = len(obs)
+    worlds, crowd = len(obs), obs.pedestrians
     found = Features(
         vehicle=np.empty((worlds, VEHICLE_FEATURES)),
         pedestrians=np.zeros((worlds, nearest, PEDESTRIAN_FEATURES)),
         seen=np.zeros((worlds, nearest), bool),
-        index=np.full((worlds, nearest), -1),
+        which=np.full((worlds, nearest), -1),
         axis=np.empty((worlds, 2)),
     )
-    vehicle, crowd = obs.vehicle, obs.pedestrians
-    _fill(
-        vehicle.position,
-        vehicle.velocity,
-        vehicle.local_goal,
-        vehicle.preferred_speed,
-        vehicle.radius,
-        crowd.position,
-        crowd.velocity,
-        crowd.radius,
-        crowd.seen,
-        found.vehicle,
-        found.pedestrians,
-        found.seen,
-        found.index,
-        found.axis,
-    )
+    others = PedestrianStates(crowd.position, crowd.velocity, crowd.radius, crowd.seen)
+    own = obs.vehicle
+    vehicles = _Vehicles(own.position, own.velocity, own.local_goal, own.radius, own.preferred_speed)
+    # One by one: numba takes longer to enter a kernel with tuples of arrays.
+    _fill(*vehicles, *others, *found)
     return found
 
 
@@ -99,8 +93,8 @@ def histories(obs: Observation, found: Features) -> Float[np.ndarray, "world tim
         From the oldest to the current position, as `Observation.pedestrians.history`.
     """
     if obs.pedestrians.history.shape[2] == 0:
-        return np.zeros((len(obs), obs.pedestrians.history.shape[1], found.index.shape[1], 2))
-    index = np.maximum(found.index, 0)[:, None, :, None]
+        return np.zeros((len(obs), obs.pedestrians.history.shape[1], found.which.shape[1], 2))
+    index = np.maximum(found.which, 0)[:, None, :, None]
     past = np.take_along_axis(obs.pedestrians.history, index, axis=2) - obs.vehicle.position[:, None, None]
     c, s = found.axis[:, None, None, 0], found.axis[:, None, None, 1]
     turned = np.stack([c * past[..., 0] + s * past[..., 1], c * past[..., 1] - s * past[..., 0]], axis=-1)
@@ -149,25 +143,8 @@ def in_disc(action: Float[np.ndarray, "world 2"], radius: Float[np.ndarray, "wor
 
 @no_type_check
 @njit
-def _fill(position, velocity, goal, speed, radius, others, motion, radii, seen, own, rows, shown, index, axis):
-    """Fill features.
-
-    Args:
-        position: `[world, 2]`, of the vehicle, in metres.
-        velocity: `[world, 2]`, in m/s.
-        goal: `[world, 2]`, in metres.
-        speed: `[world]`, its preferred speed in m/s.
-        radius: `[world]`, in metres.
-        others: `[world, pedestrian, 2]`, positions in metres.
-        motion: `[world, pedestrian, 2]`, velocities in m/s.
-        radii: `[world, pedestrian]`, in metres.
-        seen: `[world, pedestrian]`.
-        own: `[world, 5]`, filled.
-        rows: `[world, nearest, 8]`, zeros, filled.
-        shown: `[world, nearest]`, False, filled.
-        index: `[world, nearest]`, -1, filled.
-        axis: `[world, 2]`, filled.
-    """
+def _fill(position, velocity, goal, radius, speed, others, motion, radii, seen, own, rows, shown, index, axis):
+    """Fill `own`, `rows`, `shown`, `index` and `axis`, the arrays of `Features`, of `_Vehicles` among pedestrians."""
     gap = np.empty(seen.shape[1])
     for w in range(len(own)):
         x, y = goal[w, 0] - position[w, 0], goal[w, 1] - position[w, 1]

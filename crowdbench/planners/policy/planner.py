@@ -9,15 +9,15 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from crowdbench.errors import InputError
-from crowdbench.numbers import is_integer
+from crowdbench.core.types import Observation
+from crowdbench.networks.weights import digest, load_into, read_card, weights_file
 from crowdbench.planners.base import Planner
 from crowdbench.planners.policy.features import features, in_disc, to_world
 from crowdbench.planners.policy.network import NAME, Policy
-from crowdbench.planners.walls import along_walls
-from crowdbench.threads import in_chunks
-from crowdbench.types import Observation
-from crowdbench.weights.store import digest, load_into, read_card, weights_file
+from crowdbench.planners.reactive import along_walls
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.numbers import is_integer
+from crowdbench.utils.threads import in_chunks
 
 CHUNK = 4096
 """Worlds that go through the network at once."""

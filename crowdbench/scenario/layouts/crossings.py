@@ -1,19 +1,36 @@
 """Crossings on an empty plane.
 
-They draw the same random numbers in the same order as CrowdNav (Chen et al. 2019), so that with CrowdNav's seeds they
-give CrowdNav's cases.
+They draw the same random numbers in the same order as CrowdNav (Chen et al. 2019) and CrowdNav++ (Liu et al. 2023), so
+that with their seeds they give their cases.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.scenario.layouts.placed import TRIES, Placed
+from crowdbench.scenario.layouts.placer import ATTEMPTS, TRIES, Placer, Point, no_room
 from crowdbench.scenario.placement import Placement
+from crowdbench.utils.errors import InputError
+
+CIRCLE_RADIUS = 6.0 * math.sqrt(2.0)
+"""That of CrowdNav++, in metres."""
+
+PLUS_CLEARANCE = 0.25
+"""In CrowdNav++, smallest distance in metres between the rims of two agents at the start, and to goals of others."""
+
+NOISE = 2.0
+"""In CrowdNav++, the starts of people lie up to so many metres from the circle, towards positive x and y."""
+
+LEAST_WAY = 8.0
+"""In CrowdNav++, distance in metres from the vehicle's start to its goal, at least."""
+
+Draw = Callable[[], float]
+"""Draws a number uniformly from 0 to 1."""
 
 
 def circle_crossing(
@@ -44,23 +61,23 @@ def circle_crossing(
             if max(abs(dx), abs(dy)) <= 2 * perturbation:
                 return x + dx, y + dy
 
-    placed = Placed(radius)
-    placed.add(nudge(0.0, -circle_radius), nudge(0.0, circle_radius))
+    placer = Placer(radius)
+    placer.add(nudge(0.0, -circle_radius), nudge(0.0, circle_radius))
     speeds = preferred_speed.tolist()
 
     def place_next() -> bool:
-        speed = speeds[len(placed.start)]
+        speed = speeds[len(placer.start)]
         for _ in range(TRIES):
             angle = rng.random() * np.pi * 2
             x = circle_radius * math.cos(angle) + (rng.random() - 0.5) * speed
             y = circle_radius * math.sin(angle) + (rng.random() - 0.5) * speed
             goal = nudge(-x, -y)
-            if placed.start_is_clear(x, y) and placed.start_is_clear_of_goals(x, y):
-                placed.add((x, y), goal)
+            if placer.start.is_clear(x, y) and placer.goal.is_clear(x, y):
+                placer.add((x, y), goal)
                 return True
         return False
 
-    return placed.fill(place_next, f"a circle of {circle_radius:g} m radius", "layout.circle_radius")
+    return placer.fill(place_next, f"a circle of {circle_radius:g} m radius", "layout.circle_radius")
 
 
 def square_crossing(
@@ -80,35 +97,101 @@ def square_crossing(
     Returns:
         See `Layout`, also for the parameters that all layouts have.
     """
-    placed = Placed(radius)
-    placed.add((0.0, -circle_radius), (0.0, circle_radius))
+    placer = Placer(radius)
+    placer.add((0.0, -circle_radius), (0.0, circle_radius))
 
     def place_next() -> bool:
         side = -1.0 if rng.random() > 0.5 else 1.0
-        start = _first(rng, square_width, side, placed.start_is_clear)
-        goal = start and _first(rng, square_width, -side, placed.goal_is_clear)
+        start = _draw_clear(rng, square_width, side, placer.start.is_clear)
+        goal = start and _draw_clear(rng, square_width, -side, placer.goal.is_clear)
         if start is None or goal is None:
             return False
-        placed.add(start, goal)
+        placer.add(start, goal)
         return True
 
-    return placed.fill(place_next, f"a square of {square_width:g} m", "layout.square_width")
+    return placer.fill(place_next, f"a square of {square_width:g} m", "layout.square_width")
 
 
-def _first(
+def _draw_clear(
     rng: np.random.Generator, width: float, side: float, clear: Callable[[float, float], bool]
 ) -> tuple[float, float] | None:
-    """The first drawn position in one half of a square that is clear, None if none is.
-
-    Args:
-        rng: The random stream of the case.
-        width: Width of the square [m].
-        side: -1 for its left half, 1 for its right half.
-        clear: Whether a position in metres is clear.
-    """
+    """The first drawn position that is clear in the left half (-1) or the right half (1) of a square, if any is."""
     for _ in range(TRIES):
         x = rng.random() * width * 0.5 * side
         y = (rng.random() - 0.5) * width
         if clear(x, y):
             return x, y
     return None
+
+
+def crowdnav_plus(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    circle_radius: float = CIRCLE_RADIUS,
+    half_width: float = 6.0,
+) -> Placement:
+    """Pedestrians walk from a point beside a circle to the opposite point, the vehicle at least 8 m through a square.
+
+    Args:
+        circle_radius: Radius of the circle [m].
+        half_width: Start and goal of the vehicle lie in the square from -half_width to half_width [m].
+
+    Returns:
+        See `Layout`, also for the parameters that all layouts have.
+    """
+    if 2.0 * math.sqrt(2.0) * half_width <= LEAST_WAY:
+        raise InputError(
+            f"a square from {-half_width:g} to {half_width:g} m has no way of {LEAST_WAY:g} m: raise layout.half_width"
+        )
+    first = vehicle_way(rng.random, half_width)
+    for _ in range(ATTEMPTS):
+        ways = [first]
+        for agent in range(1, len(radius)):
+            reach = np.repeat(radius[:agent] + (radius[agent] + PLUS_CLEARANCE), 2)
+            clear = functools.partial(is_clear, others=np.array(ways).reshape(-1, 2), reach=reach)
+            start = draw_beside(rng.random, circle_radius, 0.0, NOISE, clear)
+            if start is None:
+                break
+            ways.append((start, (-start[0], -start[1])))
+        else:
+            starts, goals = np.array(ways).swapaxes(0, 1)
+            return Placement(start=starts, goal=goals)
+    area = f"a circle of {circle_radius:g} m radius"
+    raise InputError(no_room(len(ways), len(radius), area, "layout.circle_radius"))
+
+
+def vehicle_way(draw: Draw, half_width: float) -> tuple[Point, Point]:
+    """Draw the vehicle's start and goal in the square from -half_width to half_width, in metres."""
+    while True:
+        x, y, goal_x, goal_y = (-half_width + 2.0 * half_width * draw() for _ in range(4))
+        if math.hypot(x - goal_x, y - goal_y) >= LEAST_WAY:
+            return (x, y), (goal_x, goal_y)
+
+
+def draw_beside(
+    draw: Draw, circle_radius: float, low: float, noise: float, clear: Callable[[Point], bool]
+) -> Point | None:
+    """Draw a point beside a circle; None where there is no room.
+
+    Args:
+        draw: The random stream.
+        circle_radius: In metres.
+        low: The noise is drawn from -low to 1 - low,
+        noise: and multiplied by so many metres: 0 and `NOISE` for a start, 0.5 and the preferred speed for another goal
+            of somebody on the way.
+        clear: Whether a point in metres has room.
+    """
+    for _ in range(TRIES):
+        angle = draw() * np.pi * 2
+        noise_x, noise_y = (draw() - low) * noise, (draw() - low) * noise
+        point = circle_radius * np.cos(angle) + noise_x, circle_radius * np.sin(angle) + noise_y
+        if clear(point):
+            return point
+    return None
+
+
+def is_clear(point: Point, others: Float[np.ndarray, "other 2"], reach: Float[np.ndarray, "other"]) -> bool:
+    """Whether a point is at least as far as `reach` from each of the others, all in metres."""
+    return bool((np.hypot(others[:, 0] - point[0], others[:, 1] - point[1]) >= reach).all())

@@ -13,14 +13,20 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.core.types import World
 from crowdbench.scenario.placement import Placement
+from crowdbench.sim import simulator
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.sim.simulator import advance, crowd_velocities
 from crowdbench.study.validity.people import spread
-from crowdbench.types import World
 
 FAR = 1000.0
 """How far ahead goals are, in metres: nobody arrives, and all walk straight along the corridor."""
+
+BAND = 0.75
+"""Two people are in the same lane where they are at most this many diameters apart across it."""
+
+LEAST_DIAMETER = 0.4
+"""Diameter in metres by which the lanes of smaller people are measured, who would all have a lane of their own."""
 
 
 def corridor(length: float, width: float, backward: float) -> Callable[..., Placement]:
@@ -68,8 +74,8 @@ def walk(
     """
     ahead = world.goal - world.position
     for _ in range(steps):
-        asked = crowd_velocities(world, policies)
-        after = advance(world, np.pad(asked, ((0, 0), (1, 0), (0, 0))))
+        velocity = simulator.crowd_velocities(world, policies)
+        after = simulator.walk(world, velocity, None)
         world = _closed(_in_the_middle(after) if single_file else after, ahead, length)
         yield world
 
@@ -89,6 +95,35 @@ def direction(world: World) -> Float[np.ndarray, "world person"]:
     """1 for each person who walks towards larger x, -1 for those who walk the other way."""
     who = people_of(world)
     return np.sign(world.goal[:, who, 0] - world.position[:, who, 0])
+
+
+def lane_order(
+    across: Float[np.ndarray, "world person"], direction: Float[np.ndarray, "world person"], radius: float
+) -> Float[np.ndarray, "world"]:
+    """The reduced order parameter of lane formation.
+
+    For each person, with n people in the same lane in its own direction (itself among them) and m in the other one,
+    the order is ((n - m) / (n + m))^2 (Rex and Löwen 2007). Its mean over people, Phi, is 1 where every lane has one
+    direction. It is not 0 where directions are mixed, because lanes have few people. Nowak and Schadschneider (2012)
+    therefore reduce it: (Phi - Phi_0) / (1 - Phi_0), where Phi_0 is its mean over all ways to distribute the directions
+    among the same places. Here half of the N people walk in each direction, and then the mean of (n - m)^2 over these
+    ways is k (N - k) / (N - 1) for a lane of k = n + m people.
+
+    Args:
+        across: Where each person is across the corridor, in metres.
+        direction: 1 or -1, each for half of the people.
+        radius: The people's radius in metres.
+
+    Returns:
+        1 where every lane has one direction, on average 0 where directions are mixed; NaN where nobody shares a lane.
+    """
+    near = np.abs(across[:, :, None] - across[:, None]) <= BAND * max(2.0 * radius, LEAST_DIAMETER)
+    lane = near.sum(axis=2)
+    order = ((near @ direction[..., None])[..., 0] / lane) ** 2
+    number = across.shape[1]
+    mixed = ((number - lane) / (lane * (number - 1))).mean(axis=1)
+    found, room = order.mean(axis=1) - mixed, 1.0 - mixed
+    return np.divide(found, room, out=np.full(len(found), np.nan), where=room > 0.0)
 
 
 def _in_the_middle(world: World) -> World:

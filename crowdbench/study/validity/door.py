@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.core.types import World
 from crowdbench.scenario.placement import Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.sim.simulator import advance, crowd_velocities
+from crowdbench.sim.simulator import crowd_velocities, walk
 from crowdbench.study.validity.people import spread
-from crowdbench.types import World
 
 NUMBER = 60
 """How many people leave."""
@@ -115,7 +115,7 @@ def leave(world: World, policies: Mapping[str, PedestrianPolicy]) -> Passages:
     steps = round(TIME / world.rules.dt)
     passed = np.full(world.person.shape, -1)
     for step in range(steps):
-        world = advance(world, np.pad(crowd_velocities(world, policies), ((0, 0), (1, 0), (0, 0))))
+        world = walk(world, crowd_velocities(world, policies), None)
         y = world.position[:, 1:, 1]
         passed[(passed < 0) & (y > 0.0)] = step
         gone = np.pad(y > GONE, ((0, 0), (1, 0)))

@@ -2,126 +2,211 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Shaped
 
-from crowdbench.evaluate.formats import markdown
 from crowdbench.study.intervals import mean_over_networks
 from crowdbench.study.measures import Measure
-from crowdbench.study.validity import door, texts
-from crowdbench.study.validity.measure import Left, Setting, Walked
+from crowdbench.study.validity import door
+from crowdbench.study.validity.door import Passages
+from crowdbench.study.validity.experiments import LAST, LENGTH, STUCK, TIME, WIDTH, Setting, Walk
 from crowdbench.study.validity.people import EVERYBODY, People
-from crowdbench.study.validity.published import DOOR_FLOW, single_file_speed, weidmann_speed
+from crowdbench.utils.tables import markdown, printed_by
 
-Found = Mapping[Setting, Walked | Left]
-"""What was found, by what was measured."""
+Results = Mapping[Setting, Walk | Passages]
+"""What was measured of each setting."""
 
-Kind = TypeVar("Kind", Walked, Left)
-
-SOURCES = Path(__file__).with_name("sources.md")
-"""The full references, in Markdown."""
+Kind = TypeVar("Kind", Walk, Passages)
 
 SPEED = Measure("speed", "speed", "m/s", sign=1, digits=2)
 SHARE = Measure("share", "share", "%", sign=1, digits=0, scale=100.0)
 FLOW = Measure("flow", "specific flow", "/(m s)", sign=1, digits=2)
 
+JAM_DENSITY = 5.4
+"""People per square metre at which nobody moves any more (Weidmann 1993)."""
 
-def page(found: Found) -> str:
-    """Write the page.
+
+DOOR_FLOW = {0.8: 1.61, 1.0: 1.90, 1.2: 1.97}
+"""Specific flow in 1/(m s) of 60 people through a bottleneck by its width in metres (Seyfried et al. 2009, table 2)."""
+
+SOURCES = Path(__file__).with_name("sources.md")
+"""The full references, in Markdown."""
+
+LIMITS = {
+    "orca": """\
+ORCA keeps people from colliding, and knows no other wish for distance. Those with the same
+preferred speed do not slow down until they are packed so tightly that they can hardly start, and those with different
+speeds slow down much less than people do. In two directions they form lanes where there is room, and otherwise a jam,
+which nobody has seen with people. Those of radius 0.2 m go through a door about as fast as people do; those of radius
+0.3 m hold each other up before a door through which only one fits at a time.""",
+    "social_force": """\
+Its people keep too much distance. The repulsion has the strength of the paper (Helbing and
+Molnár 1995), but where the paper has the distance between the centres of two people, here it is that between their
+rims, and what pushes from behind counts half. In a dense crowd people are therefore pushed back more than they want to
+go on, and walk backwards; points, as in the paper, slow down as people do, or more. In two directions no lanes form,
+not even of points. Walls repel too, so that few get through a narrow door.""",
+}
+"""What the policies that ship can and cannot do, each after its name."""
+
+INTRODUCTION = """\
+What crowds do that a pedestrian policy moves, beside what is published about people. `crowdbench validity ./mine.py`
+measures a policy of your own.
+
+Each figure is a mean over {worlds} worlds, which differ in their random numbers alone, with its 95 % interval
+(Student's t). Policies have their default parameters, a step takes 0.25 s, and there is no vehicle. Three kinds of
+people walk:
+
+- of radius 0.3 m, with a preferred speed of 1 m/s: as in most scenarios. More than 2.5 of them on a square metre hardly
+  fit,
+- of radius 0.2 m, with preferred speeds of 1.34 m/s on average (standard deviation 0.26 m/s, within two of them), as
+  measured (Weidmann 1993). As many of them fit on a square metre as in experiments,
+- the same, but of radius 0.01 m, in the corridor alone: almost points, as in the paper on the social force model
+  (Helbing and Molnár 1995)."""
+
+ONE_WAY = f"""\
+All walk in the same direction in a corridor of {LENGTH:g} m x {WIDTH:g} m, whose end is its beginning: who leaves it on
+one side enters it on the other, and sees those behind the seam as all others. They start at rest, in random places of a
+grid. Shown is their mean speed in the direction in which they want to go, in the last {LAST:g} of {TIME:g} s; it is
+negative where they walk backwards. Overlapping are those whose disc overlaps another by more than 1 cm at the end.
+Published is Weidmann's curve (Weidmann 1993), a fit to many data sets, scaled to the preferred speed."""
+
+SINGLE_FILE = """\
+In single file, everybody is held in the middle of the corridor. Published is the linear relation of Seyfried et al.
+(2005), by which people at speed v need 0.36 m + 1.06 s v."""
+
+TWO_WAYS = f"""\
+The same corridor, where half of the people, drawn by chance, walk in the other direction. The order parameter of lane
+formation (Rex and Löwen 2007), reduced as by Nowak and Schadschneider (2012), is 100 % where every lane has one
+direction, and on average 0 where directions are mixed, as they are at the start. Stuck are worlds in which people walk
+on average at less than {100 * STUCK:g} % of their preferred speed. There is no published figure for this corridor. In
+experiments people form lanes, their speed by density is that of one direction up to about 1 person/m² and their largest
+flow is smaller, and the jams of many models have never been observed, there or in the field (Zhang et al. 2012)."""
+
+DOOR = f"""\
+{door.NUMBER} people in a hall of {door.HALL:g} m width walk through a door in a thin wall, which is {door.BEFORE:g} m
+from the first of them. The specific flow is the number of people per second and metre of the door's width, from the
+first of them to the last, or to the end of {door.TIME:g} s where not all get through. A door is blocked where people
+wait, and nobody has passed it in the last {door.STILL:g} s. Published are the flows of as many people through a
+bottleneck of 2.8 m length (Seyfried et al. 2009, table 2). Others have found that the specific flow does not depend on
+the width where more than one person can pass at a time (Kretz et al. 2006); for design, 1.3 /(m s) of a width without
+0.15 m on either side is usual (Gwynne and Rosenbaum 2016)."""
+
+
+def page(results: Results, command: str) -> str:
+    """The page in Markdown.
 
     Args:
-        found: What was found.
-
-    Returns:
-        The page in Markdown.
+        results: What was measured.
+        command: The command that prints the page, without the name of the program.
     """
-    policies = list(dict.fromkeys(setting.policy for setting in found))
-    worlds = len(next(result.speed for result in found.values() if isinstance(result, Walked)))
+    policies = list(dict.fromkeys(setting.policy for setting in results))
+    worlds = len(next(result.speed for result in results.values() if isinstance(result, Walk)))
+    in_file = [people for people in EVERYBODY if people.per_metre]
     parts = [
         "# Validity of the pedestrian policies",
-        texts.INTRODUCTION.format(worlds=worlds),
-        *(f"**{policy}**: {texts.LIMITS[policy]}" for policy in policies if policy in texts.LIMITS),
+        printed_by(command),
+        INTRODUCTION.format(worlds=worlds),
+        *(f"**{policy}**: {LIMITS[policy]}" for policy in policies if policy in LIMITS),
         "## Speed against density",
-        texts.ONE_WAY,
-        *(_speeds(found, policies, "one way", people, "people per m²") for people in EVERYBODY),
-        texts.SINGLE_FILE,
-        *(_speeds(found, policies, "single file", people, "people per m") for people in EVERYBODY if people.per_metre),
+        ONE_WAY,
+        *(_speeds(results, policies, "one way", people, "people per m²") for people in EVERYBODY),
+        SINGLE_FILE,
+        *(_speeds(results, policies, "single file", people, "people per m") for people in in_file),
         "## Lanes",
-        texts.TWO_WAYS,
-        *(_lanes(found, policy) for policy in policies),
+        TWO_WAYS,
+        *(_lanes(results, policy) for policy in policies),
         "## Flow through a door",
-        texts.DOOR,
-        *(_doors(found, policy) for policy in policies),
+        DOOR,
+        *(_doors(results, policy) for policy in policies),
         "## References",
         SOURCES.read_text(encoding="utf-8").strip(),
     ]
     return "\n\n".join(parts)
 
 
-def published_speed(setting: Setting) -> float:
-    """The published mean speed in m/s in one direction or in single file."""
-    if setting.experiment == "single file":
-        return single_file_speed(setting.at)
-    return weidmann_speed(setting.at, setting.people.free_speed)
-
-
-def estimated(measure: Measure, values: Shaped[np.ndarray, "world"]) -> str:
-    """A mean over worlds with its 95 % interval, as the page shows it; a dash where no world has a value."""
-    if np.isnan(values.astype(float)).all():
-        return "-"
-    return measure.estimate(mean_over_networks(values.astype(float)[None]))
-
-
-def _speeds(found: Found, policies: Sequence[str], experiment: str, people: People, at: str) -> str:
+def _speeds(results: Results, policies: list[str], experiment: str, people: People, at: str) -> str:
     """The speeds of one kind of people by density, under all policies."""
-    by_policy = [dict(_of(found, Walked, experiment, policy, people)) for policy in policies]
+    walks = [_of(results, Walk, experiment, policy, people) for policy in policies]
     rows = []
-    for i, setting in enumerate(by_policy[0]):
-        cells = [list(results.values())[i] for results in by_policy]
-        row = [f"{setting.at:g}", SPEED.number(published_speed(setting))]
-        rows.append(row + [text for each in cells for text in (estimated(SPEED, each.speed), _mean(each.overlapping))])
+    for each in zip(*walks, strict=True):
+        density = each[0][0].at
+        in_file = experiment == "single file"
+        published = single_file_speed(density) if in_file else weidmann_speed(density, people.free_speed)
+        cells = [text for _, walk in each for text in (_estimate(SPEED, walk.speed), _mean(walk.overlapping))]
+        rows.append([f"{density:g}", SPEED.number(published), *cells])
     header = [heading for policy in policies for heading in (policy, "overlapping")]
     return f"{people.title}:\n\n" + markdown([at, "published", *header], rows)
 
 
-def _lanes(found: Found, policy: str) -> str:
+def _lanes(results: Results, policy: str) -> str:
     """Lanes under one policy, by kinds of people and density."""
-    one_way = {(setting.people, setting.at): walked for setting, walked in _of(found, Walked, "one way", policy)}
+    one_way = {(setting.people, setting.at): walk for setting, walk in _of(results, Walk, "one way", policy)}
     rows = []
-    for setting, walked in _of(found, Walked, "two ways", policy):
-        free = one_way[setting.people, setting.at].speed.mean()
-        speeds = [estimated(SPEED, walked.speed), SPEED.number(float(free))]
-        found_of = [estimated(SHARE, walked.order), *speeds, _count(walked.stuck)]
-        rows.append([setting.people.title, f"{setting.at:g}", *found_of])
+    for setting, walk in _of(results, Walk, "two ways", policy):
+        free = float(one_way[setting.people, setting.at].speed.mean())
+        cells = [_estimate(SHARE, walk.order), _estimate(SPEED, walk.speed), SPEED.number(free), _count(walk.stuck)]
+        rows.append([setting.people.title, f"{setting.at:g}", *cells])
     header = ["people", "per m²", "order of lanes", "speed", "speed in one direction", "worlds stuck"]
     return f"{policy}:\n\n" + markdown(header, rows)
 
 
-def _doors(found: Found, policy: str) -> str:
+def _doors(results: Results, policy: str) -> str:
     """The flow through doors under one policy, by kinds of people and width."""
     rows = []
-    for setting, left in _of(found, Left, "door", policy):
-        reported = FLOW.reported(DOOR_FLOW.get(setting.at)) or "-"
-        flow = [reported, estimated(FLOW, left.flow), _mean(left.share), _count(left.blocked)]
-        rows.append([setting.people.title, f"{setting.at:g} m", *flow])
+    for setting, passages in _of(results, Passages, "door", policy):
+        published = FLOW.reported(DOOR_FLOW.get(setting.at)) or "-"
+        flow = _estimate(FLOW, passages.flow() / setting.at)
+        cells = [published, flow, _mean(passages.share), _count(passages.blocked)]
+        rows.append([setting.people.title, f"{setting.at:g} m", *cells])
     header = ["people", "width", "published", "specific flow", f"through in {door.TIME:g} s", "doors blocked"]
     return f"{policy}:\n\n" + markdown(header, rows)
 
 
+def weidmann_speed(density: float, free_speed: float = 1.34) -> float:
+    """Mean walking speed on level ground by density, a fit to 25 data sets (Weidmann 1993).
+
+    Args:
+        density: In 1/m^2.
+        free_speed: Mean speed of people who walk alone in m/s; Weidmann's is 1.34 m/s.
+
+    Returns:
+        In m/s.
+    """
+    return free_speed * (1.0 - math.exp(-1.913 * (1.0 / density - 1.0 / JAM_DENSITY)))
+
+
+def single_file_speed(per_metre: float) -> float:
+    """Mean walking speed in single file by density, from the required length 0.36 m + 1.06 s v (Seyfried et al. 2005).
+
+    Args:
+        per_metre: People per metre, in 1/m.
+
+    Returns:
+        In m/s.
+    """
+    return (1.0 / per_metre - 0.36) / 1.06
+
+
 def _of(
-    found: Found, kind: type[Kind], experiment: str, policy: str, people: People | None = None
+    results: Results, kind: type[Kind], experiment: str, policy: str, people: People | None = None
 ) -> list[tuple[Setting, Kind]]:
-    """What was found in one experiment with one policy, with one kind of people or with all."""
+    """What was measured in one experiment with one policy, with one kind of people or with all."""
     return [
         (setting, result)
-        for setting, result in found.items()
+        for setting, result in results.items()
         if isinstance(result, kind) and (setting.experiment, setting.policy) == (experiment, policy)
         if people is None or setting.people is people
     ]
+
+
+def _estimate(measure: Measure, values: Shaped[np.ndarray, "world"]) -> str:
+    """A mean over worlds with its 95 % interval; a dash where no world has a value."""
+    return measure.estimate(mean_over_networks(values.astype(float)[None]))
 
 
 def _mean(shares: Shaped[np.ndarray, "world"]) -> str:

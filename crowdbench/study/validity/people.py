@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench import catalog
-from crowdbench.errors import InputError
-from crowdbench.scenario import file as scenario_file
+from crowdbench.scenario import load as scenario_file
 from crowdbench.scenario.placement import Placement
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.tracks.scenes import load_scene
+from crowdbench.scenario.tracks.scenes import load_scene
+from crowdbench.utils.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +85,10 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
             "preferred_speed": people.preferred_speed,
         },
     }
-    return scenario_file.parse(
-        table,
-        "validity",
-        "validity",
-        lambda _: ("validity", layout, None),
-        catalog.load_policy,
-        lambda scene, files: load_scene(scene, None, files),
+    load = scenario_file.Loaders(
+        lambda _: ("validity", layout, None), catalog.load_policy, lambda scene, files: load_scene(scene, None, files)
     )
+    return scenario_file.parse(table, "validity", "validity", load)
 
 
 def spread(

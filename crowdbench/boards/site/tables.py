@@ -1,0 +1,206 @@
+"""What the tables of the pages hold: success on an axis, tests of pairs, who fails where, and how boards agree."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Shaped
+
+from crowdbench.boards.ranking import Comparison
+from crowdbench.boards.site.texts import METRICS, NOTHING, metric, p_text
+from crowdbench.boards.standings import Standing, Standings
+from crowdbench.metrics.summary import Estimate
+
+CRITERION_WORDS = {"success_rate": "success", "collision_rate": "collisions", "sct": "SCT"}
+
+MOST_CASES = 80
+"""The most cases that are shown: those in which most entries fail."""
+
+SUCCESS, COLLISION, TIMEOUT, UNDRIVEN = "", "C", "T", NOTHING
+
+SAME_BUT_PEDESTRIANS = ("five", "visible", "gaussian", "social_force", "square")
+"""The boards with five pedestrians each, who move by another model, other parameters, or between other places."""
+
+SUITE = "suite"
+"""The only family of the boards of the suite."""
+
+FEWEST = 4
+"""With fewer entries in common, a correlation of ranks says nothing."""
+
+
+def success_axis(found: Standings) -> float:
+    """Where the axis of success begins, as a share; it ends at 1. The same for all entries of a board."""
+    lows = [one.figures["success_rate"].low for one in found.entries]
+    return min(math.floor(10.0 * min((low for low in lows if math.isfinite(low)), default=0.0)) / 10.0, 0.9)
+
+
+def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
+    """A share on an axis from `begin` to 1, in per cent of its length.
+
+    Returns:
+        Where the interval begins, the mean, and the length of the interval, at least so long that it can be seen.
+    """
+    low, mean, high = (
+        100.0 * min(max((value - begin) / (1.0 - begin), 0.0), 1.0) if math.isfinite(value) else 0.0
+        for value in (estimate.low, estimate.mean, estimate.high)
+    )
+    return low, mean, max(high - low, 1.0)
+
+
+def undecided(found: Standings, one: Standing) -> list[str]:
+    """The names of ranked entries that are neither better nor worse than an entry; none where it has no rank."""
+    if one.rank is None:
+        return []
+    index = found.ranked.index(one)
+    pairs = [each.entries for each in found.comparisons if each.better is None and index in each.entries]
+    return [found.ranked[b if a == index else a].entry.name for a, b in pairs]
+
+
+def pair_table(found: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
+    """A row for each ranked entry with a cell for each ranked entry, None for itself."""
+    cells: dict[tuple[int, int], dict[str, str]] = {}
+    for one in found.comparisons:
+        a, b = one.entries
+        cells[a, b], cells[b, a] = _pair_cell(one, a, 1.0), _pair_cell(one, b, -1.0)
+    places = range(len(found.ranked))
+    return [(found.ranked[i], [cells.get((i, j)) for j in places]) for i in places]
+
+
+def _pair_cell(one: Comparison, row: int, sign: float) -> dict[str, str]:
+    """The texts of a cell: the difference, row minus column, in the metric that decides, or in success if none does."""
+    criterion = one.criterion or "success_rate"
+    difference = sign * one.differences[criterion]
+    text = metric(difference, criterion)
+    return {
+        "verdict": "" if one.better is None else "better" if one.better == row else "worse",
+        "criterion": CRITERION_WORDS.get(criterion, METRICS[criterion]),
+        "difference": f"+{text}" if difference > 0.0 else text,
+        "p": p_text(one.p[criterion]),
+    }
+
+
+def case_table(found: Standings) -> dict[str, Any] | None:
+    """The cases in which somebody failed; None without entries.
+
+    Entries of other rules, and those that drove fewer cases, are left out. Where nobody was measured in the season, the
+    cases are the public ones.
+
+    Returns:
+        `groups` are the scenarios with how many of their cases are shown, `cases` the numbers of these, `rows` the
+        entries with their outcomes in them. Of `total` cases somebody failed in `failed`, and all in `by_all`.
+        `is_measured` says that the cases are those of the season.
+    """
+    board = found.board
+    everybody = [one for one in found.entries if one.entry.spec.board_digest == board.digest]
+    measured = [one for one in everybody if one.is_measured]
+    per_scenario = board.spec.cases if measured else board.spec.public_cases
+    entries = [one for one in measured or everybody if one.cases == per_scenario]
+    if not entries:
+        return None
+    outcomes = np.array([_outcomes(one) for one in entries])
+    failures = (outcomes != SUCCESS).sum(axis=0)
+    hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
+    shown = sorted(hardest.tolist(), key=lambda i: (i // per_scenario, -failures[i], i))
+    by_scenario = itertools.groupby(shown, lambda case: case // per_scenario)
+    return {
+        "is_measured": bool(measured),
+        "groups": [(board.scenarios[i], len(list(cases))) for i, cases in by_scenario],
+        "cases": [i % per_scenario for i in shown],
+        "rows": list(zip(entries, outcomes[:, shown].tolist(), strict=True)),
+        "failed": int((failures > 0).sum()),
+        "total": per_scenario * len(board.scenarios),
+        "by_all": int((failures == len(entries)).sum()),
+    }
+
+
+def _outcomes(one: Standing) -> Shaped[np.ndarray, "case"]:
+    """The letter of the outcome of each case."""
+    letters = {"success_rate": SUCCESS, "collision_rate": COLLISION, "timeout_rate": TIMEOUT}
+    return np.select([one.columns[name].ravel() == 1.0 for name in letters], [*letters.values()], UNDRIVEN)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Kendall's tau of two boards.
+
+    Attributes:
+        tau: From -1, the reverse order, to 1, the same order; NaN where it is not defined: with too few entries, or
+            where all succeed equally often.
+        p: The p-value of the hypothesis that the two orders have nothing to do with each other.
+        n: How many entries the boards have in common.
+    """
+
+    tau: float
+    p: float
+    n: int
+
+    @property
+    def is_known(self) -> bool:
+        """Whether tau is defined."""
+        return math.isfinite(self.tau)
+
+
+@dataclass(frozen=True)
+class BoardGroup:
+    """Boards that are compared with each other.
+
+    Attributes:
+        question: What the comparison asks.
+        boards: The boards.
+        taus: Kendall's tau by the names of two boards, in both orders.
+    """
+
+    question: str
+    boards: Sequence[Standings]
+    taus: Mapping[tuple[str, str], Agreement]
+
+    @property
+    def known(self) -> Sequence[float]:
+        """The taus of all pairs of boards for which there is one."""
+        return [one.tau for (a, b), one in self.taus.items() if a < b and one.is_known]
+
+    @property
+    def mean(self) -> float:
+        """Their mean; NaN where there is none."""
+        return sum(self.known) / len(self.known) if self.known else math.nan
+
+
+def board_groups(each: Sequence[Standings]) -> list[BoardGroup]:
+    """The boards that differ only in the pedestrians, and those of the suite, with the agreement of each two."""
+    by_name = {found.board.name: found for found in each}
+    same = [by_name[name] for name in SAME_BUT_PEDESTRIANS if name in by_name]
+    suite = [found for found in each if list(found.board.spec.families) == [SUITE]]
+    questions = {"Do rankings agree across pedestrian models?": same, "Do rankings agree across the suite?": suite}
+    return [
+        BoardGroup(
+            question,
+            boards,
+            {(a.board.name, b.board.name): _agreement(a, b) for a in boards for b in boards if a is not b},
+        )
+        for question, boards in questions.items()
+    ]
+
+
+def _agreement(a: Standings, b: Standings) -> Agreement:
+    from scipy.stats import kendalltau
+
+    first, second = _comparable_successes(a), _comparable_successes(b)
+    common = sorted(first.keys() & second.keys())
+    if len(common) < FEWEST:
+        return Agreement(math.nan, math.nan, len(common))
+    found = kendalltau([first[who] for who in common], [second[who] for who in common])
+    return Agreement(float(found.statistic), float(found.pvalue), len(common))
+
+
+def _comparable_successes(found: Standings) -> dict[tuple[str, str], float]:
+    """The success of the measured entries of a board that use only what a vehicle can see, by submitter and name."""
+    return {
+        (one.entry.spec.submitted_by, one.entry.name): one.figures["success_rate"].mean
+        for one in found.entries
+        if one.is_measured and not one.entry.spec.privileged and not one.entry.card.ablation
+    }

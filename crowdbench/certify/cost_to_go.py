@@ -1,0 +1,115 @@
+"""How long the way to the goal is from everywhere, around obstacles: what tells a search where it is worth going on."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.utils.compiled import njit
+
+CELL = 0.1
+"""Distance in metres between the points from which ways are known."""
+
+ROOM = 4.0
+"""The vehicle is looked for so far around its start, its goal and all obstacles, in metres, or half the distance from
+start to goal where that is farther."""
+
+_STEPS = np.array([[1, 0], [0, 1], [1, 1], [1, -1], [2, 1], [1, 2], [2, -1], [1, -2]])
+"""From a point of the grid to its neighbours, one of both directions; with these a way is too long by 2.7 % at most."""
+
+
+class CostToGo(NamedTuple):
+    """How long the way to a goal is from the points of a grid. For kernels.
+
+    Attributes:
+        goal: In metres.
+        low: The corner of the area that is searched, and the first point of the grid, in metres.
+        high: The opposite corner.
+        length: The length of the way from each point of the grid, in metres, infinite where none leads. It is empty
+            where there are no obstacles, and ways are straight.
+    """
+
+    goal: Float[np.ndarray, "2"]
+    low: Float[np.ndarray, "2"]
+    high: Float[np.ndarray, "2"]
+    length: Float[np.ndarray, "x y"]
+
+
+def find_cost_to_go(
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+    radius: float,
+    obstacles: Float[np.ndarray, "polygon corner 2"],
+) -> CostToGo:
+    """The ways of a disc.
+
+    Args:
+        start: Where the vehicle starts, in metres.
+        goal: Where it goes, in metres.
+        radius: Of the disc, in metres.
+        obstacles: Polygons in metres, NaN beyond the last corner of each.
+    """
+    corners = obstacles[np.isfinite(obstacles[..., 0])]
+    points = np.concatenate([[start, goal], corners])
+    room = max(ROOM, 0.5 * math.dist(start, goal))
+    low, high = points.min(axis=0) - room, points.max(axis=0) + room
+    if not len(corners):
+        return CostToGo(goal, low, high, np.empty((0, 0)))
+    shape = tuple(np.ceil((high - low) / CELL).astype(np.int64) + 1)
+    near = np.rint((goal - low) / CELL).astype(np.int64)
+    low = goal - near * CELL  # so that the goal is a point of the grid
+    # The centre of a vehicle on wheels is not farther from a wall than its discs are wide.
+    free = np.empty((len(_STEPS), *shape), bool)
+    _fill_free(low, radius, obstacles, free)
+    step, *point = np.nonzero(free)
+    one = np.ravel_multi_index(point, shape)
+    other = np.ravel_multi_index([each + _STEPS[step, axis] for axis, each in enumerate(point)], shape)
+    length = CELL * np.sqrt((_STEPS**2).sum(axis=1))[step]
+    graph = coo_array((length, (one, other)), shape=(math.prod(shape),) * 2).tocsr()
+    found = dijkstra(graph, directed=False, indices=np.ravel_multi_index(tuple(near), shape))
+    return CostToGo(goal, low, high, found.reshape(shape))
+
+
+@no_type_check
+@njit(nogil=True, error_model="numpy")
+def cost_left(x, y, cost):
+    """The length of the way from a point (x, y) to the goal of a `CostToGo`, in metres. Compiled."""
+    goal, low, _, length = cost
+    if length.shape[0] == 0:
+        return math.hypot(goal[0] - x, goal[1] - y)
+    i, j = round((x - low[0]) / CELL), round((y - low[1]) / CELL)
+    least = math.inf
+    for k in range(max(i - 1, 0), min(i + 2, length.shape[0])):
+        for m in range(max(j - 1, 0), min(j + 2, length.shape[1])):
+            least = min(least, length[k, m] + math.hypot(low[0] + k * CELL - x, low[1] + m * CELL - y))
+    return least
+
+
+@no_type_check
+@njit
+def _fill_free(low, radius, obstacles, free):
+    """Find out between which points of a grid a disc can move.
+
+    Args:
+        low (array): `[2]`, the first point in metres.
+        radius (float): Of the disc in metres.
+        obstacles (array): `[polygon, corner, 2]`, in metres.
+        free (array): `[step, x, y]`, filled: whether each of `_STEPS` can be taken from each point.
+    """
+    farthest = 3.0 * CELL
+    for i in range(free.shape[1]):
+        for j in range(free.shape[2]):
+            x, y = low[0] + i * CELL, low[1] + j * CELL
+            gap = wall_gap_in_step(x, y, 0.0, 0.0, radius, obstacles)
+            for k in range(len(_STEPS)):
+                inside = 0 <= i + _STEPS[k, 0] < free.shape[1] and 0 <= j + _STEPS[k, 1] < free.shape[2]
+                free[k, i, j] = inside and gap >= 0.0
+                if inside and 0.0 <= gap < farthest:
+                    dx, dy = CELL * _STEPS[k, 0], CELL * _STEPS[k, 1]
+                    free[k, i, j] = wall_gap_in_step(x, y, dx, dy, radius, obstacles) >= 0.0

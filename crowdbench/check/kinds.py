@@ -1,0 +1,177 @@
+"""The kinds of plug-ins: how one is found, by what name in a file, and what checks whether it keeps its contract."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from crowdbench import catalog
+from crowdbench.check.examination import EXACT, NETWORKS, Tolerance
+from crowdbench.check.layout import check_layout
+from crowdbench.check.metric import check_metric
+from crowdbench.check.planner import check_planner
+from crowdbench.check.policy import check_policy
+from crowdbench.check.predictor import check_predictor
+from crowdbench.check.result import CheckResult
+from crowdbench.metrics.load import METRIC, load_metric
+from crowdbench.plugins.load import Kind, file_and_function, load_module
+from crowdbench.plugins.options import read_options
+from crowdbench.predict.load import PREDICTORS, load_predictor
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.respawn import LayoutWithRespawn
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.errors import InputError
+
+LIMITED_SIGHT = {
+    "sensor": {
+        "range": 3.0,
+        "occlusion": True,
+        "noise": {"position": 0.05, "velocity": 0.1},
+        "missed": 0.1,
+        "delay": 1,
+        "remember": 1.0,
+    }
+}
+"""What changes in the scenario where a planner or a predictor is checked without seeing everybody."""
+
+
+@dataclass(frozen=True)
+class CheckRequest:
+    """Which plug-in is to be checked, and how.
+
+    Attributes:
+        plugin: Its name, `file.py` or `file.py:function`.
+        options: Its options.
+        scenario: Name or file of the scenario; None for the one that its kind is checked in.
+        cases: The cases of the scenario.
+        limit: Seconds that it may take for one answer.
+        data: The folder with the recorded tracks that the scenario needs, if any.
+    """
+
+    plugin: str
+    options: Mapping[str, Any]
+    scenario: str | None
+    cases: Cases
+    limit: float
+    data: Path | None
+
+    def load_scenario(
+        self, changes: Mapping[str, Any] = MappingProxyType({}), pedestrians: str | None = None
+    ) -> Scenario:
+        """The scenario with changed keys; where none is given, one with crowds of several sizes that see the vehicle.
+
+        Args:
+            changes: Other values for keys of the scenario.
+            pedestrians: The policy that moves all pedestrians, if not the scenario's.
+        """
+        if self.scenario is None:
+            changes = {"vehicle.visible": True, **changes}
+        scenario = catalog.load_scenario(self.scenario or "circle_crossing_mixed", changes, pedestrians, self.data)
+        scenario.check_data(self.data)
+        return scenario
+
+    def refuse_options(self, what: str) -> None:
+        """Raises InputError where options are given."""
+        if self.options:
+            raise InputError(f"--option does not go with a {what}, which has no options")
+
+
+@dataclass(frozen=True)
+class PluginKind:
+    """A kind of plug-in.
+
+    Attributes:
+        plugins: Finds one by its name or in a file.
+        check: Checks whether one keeps its contract: returns its name, and the results.
+    """
+
+    plugins: Kind
+    check: Callable[[CheckRequest], tuple[str, list[CheckResult]]]
+
+
+def _check_planner(request: CheckRequest) -> tuple[str, list[CheckResult]]:
+    load = functools.partial(catalog.load_planner, request.plugin, request.options)
+    scenario, limited = (
+        catalog.load_scenario(request.scenario or "circle_crossing_5", changes, data=request.data)
+        for changes in ({}, LIMITED_SIGHT)
+    )
+    scenario.check_data(request.data)
+    name, _ = load()
+    return name, check_planner(lambda: load()[1], name, scenario, request.cases, request.limit, limited)
+
+
+def _check_policy(request: CheckRequest) -> tuple[str, list[CheckResult]]:
+    request.refuse_options("pedestrian policy")
+    load = functools.partial(catalog.load_policy, request.plugin)
+    name, scenario = load()[0], request.load_scenario(pedestrians=request.plugin)
+    return name, check_policy(lambda: load()[1], name, scenario, request.cases, request.limit, _tolerance())
+
+
+def _check_predictor(request: CheckRequest) -> tuple[str, list[CheckResult]]:
+    def load(**others: Any) -> tuple[str, Any]:
+        return load_predictor(request.plugin, {**request.options, **others})
+
+    name, _ = load()
+    has_modes = any(option.name == "modes" for option in read_options(PREDICTORS.find(request.plugin)[1]))
+    with_modes = (lambda modes: load(modes=modes)[1]) if has_modes else None
+    scenario, limited = map(request.load_scenario, ({}, LIMITED_SIGHT))
+    return name, check_predictor(
+        lambda: load()[1], name, scenario, request.cases, request.limit, with_modes, _tolerance(), limited
+    )
+
+
+def _check_metric(request: CheckRequest) -> tuple[str, list[CheckResult]]:
+    request.refuse_options("metric")
+    name, _ = load_metric(request.plugin)
+    return name, check_metric(lambda: load_metric(request.plugin)[1], name, request.load_scenario(), request.cases)
+
+
+def _check_layout(request: CheckRequest) -> tuple[str, list[CheckResult]]:
+    name, _, digest = catalog.load_layout(request.plugin)
+    generator = str(Path.cwd() / request.plugin) if digest else name
+    # As a part of the scenario, so that its options are checked.
+    scenario = request.load_scenario({"layout": {"generator": generator, **request.options}})
+    layout, again = scenario.layout, None
+    assert layout is not None  # a scenario with recorded people would have refused the changes
+    if isinstance(layout.function, LayoutWithRespawn):
+        again = functools.partial(layout.function.again, **layout.options)
+    return name, check_layout(layout, name, scenario, request.cases, again)
+
+
+def _tolerance() -> Tolerance:
+    """What may depend on the batch: something only in networks, which are there if the plug-in has imported torch."""
+    return NETWORKS if "torch" in sys.modules else EXACT
+
+
+KINDS: Mapping[str, PluginKind] = {
+    "planners": PluginKind(catalog.PLANNERS, _check_planner),
+    "pedestrians": PluginKind(catalog.PEDESTRIANS, _check_policy),
+    "predictors": PluginKind(PREDICTORS, _check_predictor),
+    "metrics": PluginKind(METRIC, _check_metric),
+    "layouts": PluginKind(catalog.LAYOUTS, _check_layout),
+}
+"""The kinds by the names that `crowdbench check --kind` and `crowdbench list` know them by."""
+
+
+def find_kind(plugin: str) -> str:
+    """The kind of plug-in that a file defines; planners for a name, and for a function of another name."""
+    file, function = file_and_function(plugin)
+    functions = {kind: each.plugins.function for kind, each in KINDS.items()}
+    if file is None:
+        return "planners"
+    if function:
+        return next((kind for kind, name in functions.items() if name == function), "planners")
+    module = load_module(file)
+    kinds = [kind for kind, name in functions.items() if callable(getattr(module, name, None))]
+    if len(kinds) == 1:
+        return kinds[0]
+    if not kinds:
+        *others, last = (f"{name}()" for name in functions.values())
+        raise InputError(f"{file} defines no function {', '.join(others)} or {last}")
+    found = " and ".join(f"{functions[kind]}()" for kind in kinds)
+    raise InputError(f"{file} defines {found}: say which is meant, with --kind {' or --kind '.join(kinds)}")

@@ -1,0 +1,225 @@
+"""Checks what a layout keeps of its contract, on the crowds of a scenario."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.check.examination import Examination
+from crowdbench.check.result import CheckResult
+from crowdbench.core import rng
+from crowdbench.core.geometry import norm
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.place_agents import add_routes, check_finite, check_obstacles, check_routes, check_shape
+from crowdbench.scenario.placement import Layout, Placement
+from crowdbench.scenario.respawn import LayoutWithRespawn, Respawn, Room, Way, draw_again, find_respawn
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.errors import InputError, plugin_errors
+
+
+@dataclass(frozen=True)
+class _Crowd:
+    """The agents of a case, to be placed: a batch of one world.
+
+    Attributes:
+        case: Its number.
+        key: Start of the random streams of the case.
+        radius: Radii in metres.
+        speed: Preferred speeds in m/s.
+        before: The state of the random generators that all code shares, before the first try.
+    """
+
+    case: int
+    key: np.uint64
+    radius: Float[np.ndarray, "agent"]
+    speed: Float[np.ndarray, "agent"]
+    before: _GlobalState
+
+    def __len__(self) -> int:
+        return 1
+
+
+def check_layout(
+    layout: Layout, name: str, scenario: Scenario, cases: Cases, again: Respawn | None = None
+) -> list[CheckResult]:
+    """Let a layout place the crowds of some cases and examine each part of its contract by itself.
+
+    Args:
+        layout: A layout, with its options if any: a function `(rng, radius, preferred_speed) -> Placement`.
+        name: What the layout is called in errors.
+        scenario: The scenario whose crowds are placed.
+        cases: The cases.
+        again: How it draws people again, with its options if any; as `find_respawn` says if None.
+    """
+    examination = _LayoutExamination(lambda: layout, name)
+    findings = examination.findings
+    placed = []
+    keys = rng.case_keys(scenario.seed, cases.split, cases.indices)
+    for case, key in zip(cases.indices.tolist(), keys, strict=True):
+        traits = scenario.crowd.draw(rng.generator(key, "crowd"))
+        radius = np.append(scenario.vehicle.radius, traits.radius)
+        speed = np.append(scenario.vehicle.speed, traits.preferred_speed)
+        crowd = _Crowd(case, key, radius, speed, _GlobalState.now())
+        placement = examination.ask(crowd)
+        if placement is not None:
+            placed.append((crowd, placement))
+    return [
+        findings.result("exceptions", "none"),
+        findings.result("shape", "a Placement with a start and a goal [agent, 2]"),
+        findings.result("finite", "all numbers"),
+        findings.result("obstacles", "sound, and nobody in a wall"),
+        findings.result("ways", "one for everybody, through no wall"),
+        findings.result("overlap", "none at the start"),
+        findings.result("goal", "no start is its own goal"),
+        findings.result("random numbers", "only from its stream"),
+        examination.check_deterministic("when it is given the same again, from the last to the first"),
+        _check_respawn(again, layout, f"layout {name}", placed),
+    ]
+
+
+class _LayoutExamination(Examination[Layout, _Crowd]):
+    units = "cases"
+    answers = "placements"
+    missing = "not examined: the layout returned no placement"
+    shown_as = "crowd", "crowd"
+
+    def ask(self, shown: _Crowd) -> Placement | None:
+        """Let the layout place a crowd, and examine also what would not keep it from being used."""
+        placement: Placement | None = super().ask(shown)
+        name = self._called(shown)
+        used = _GlobalState.now().find_used(shown.before)
+        self.findings.note("random numbers", 1, f"{name} draws from {used} instead of its stream" if used else None)
+        if placement is not None:
+            radius = shown.radius
+            self.findings.note("overlap", 1, _find_overlap(placement.start, radius, name))
+            self.findings.note("goal", 1, _find_at_goal(placement, radius, name))
+            steps = {
+                "obstacles": _named(name, lambda _: check_obstacles(placement, radius)),
+                "ways": _named(name, lambda among: check_routes(add_routes(among, radius), radius)),
+            }
+            self.findings.examine(1, steps)
+        return placement
+
+    def query(self, plugin: Layout, shown: _Crowd) -> object:
+        # Whoever draws from the shared generators is told so by another check.
+        shown.before.restore()
+        with plugin_errors(f"{self._called(shown)} raised"):
+            return plugin(rng.generator(shown.key, "places"), shown.radius.copy(), shown.speed.copy())
+
+    def validators(self, shown: _Crowd) -> dict[str, Callable[[Any], Any]]:
+        name, agents = self._called(shown), len(shown.radius)
+        return {
+            "shape": _named(name, lambda answer: check_shape(answer, agents)),
+            "finite": _named(name, check_finite),
+        }
+
+    def numbers(self, plugin: Layout, answer: Placement, shown: _Crowd) -> Float[np.ndarray, "1 n"]:
+        parts = (answer.start, answer.goal, answer.route, answer.obstacles)
+        return np.concatenate([part.ravel() for part in parts if part is not None])[None]
+
+    def take(self, shown: _Crowd, rows: Int[np.ndarray, "row"]) -> _Crowd:
+        return shown
+
+    def _called(self, crowd: _Crowd) -> str:
+        return f"layout {self.name} in case {crowd.case}"
+
+
+def _named(name: str, step: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A step whose errors begin with the name of what is examined."""
+
+    def examine(answer: Any) -> Any:
+        try:
+            return step(answer)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+
+    return examine
+
+
+def _check_respawn(
+    again: Respawn | None, layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]
+) -> CheckResult:
+    """Whether somebody new, and another goal, can be drawn among those who are placed."""
+    # Whether a layout that draws by itself is deterministic is another check.
+    times = 1 if again is None and not isinstance(layout, LayoutWithRespawn) else 2
+    draw = again or find_respawn(layout)
+    crowds = [(crowd, placement) for crowd, placement in placed if len(crowd.radius) > 1]
+    if not crowds:
+        return CheckResult("again", None, "not examined: the layout placed no pedestrian")
+    found = 0
+    for crowd, placement in crowds:
+        for position in (None, placement.start[-1]):
+            try:
+                one, *others = (_respawn_last(draw, crowd, placement, position) for _ in range(times))
+            except InputError as error:
+                return CheckResult("again", False, f"{name}: {error}")
+            if not all(np.array_equal(np.array(one), np.array(other)) for other in others):
+                seen = f"{name} draws {one} from a stream and then {others} from the same one"
+                return CheckResult("again", False, seen)
+            found += one is not None
+    return CheckResult("again", True, f"room for {found} of {2 * len(crowds)} new people and goals")
+
+
+def _respawn_last(again: Respawn, crowd: _Crowd, placement: Placement, position: np.ndarray | None) -> Way | None:
+    """What is drawn for the last pedestrian of a crowd. Raises InputError where that cannot be."""
+    obstacles = np.empty((0, 0, 2)) if placement.obstacles is None else placement.obstacles
+    room = Room(placement.start[:-1], placement.goal[:-1], crowd.radius[:-1], crowd.speed[:-1], obstacles)
+    radius, speed = float(crowd.radius[-1]), float(crowd.speed[-1])
+    way = draw_again(again, rng.generator(crowd.key, "places again"), room, radius, speed, position)
+    if way is None:
+        return None
+    start, goal = way
+    if position is not None and not np.array_equal(start, position):
+        raise InputError(f"who gets another goal is put at {start.tolist()}, but is at {position.tolist()}")
+    if not room.is_clear(start, radius, clearance=0.0, walls=0.0) and position is None:
+        raise InputError(f"somebody new at {start.tolist()} overlaps with somebody, a goal or a wall")
+    if room.way(start, goal, radius) is None:
+        raise InputError(f"no way leads somebody from {start.tolist()} to its goal at {goal.tolist()}")
+    return way
+
+
+def _find_overlap(start: Float[np.ndarray, "agent 2"], radius: Float[np.ndarray, "agent"], name: str) -> str | None:
+    """Which two agents overlap at the start."""
+    gap = norm(start[:, None] - start) - (radius[:, None] + radius)
+    np.fill_diagonal(gap, np.inf)
+    one, other = sorted(int(agent) for agent in np.unravel_index(gap.argmin(), gap.shape))
+    if gap[one, other] >= 0.0:
+        return None
+    return f"{name} lets agents {one} and {other} overlap by {-gap[one, other]:.3g} m at the start"
+
+
+def _find_at_goal(placement: Placement, radius: Float[np.ndarray, "agent"], name: str) -> str | None:
+    """Which agent starts at its goal."""
+    distance = norm(placement.goal - placement.start)
+    if distance[0] < radius[0]:
+        return f"{name} lets the vehicle start {distance[0]:.3g} m from its goal, where it has arrived"
+    if (distance == 0.0).any():
+        return f"{name} lets agent {int((distance == 0.0).argmax())} start at its goal"
+    return None
+
+
+@dataclass(frozen=True)
+class _GlobalState:
+    """The state of the two random generators that all code shares."""
+
+    python: Any
+    numpy: Any
+
+    @classmethod
+    def now(cls) -> _GlobalState:
+        return cls(random.getstate(), np.random.get_state(legacy=True))  # noqa: NPY002 (to find who uses it)
+
+    def restore(self) -> None:
+        random.setstate(self.python)
+        np.random.set_state(self.numpy)  # noqa: NPY002
+
+    def find_used(self, before: _GlobalState) -> str:
+        """The names of the generators whose state has changed."""
+        same_numpy = all(np.array_equal(*pair) for pair in zip(self.numpy, before.numpy, strict=True))
+        names = {"Python's shared generator": self.python != before.python, "NumPy's shared generator": not same_numpy}
+        return " and ".join(name for name, changed in names.items() if changed)

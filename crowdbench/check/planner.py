@@ -1,0 +1,265 @@
+"""Checks what a planner keeps of its contract, point by point, on real episodes."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.check.examination import BATCHES, NETWORKS, ROUNDING, Tolerance, compare_answers
+from crowdbench.check.inputs import first_cases
+from crowdbench.check.result import UNEXAMINED_SIGHT, CheckResult, Findings, find_change
+from crowdbench.core.dynamics import FREE, Dynamics, Holonomic
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import Observation
+from crowdbench.planners.base import OneStepOnly, Planner
+from crowdbench.planners.contract import Decision, Fault, validate_commands
+from crowdbench.planners.driver import DecisionLimitExceeded, Driver
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.spec import EVERY_STEP, Replanning
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.errors import InputError
+
+MISSING = "not examined: the planner returned no array of commands"
+
+AHEAD = 8
+"""Steps that `plan_ahead` is asked for."""
+
+COMMANDS = "commands"
+
+
+def check_planner(
+    make: Callable[[], Planner],
+    name: str,
+    scenario: Scenario,
+    cases: Cases,
+    decision_limit: float,
+    limited: Scenario | None = None,
+) -> list[CheckResult]:
+    """Drive planners through cases and examine each part of the contract by itself.
+
+    Commands that break the contract are replaced by ones that keep it, so that the episodes go on.
+
+    Args:
+        make: Makes a new planner.
+        name: What the planner is called in errors.
+        scenario: The scenario of the cases.
+        cases: The cases.
+        decision_limit: Seconds that the planner may take for a decision, for all worlds together.
+        limited: A scenario in which the vehicle does not see everybody, if planners are to drive through some of its
+            cases too.
+
+    Raises:
+        InputError: Something other than the planner breaks its contract.
+    """
+    witness = _Witness(make(), cases.indices)
+    late = raised = ""
+    try:
+        rollout(Driver(witness, name, decision_limit), scenario, cases)
+    except DecisionLimitExceeded as error:
+        late = str(error)
+    except InputError as error:
+        if not witness.raised:
+            raise
+        raised = str(error)
+    findings = witness.findings
+    limits = "never beyond the vehicle's limits" if witness.native else "never above the vehicle's maximum speed"
+    again = _Replay(name, decision_limit, witness)
+    batches = {when: (make, split(len(cases))) for when, split in BATCHES.items()}
+    # The same planner, so that what it remembers beyond its `reset` is found too.
+    same = {"when it sees the same episodes again": (lambda: witness.planner, [np.arange(len(cases))])}
+    results = [
+        CheckResult("exceptions", not raised, raised or f"none in {len(witness.calls)} calls"),
+        _decision_time(witness, late, decision_limit),
+        findings.result("dtype", ", ".join(sorted(witness.dtypes))),
+        findings.result("shape", "[world, 2]"),
+        findings.result("finite", "no NaN, no infinity"),
+        findings.result("speed", limits),
+        findings.result("observation", "left unchanged"),
+        again.compare("deterministic", same, Tolerance(ROUNDING, 0.0)),
+        again.compare("batch", batches, NETWORKS),
+    ]
+    if witness.calls:
+        ahead = _Witness(make(), cases.indices)
+        kept = f"{AHEAD} steps at once: dtype, shape, finite and speed as above"
+        driver, replanning = Driver(ahead, name, decision_limit), Replanning(AHEAD, look_first=1)
+        result = _check_rollout("plan_ahead", driver, scenario, cases, kept, replanning)
+        if not ahead.one_step:
+            results.append(result)
+    if limited is not None and all(result.kept for result in results):
+        driver, cases = Driver(make(), name, decision_limit), first_cases(cases)
+        kept = f"keeps the contract in {len(cases)} cases in which it does not see everybody"
+        results.append(_check_rollout("limited sight", driver, limited, cases, kept))
+    elif limited is not None:
+        results.append(UNEXAMINED_SIGHT)
+    return results
+
+
+class _Call(NamedTuple):
+    """What a planner was shown, its commands in m/s (None where it returned something else), and how long it took."""
+
+    obs: Observation
+    command: Float[np.ndarray, "world 2"] | None
+    seconds: float
+
+
+class _Witness(Planner):
+    """Keeps all that a planner is shown and answers, and passes on commands that keep the contract.
+
+    Attributes:
+        raised: Whether the planner raised an exception.
+        calls: Its answers.
+        dtypes: The types that they had.
+        findings: What each check has found, with case and step.
+        one_step: Whether it has said that it decides one step at a time.
+
+    Args:
+        planner: The planner.
+        cases: The case numbers by `Observation.row`.
+    """
+
+    def __init__(self, planner: Planner, cases: Int[np.ndarray, "case"]) -> None:
+        self.planner = planner
+        self.cases = cases
+        self.privileged = planner.privileged
+        self.native = planner.native
+        self.raised = False
+        self.calls: list[_Call] = []
+        self.dtypes: set[str] = set()
+        self.findings = Findings(COMMANDS, MISSING)
+        self.one_step = False
+
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
+        with self._notice_exceptions():
+            self.planner.reset(rows)
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        shown = obs.take(slice(None))
+        start = time.perf_counter()
+        with self._notice_exceptions():
+            answer = self.planner.plan(obs)
+        seconds = time.perf_counter() - start
+        self.dtypes.add(str(answer.dtype) if isinstance(answer, np.ndarray) else type(answer).__name__)
+        dynamics = shown.vehicle.dynamics if self.native else FREE
+        validation = validate_commands(answer, shown.vehicle.preferred_speed, dynamics=dynamics)
+        self.calls.append(_Call(shown, validation.commands, seconds))
+        for check, fault in validation.points.items():
+            self._note(check, fault, shown)
+        found = find_change("obs", shown, obs)
+        self._note("observation", found and Fault(f"changes {found[0]}", found[1]), shown)
+        return _limit_commands(validation.commands, shown.vehicle.preferred_speed, dynamics)
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Any:
+        try:
+            return self.planner.plan_ahead(obs, steps)
+        except OneStepOnly:
+            self.one_step = True
+            raise
+
+    @contextlib.contextmanager
+    def _notice_exceptions(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException:
+            self.raised = True
+            raise
+
+    def _note(self, check: str, fault: Fault | None, shown: Observation) -> None:
+        sentence = None if fault is None else fault.at(Decision.of(shown, self.cases))
+        self.findings.note(check, len(shown), sentence)
+
+
+def _decision_time(witness: _Witness, late: str, limit: float) -> CheckResult:
+    commands = sum(len(call.obs) for call in witness.calls)
+    if late or not commands:
+        return CheckResult("decision time", False if late else None, late or MISSING)
+    seconds = [call.seconds for call in witness.calls]
+    mean, longest = 1e3 * sum(seconds) / commands, max(seconds)
+    seen = f"{mean:.3g} ms per command, at most {longest:.3g} s per call (limit {limit:g} s)"
+    return CheckResult("decision time", True, seen)
+
+
+def _check_rollout(
+    check: str, driver: Driver, scenario: Scenario, cases: Cases, kept: str, replanning: Replanning = EVERY_STEP
+) -> CheckResult:
+    """Whether a planner keeps its contract in a rollout; `kept` is said where it does."""
+    try:
+        rollout(driver, scenario, cases, replanning=replanning)
+    except InputError as error:
+        return CheckResult(check, False, str(error))
+    return CheckResult(check, True, kept)
+
+
+class _Replay:
+    """Shows planners again what the first one was shown, and compares their commands with its own."""
+
+    def __init__(self, name: str, decision_limit: float, first: _Witness) -> None:
+        self.name, self.decision_limit, self.first = name, decision_limit, first
+        in_time = [call for call in first.calls if call.seconds <= decision_limit]
+        self.shown = [(call.obs, call.command) for call in in_time if call.command is not None]
+
+    def compare(
+        self,
+        check: str,
+        again: Mapping[str, tuple[Callable[[], Planner], list[Int[np.ndarray, "_"]]]],
+        tolerance: Tolerance,
+    ) -> CheckResult:
+        """Whether planners give the same commands.
+
+        Args:
+            check: Name of the check.
+            again: By when they might not, what makes a planner for each batch, and the rows of each batch.
+            tolerance: What may differ.
+        """
+        if not self.shown:
+            return CheckResult(check, None, MISSING)
+        asks = {when: functools.partial(self._drive, *batches) for when, batches in again.items()}
+        return compare_answers(check, COMMANDS, [command for _, command in self.shown], asks, tolerance)
+
+    def _drive(
+        self, make: Callable[[], Planner], batches: list[Int[np.ndarray, "_"]]
+    ) -> list[Float[np.ndarray, "_ 2"]]:
+        """What planners answer where each drives some rows, which it sees as a batch of their own.
+
+        Raises InputError where one raises, takes too long, or fails a check that the first one has passed.
+        """
+        again = [np.full_like(command, np.nan) for _, command in self.shown]
+        for group in batches:
+            cases = self.first.cases[group]
+            witness = _Witness(make(), cases)
+            driver = Driver(witness, self.name, self.decision_limit)
+            driver.reset(cases)
+            row_of = np.full(len(self.first.cases), -1)
+            row_of[group] = np.arange(len(group))
+            for (obs, _), commands in zip(self.shown, again, strict=True):
+                own = row_of[obs.row]
+                running = np.argsort(own)[(own < 0).sum() :]
+                if len(running):
+                    driver.decide(dataclasses.replace(obs.take(running), row=own[running]))
+                    if (answer := witness.calls[-1].command) is not None:
+                        commands[running] = answer
+            for check, fault in witness.findings.faults.items():
+                if check not in self.first.findings.faults:
+                    raise InputError(f"planner {self.name} {fault}")
+        return again
+
+
+def _limit_commands(
+    commands: Float[np.ndarray, "world 2"] | None, max_speed: Float[np.ndarray, "world"], dynamics: Dynamics
+) -> Float[np.ndarray, "world 2"]:
+    """Commands that keep the contract: made smaller, or standing still where nothing else can be made of them."""
+    if commands is None:
+        return np.zeros((len(max_speed), 2))
+    finite = np.where(np.isfinite(commands).all(axis=1, keepdims=True), commands, 0.0)
+    if not isinstance(dynamics, Holonomic):
+        return np.clip(finite, *dynamics.space(max_speed))
+    speed = norm(finite)
+    fast = speed > max_speed
+    return finite * np.where(fast, max_speed / np.where(fast, speed, 1.0), 1.0)[:, None]

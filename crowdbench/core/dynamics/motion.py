@@ -1,0 +1,148 @@
+"""The compiled motion of one vehicle in one step.
+
+A vehicle with wheels drives an arc: during a step, its speed and its turn rate are constant.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, no_type_check
+
+from crowdbench.core.geometry import heading_of, turn
+from crowdbench.utils.compiled import njit
+
+HOLONOMIC, UNICYCLE, BICYCLE = 0, 1, 2
+"""Codes of the dynamics: kernels take a code and an array of limits, so that they are compiled once for all."""
+
+SPEED_TOLERANCE = 1e-6
+"""Relative tolerance for rounding: a speed is limited only where it exceeds the preferred speed by more than this."""
+
+CHORD_ERROR = 1e-3
+"""Largest distance in metres between an arc and the chords that it is swept by."""
+
+
+class Motion(NamedTuple):
+    """Where one vehicle is and how it moves. For kernels.
+
+    Attributes:
+        x: x of its position in metres.
+        y: Its y.
+        vx: x of its velocity at the end of the last step, in m/s.
+        vy: Its y.
+        heading: Direction in which it faces, in radians.
+        turn_rate: In the last step, in rad/s.
+    """
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    heading: float
+    turn_rate: float
+
+
+@no_type_check
+@njit(nogil=True)
+def drive(code, limits, before, command, max_speed, dt):
+    """Move a vehicle by one step. Limits are enforced by clipping. Compiled.
+
+    Args:
+        code (int): `HOLONOMIC`, `UNICYCLE` or `BICYCLE`.
+        limits (array): `Dynamics.limits`.
+        before (Motion): Its motion before the step.
+        command (tuple): The two numbers of the command, see `Dynamics`.
+        max_speed (float): In m/s.
+        dt (float): Duration of the step in seconds.
+
+    Returns:
+        after (Motion): Its motion after the step.
+    """
+    x, y, vx, vy, heading, turn_rate = before
+    first, second = command
+    if code == HOLONOMIC:
+        x, y, vx, vy = _move_freely(limits[0] * dt, x, y, vx, vy, first, second, max_speed, dt)
+        after = heading_of(vx, vy, heading)
+        return Motion(x, y, vx, vy, after, turn(heading, after) / dt)
+    forward, change = vx * math.cos(heading) + vy * math.sin(heading), limits[0] * dt
+    speed = min(max(min(max(first, forward - change), forward + change), 0.0), max_speed)
+    if code == UNICYCLE:
+        change = limits[2] * dt
+        turn_rate = min(max(second, turn_rate - change), turn_rate + change)
+        turn_rate = min(max(turn_rate, -limits[1]), limits[1])
+    else:
+        turn_rate = speed * math.tan(min(max(second, -limits[1]), limits[1])) / limits[2]
+    x, y, heading = along_arc(x, y, heading, speed, turn_rate, dt)
+    return Motion(x, y, speed * math.cos(heading), speed * math.sin(heading), heading, turn_rate)
+
+
+@no_type_check
+@njit(nogil=True)
+def drive_without_heading(code, limits, before, command, max_speed, dt):
+    """As `drive`, but the heading of a holonomic vehicle stays, and its turn rate is 0. Compiled.
+
+    To compute the heading of a holonomic vehicle takes most of the time, and no planner needs it.
+    """
+    if code == HOLONOMIC:
+        x, y, vx, vy, heading, _ = before
+        x, y, vx, vy = _move_freely(limits[0] * dt, x, y, vx, vy, command[0], command[1], max_speed, dt)
+        return Motion(x, y, vx, vy, heading, 0.0)
+    return drive(code, limits, before, command, max_speed, dt)
+
+
+@no_type_check
+@njit(nogil=True)
+def _move_freely(max_change, x, y, vx, vy, wanted_x, wanted_y, max_speed, dt):
+    """Move a holonomic vehicle, whose velocity changes by at most `max_change` in m/s; returns x, y, vx and vy."""
+    speed = math.sqrt(wanted_x * wanted_x + wanted_y * wanted_y)
+    if speed > max_speed * (1.0 + SPEED_TOLERANCE):
+        wanted_x, wanted_y = wanted_x * (max_speed / speed), wanted_y * (max_speed / speed)
+    if max_change < math.inf:
+        dx, dy = wanted_x - vx, wanted_y - vy
+        change = math.sqrt(dx * dx + dy * dy)
+        if change > max_change:
+            wanted_x, wanted_y = vx + dx * (max_change / change), vy + dy * (max_change / change)
+    return x + wanted_x * dt, y + wanted_y * dt, wanted_x, wanted_y
+
+
+@no_type_check
+@njit(nogil=True)
+def along_arc(x, y, heading, speed, turn_rate, time):
+    """Where a vehicle with wheels is after some time at constant speed and turn rate. Compiled.
+
+    Args:
+        x (float): x of its position in metres.
+        y (float): Its y.
+        heading (float): In radians.
+        speed (float): In m/s.
+        turn_rate (float): In rad/s.
+        time (float): In seconds.
+
+    Returns:
+        pose (tuple): x, y and heading.
+    """
+    # The chord of the arc, which loses no digits where the turn rate is small.
+    half = 0.5 * turn_rate * time
+    chord = speed * time * (math.sin(half) / half if half != 0.0 else 1.0)
+    after = turn(0.0, heading + turn_rate * time) if turn_rate != 0.0 else heading
+    return x + chord * math.cos(heading + half), y + chord * math.sin(heading + half), after
+
+
+@no_type_check
+@njit(nogil=True)
+def chords(speed, turn_rate, reach, time):
+    """The number of equal chords that stand for an arc, with an error of at most `CHORD_ERROR` at every moment.
+
+    A point at a distance of `reach` ahead of or behind the centre has the acceleration |w| sqrt(v^2 + (reach w)^2). A
+    straight line over a time t is off by at most an eighth of that times t^2. Compiled.
+
+    Args:
+        speed (float): v, in m/s.
+        turn_rate (float): w, in rad/s.
+        reach (float): Largest distance in metres of a disc of the body from the vehicle's position.
+        time (float): Duration of the arc in seconds.
+
+    Returns:
+        number (int): At least 1.
+    """
+    acceleration = abs(turn_rate) * math.sqrt(speed * speed + (reach * turn_rate) ** 2)
+    return max(1, math.ceil(time * math.sqrt(acceleration / (8.0 * CHORD_ERROR))))

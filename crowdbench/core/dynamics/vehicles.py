@@ -1,0 +1,265 @@
+"""The three dynamics that a vehicle can have, each with its limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.core.dynamics.base import Dynamics, State, speeds_and_headings, speeds_and_turns
+from crowdbench.core.dynamics.motion import BICYCLE, HOLONOMIC, SPEED_TOLERANCE, UNICYCLE
+from crowdbench.core.geometry import norm, wrap_angle
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.numbers import is_number
+
+CREEP = 0.3
+"""The share of the wanted speed at which a bicycle turns towards what is beside it or behind."""
+
+
+@dataclass(frozen=True)
+class Holonomic(Dynamics):
+    """Moves in any direction. A command is a velocity, vx and vy in m/s.
+
+    Attributes:
+        max_acceleration: Largest change of velocity, per second [m/s^2].
+
+    Raises:
+        InputError: The limit is not positive.
+    """
+
+    name = "holonomic"
+    code = HOLONOMIC
+
+    max_acceleration: float = math.inf
+
+    def __post_init__(self) -> None:
+        _above_zero("max_acceleration", self.max_acceleration, math.inf)
+
+    @cached_property
+    def limits(self) -> Float[np.ndarray, "3"]:
+        """See `Dynamics`."""
+        return np.array([self.max_acceleration, 0.0, 0.0])
+
+    def space(
+        self, max_speed: Float[np.ndarray, "*batch"]
+    ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
+        """See `Dynamics`. In a corner the speed is larger than `max_speed`; a step limits it."""
+        high = np.stack([max_speed, max_speed], axis=-1)
+        return -high, high
+
+    def commands(
+        self, state: State, max_speed: Float[np.ndarray, "world"], dt: float
+    ) -> Float[np.ndarray, "world action 2"]:
+        """See `Dynamics` and `speeds_and_headings`."""
+        return speeds_and_headings(max_speed)
+
+    def follow(
+        self, state: State, velocity: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
+    ) -> Float[np.ndarray, "*batch 2"]:
+        """See `Dynamics`: the velocities themselves."""
+        return velocity
+
+    def is_within(
+        self, command: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"]
+    ) -> Bool[np.ndarray, "*batch"]:
+        """See `Dynamics`."""
+        within: np.ndarray = norm(command) <= max_speed * (1 + SPEED_TOLERANCE)
+        return within
+
+    def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
+        """See `Dynamics`."""
+        return f"asked for {math.hypot(*command):.6g} m/s, but the vehicle's maximum is {max_speed:g} m/s"
+
+
+@dataclass(frozen=True)
+class Unicycle(Dynamics):
+    """Drives forwards and turns, also on the spot. A command is a speed in m/s and a turn rate in rad/s.
+
+    Attributes:
+        max_acceleration: Largest change of speed, per second [m/s^2].
+        max_angular_speed: Largest turn rate [rad/s].
+        max_angular_acceleration: Largest change of turn rate, per second [rad/s^2].
+
+    Raises:
+        InputError: A limit is not positive, or the turn rate is not limited.
+    """
+
+    name = "unicycle"
+    code = UNICYCLE
+
+    max_acceleration: float = 2.0
+    max_angular_speed: float = 2.0
+    max_angular_acceleration: float = 6.0
+
+    def __post_init__(self) -> None:
+        _above_zero("max_acceleration", self.max_acceleration, math.inf)
+        _above_zero("max_angular_speed", self.max_angular_speed, 1e3)
+        _above_zero("max_angular_acceleration", self.max_angular_acceleration, math.inf)
+
+    @cached_property
+    def limits(self) -> Float[np.ndarray, "3"]:
+        """See `Dynamics`."""
+        return np.array([self.max_acceleration, self.max_angular_speed, self.max_angular_acceleration])
+
+    def space(
+        self, max_speed: Float[np.ndarray, "*batch"]
+    ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
+        """See `Dynamics`."""
+        return _forwards(max_speed, self.max_angular_speed)
+
+    def commands(
+        self, state: State, max_speed: Float[np.ndarray, "world"], dt: float
+    ) -> Float[np.ndarray, "world action 2"]:
+        """See `Dynamics` and `speeds_and_turns`."""
+        change, limit = self.max_angular_acceleration * dt, self.max_angular_speed
+        turns = [np.clip(state.angular_speed + sign * change, -limit, limit) for sign in (-1, 1)]
+        return speeds_and_turns(*_reached(state.speed, self.max_acceleration * dt, max_speed), *turns)
+
+    def follow(
+        self, state: State, velocity: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
+    ) -> Float[np.ndarray, "*batch 2"]:
+        """See `Dynamics`: the part of the velocity along the heading, and a turn towards its direction.
+
+        With an angle d from the heading to the velocity u, the speed is |u| max(0, cos d): a vehicle whose goal is
+        behind it turns on the spot. The turn rate is d / dt, or as much less as lets the vehicle stop turning at d.
+        """
+        angle = _angle_to(state, velocity)
+        speed = np.minimum(norm(velocity) * np.maximum(np.cos(angle), 0.0), max_speed)
+        rate = _rate_for(np.abs(angle), self.max_angular_acceleration, dt)
+        return np.stack([speed, np.copysign(np.minimum(rate, self.max_angular_speed), angle)], axis=-1)
+
+    def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
+        """See `Dynamics`."""
+        turn = f"asked for {command[1]:.6g} rad/s, but its max_angular_speed is {self.max_angular_speed:g} rad/s"
+        return _too_fast(command, max_speed) or turn
+
+
+@dataclass(frozen=True)
+class Bicycle(Dynamics):
+    """Drives forwards and steers, as a car does. A command is a speed in m/s and a steering angle in rad.
+
+    The kinematic bicycle: the middle of the rear axle moves along the heading, which turns by speed tan(steering angle)
+    / wheelbase.
+
+    Attributes:
+        wheelbase: Distance between the axles [m].
+        max_steering: Largest steering angle, below pi / 2 [rad].
+        max_acceleration: Largest change of speed, per second [m/s^2].
+
+    Raises:
+        InputError: A limit is not positive, or one that must be limited is not.
+    """
+
+    name = "bicycle"
+    code = BICYCLE
+
+    wheelbase: float = 2.7
+    max_steering: float = 0.6
+    max_acceleration: float = 2.0
+
+    def __post_init__(self) -> None:
+        _above_zero("wheelbase", self.wheelbase, 100.0)
+        _above_zero("max_steering", self.max_steering, 1.5)
+        _above_zero("max_acceleration", self.max_acceleration, math.inf)
+
+    @cached_property
+    def limits(self) -> Float[np.ndarray, "3"]:
+        """See `Dynamics`."""
+        return np.array([self.max_acceleration, self.max_steering, self.wheelbase])
+
+    def space(
+        self, max_speed: Float[np.ndarray, "*batch"]
+    ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
+        """See `Dynamics`."""
+        return _forwards(max_speed, self.max_steering)
+
+    def commands(
+        self, state: State, max_speed: Float[np.ndarray, "world"], dt: float
+    ) -> Float[np.ndarray, "world action 2"]:
+        """See `Dynamics` and `speeds_and_turns`."""
+        steering = np.full(len(max_speed), self.max_steering)
+        return speeds_and_turns(*_reached(state.speed, self.max_acceleration * dt, max_speed), -steering, steering)
+
+    def follow(
+        self, state: State, velocity: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
+    ) -> Float[np.ndarray, "*batch 2"]:
+        """See `Dynamics`: a steering angle that turns towards the velocity, and a speed as far as it is ahead.
+
+        With an angle d from the heading to the velocity u, the speed is |u| max(cos d, 0.3): a vehicle that cannot turn
+        on the spot must drive on where its goal is behind. A goal inside its smallest circle is not reached so.
+        """
+        angle = _angle_to(state, velocity)
+        speed = np.minimum(norm(velocity) * np.maximum(np.cos(angle), CREEP), max_speed)
+        slowest, fastest = _reached(state.speed, self.max_acceleration * dt, max_speed)
+        steering = np.arctan2(angle / dt * self.wheelbase, np.clip(speed, slowest, fastest))
+        return np.stack([speed, np.clip(steering, -self.max_steering, self.max_steering)], axis=-1)
+
+    def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
+        """See `Dynamics`."""
+        steering = f"asked to steer by {command[1]:.6g} rad, but its max_steering is {self.max_steering:g} rad"
+        return _too_fast(command, max_speed) or steering
+
+
+def _above_zero(name: str, limit: object, most: float) -> None:
+    if not (is_number(limit) and 0.0 < limit <= most):  # type: ignore[operator]
+        right = "a number above 0" if most == math.inf else f"a number above 0, and {most:g} at most"
+        raise InputError(f"{name} is {limit!r}, but must be {right}")
+
+
+def _forwards(
+    max_speed: Float[np.ndarray, "*batch"], turn: float
+) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
+    """The bounds of speeds from 0, and of turns to either side."""
+    side = np.full(np.shape(max_speed), turn)
+    return np.stack([np.zeros_like(side), -side], axis=-1), np.stack([max_speed, side], axis=-1)
+
+
+def _too_fast(command: Float[np.ndarray, "2"], max_speed: float) -> str | None:
+    if 0.0 <= command[0] <= max_speed * (1 + SPEED_TOLERANCE):
+        return None
+    return f"asked for {command[0]:.6g} m/s, but the vehicle's speeds are 0 to {max_speed:g} m/s"
+
+
+def _reached(
+    speed: Float[np.ndarray, "*batch"], change: float, max_speed: Float[np.ndarray, "*batch"]
+) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
+    """The lowest and the highest speed that a vehicle reaches by changes of at most `change`, all in m/s."""
+    return np.clip(speed - change, 0.0, max_speed), np.clip(speed + change, 0.0, max_speed)
+
+
+def _angle_to(state: State, velocity: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+    """The angle in radians from the heading to a velocity; 0 where that is 0."""
+    angle = wrap_angle(np.arctan2(velocity[..., 1], velocity[..., 0]) - state.heading)
+    return np.where(norm(velocity) > 0.0, angle, 0.0)
+
+
+def _rate_for(angle: Float[np.ndarray, "*batch"], acceleration: float, dt: float) -> Float[np.ndarray, "*batch"]:
+    """The largest turn rate from which a vehicle that slows down from step to step stops after an angle.
+
+    Args:
+        angle: In rad, 0 or more.
+        acceleration: Largest change of the turn rate, in rad/s^2.
+        dt: Duration of a step in seconds.
+
+    Returns:
+        Turn rates in rad/s. In the steps after this one they are smaller by `acceleration * dt` each, n times.
+    """
+    if acceleration == math.inf:
+        return angle / dt
+    change = acceleration * dt * dt
+    n = np.floor((np.sqrt(1.0 + 8.0 * angle / change) - 1.0) / 2.0)
+    return (angle + change * n * (n + 1.0) / 2.0) / ((n + 1.0) * dt)
+
+
+FREE = Holonomic()
+"""The dynamics of a vehicle without limits."""
+
+DYNAMICS: Mapping[str, type[Holonomic] | type[Unicycle] | type[Bicycle]] = MappingProxyType(
+    {each.name: each for each in (Holonomic, Unicycle, Bicycle)}
+)
+"""The dynamics by their names in scenarios."""

@@ -1,0 +1,207 @@
+"""Geometry in the plane: moving discs, headings, vectors."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.utils.compiled import njit
+
+
+class Discs(NamedTuple):
+    """Agents of one world in a step, as discs that move in straight lines at constant speed. For kernels.
+
+    Attributes:
+        position: Centres before the step in metres.
+        motion: Displacements in the step in metres.
+        radius: In metres.
+        counts: Which agents others can collide with.
+    """
+
+    position: Float[np.ndarray, "agent 2"]
+    motion: Float[np.ndarray, "agent 2"]
+    radius: Float[np.ndarray, "agent"]
+    counts: Bool[np.ndarray, "agent"]
+
+
+@no_type_check
+@njit
+def nearest_in_step(i, discs):
+    """The smallest distance between an agent's rim and any other agent's during a step. Compiled.
+
+    This is the only test of moving discs.
+
+    Args:
+        i (int): Index of the agent.
+        discs (Discs): All agents.
+
+    Returns:
+        distance (float): In metres, negative where discs overlap; infinite where no agent counts.
+        nearest (int): Index of the nearest agent; -1 where no agent counts.
+    """
+    position, motion, radius, counts = discs
+    least, nearest = np.inf, -1
+    for j in range(len(radius)):
+        if j != i and counts[j]:
+            x, y = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+            dx, dy = motion[j, 0] - motion[i, 0], motion[j, 1] - motion[i, 1]
+            squared = dx * dx + dy * dy
+            share = min(max(-(x * dx + y * dy) / squared, 0.0), 1.0) if squared > 0.0 else 0.0
+            x, y = x + share * dx, y + share * dy
+            gap = math.sqrt(x * x + y * y) - radius[j] - radius[i]
+            if gap < least:
+                least, nearest = gap, j
+    return least, nearest
+
+
+def norm(vector: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+    """The length of each vector."""
+    x, y = vector[..., 0], vector[..., 1]
+    return np.sqrt(x * x + y * y)
+
+
+@no_type_check
+@njit
+def heading_of(vx, vy, before):
+    """The direction of a velocity. Compiled.
+
+    Args:
+        vx (float): x of the velocity in m/s.
+        vy (float): Its y.
+        before (float): The heading before, in radians.
+
+    Returns:
+        direction (float): In radians; the heading before where the velocity is zero.
+    """
+    return math.atan2(vy, vx) if vx != 0.0 or vy != 0.0 else before
+
+
+@no_type_check
+@njit
+def turn(before, after):
+    """The change from one heading to another. Compiled.
+
+    Args:
+        before (float): A heading in radians.
+        after (float): Another one.
+
+    Returns:
+        change (float): In radians, in [-pi, pi).
+    """
+    return (after - before + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def wrap_angle(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+    """Angles in radians, reduced to [-pi, pi)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def toward_goal(
+    position: Float[np.ndarray, "*batch 2"],
+    goal: Float[np.ndarray, "*batch 2"],
+    preferred_speed: Float[np.ndarray, "*batch"],
+) -> Float[np.ndarray, "*batch 2"]:
+    """The velocity towards the goal at the preferred speed, which decreases with the distance over the last metre.
+
+    As in CrowdNav it is the vector to the goal in metres, taken as a velocity in m/s and shortened to the preferred
+    speed.
+
+    Args:
+        position: Positions in metres.
+        goal: Goals in metres.
+        preferred_speed: In m/s.
+
+    Returns:
+        Velocities in m/s.
+    """
+    out = np.empty(position.shape)
+    fill_toward_goal(
+        np.ascontiguousarray(position), np.ascontiguousarray(goal), np.ascontiguousarray(preferred_speed), out
+    )
+    return out
+
+
+@no_type_check
+@njit
+def fill_toward_goal(position, goal, preferred_speed, out):
+    """See `toward_goal`. Compiled.
+
+    Args:
+        position (array): `[..., 2]`, in metres.
+        goal (array): `[..., 2]`, in metres.
+        preferred_speed (array): `[...]`, in m/s.
+        out (array): `[..., 2]`, filled: velocities in m/s.
+    """
+    # Reshaped here and not in Python, where it would take most of the time.
+    position, goal, out = position.reshape(-1, 2), goal.reshape(-1, 2), out.reshape(-1, 2)
+    preferred_speed = preferred_speed.reshape(-1)
+    for i in range(len(position)):
+        x, y = goal[i, 0] - position[i, 0], goal[i, 1] - position[i, 1]
+        scale = preferred_speed[i] / max(math.sqrt(x * x + y * y), preferred_speed[i])
+        out[i, 0], out[i, 1] = scale * x, scale * y
+
+
+def polygons(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[Float[np.ndarray, "corners 2"]]:
+    """The corners of each polygon of a world in metres, without the padding."""
+    corners = [polygon[~np.isnan(polygon[:, 0])] for polygon in obstacles]
+    return [each for each in corners if len(each)]
+
+
+def local_goals(
+    position: Float[np.ndarray, "*batch 2"],
+    goal: Float[np.ndarray, "*batch 2"],
+    route: Float[np.ndarray, "*batch waypoint 2"],
+    waypoint: Int[np.ndarray, "*batch"],
+) -> Float[np.ndarray, "*batch 2"]:
+    """The local goals of agents on their routes.
+
+    A local goal lies in the direction of the next waypoint, as far away as the goal is along the route. Who heads for
+    it turns at waypoints and does not slow down at them. Where no waypoint is left, it is the goal itself.
+
+    Args:
+        position: Positions in metres.
+        goal: Goals in metres.
+        route: Waypoints on the way to the goal, in metres, NaN after the last one.
+        waypoint: Index of the next waypoint.
+
+    Returns:
+        Points in metres.
+    """
+    if route.shape[-2] == 0:
+        return goal
+    out = np.empty(position.shape)
+    _local_goals(
+        np.ascontiguousarray(position).reshape(-1, 2),
+        np.ascontiguousarray(goal).reshape(-1, 2),
+        np.ascontiguousarray(route).reshape(-1, *route.shape[-2:]),
+        np.ascontiguousarray(waypoint).reshape(-1),
+        out.reshape(-1, 2),
+    )
+    return out
+
+
+@no_type_check
+@njit
+def _local_goals(position, goal, route, waypoint, out):
+    """See `local_goals`; fills `out`."""
+    for i in range(len(out)):
+        x, y = position[i, 0], position[i, 1]
+        ahead_x, ahead_y, first, length = 0.0, 0.0, 0.0, 0.0
+        px, py = x, y
+        for k in range(waypoint[i], route.shape[1] + 1):
+            if k < route.shape[1] and math.isnan(route[i, k, 0]):
+                continue
+            qx, qy = (route[i, k, 0], route[i, k, 1]) if k < route.shape[1] else (goal[i, 0], goal[i, 1])
+            leg = math.hypot(qx - px, qy - py)
+            # A waypoint on which the agent stands has no direction.
+            if length == 0.0:
+                ahead_x, ahead_y, first = qx - x, qy - y, leg
+            length += leg
+            px, py = qx, qy
+        if first == length:
+            out[i, 0], out[i, 1] = goal[i, 0], goal[i, 1]
+        else:
+            out[i, 0], out[i, 1] = x + ahead_x * (length / first), y + ahead_y * (length / first)

@@ -1,0 +1,85 @@
+"""The reward of a step, for environments, training, lookahead and metrics.
+
+It is the reward of CrowdNav (Chen et al. 2019, equation 3), as its code computes it. Collision and success have a
+reward that does not depend on the length of a step. The reward for discomfort is per second, and so multiplied by dt.
+"""
+
+from __future__ import annotations
+
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.core.types import DISCOMFORT_GAP, Outcome, Trace
+from crowdbench.utils.compiled import njit
+
+SUCCESS = 1.0
+"""Reward for reaching the goal."""
+
+COLLISION = -0.25
+"""Reward for a collision with a pedestrian."""
+
+WALL_COLLISION = -0.25
+"""Reward for a collision with an obstacle: the same as with a pedestrian. CrowdNav has no obstacles."""
+
+DISCOMFORT = 0.5
+"""Reward, times -1, per second and per metre by which the gap to a pedestrian is below 0.2 m."""
+
+DISCOUNT = 0.9
+"""Discount per metre at preferred speed: a step has the factor `DISCOUNT ** (dt * preferred_speed)`."""
+
+# Plain numbers, because reading a member of an enum takes as long as the rest of a reward.
+_RUNNING = int(Outcome.RUNNING)
+_PAID = {Outcome.SUCCESS: SUCCESS, Outcome.COLLISION: COLLISION, Outcome.WALL_COLLISION: WALL_COLLISION}
+_ENDED = np.array([_PAID.get(outcome, 0.0) for outcome in sorted(Outcome)])
+
+
+def reward(
+    outcome: Int[np.ndarray, "*batch"], gap: Float[np.ndarray, "*batch"], dt: float
+) -> Float[np.ndarray, "*batch"]:
+    """The reward of a step (Chen et al. 2019, equation 3). A time-out has reward 0.
+
+    Args:
+        outcome: How the step ended, an `Outcome`.
+        gap: Smallest distance to a pedestrian's rim during the step, in metres.
+        dt: The length of the step in seconds.
+
+    Returns:
+        The reward.
+    """
+    paid = np.empty(outcome.shape)
+    _fill_reward(np.ascontiguousarray(outcome), np.ascontiguousarray(gap), dt, paid)
+    return paid
+
+
+@no_type_check
+@njit
+def _fill_reward(outcome, gap, dt, paid):
+    """Fill `paid [...]`, see `reward`. Compiled, because NumPy takes as long for one world as a step does."""
+    outcome, gap, paid = outcome.reshape(-1), gap.reshape(-1), paid.reshape(-1)
+    for i in range(len(paid)):
+        if outcome[i] == _RUNNING:
+            paid[i] = min(gap[i] - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
+        else:
+            paid[i] = _ENDED[outcome[i]]
+
+
+def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:
+    """The reward of every step of a trace, NaN after its last."""
+    steps = np.arange(trace.gap.shape[1])
+    outcome = np.where(steps == trace.steps[:, None] - 1, trace.outcome[:, None], _RUNNING)
+    return np.where(steps < trace.steps[:, None], reward(outcome, trace.gap, trace.rules.dt), np.nan)
+
+
+def discount(preferred_speed: Float[np.ndarray, "*batch"], dt: float) -> Float[np.ndarray, "*batch"]:
+    """The factor by which a reward that comes one step later counts less.
+
+    Args:
+        preferred_speed: The vehicle's preferred speed in m/s.
+        dt: The length of a step in seconds.
+
+    Returns:
+        The discount factor.
+    """
+    return DISCOUNT ** (dt * preferred_speed)

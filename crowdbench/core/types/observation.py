@@ -1,0 +1,252 @@
+"""What a planner observes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt
+
+from crowdbench.core import rng
+from crowdbench.core.dynamics import DISC, FREE, Body, Dynamics, State, hull
+from crowdbench.core.geometry import local_goals
+from crowdbench.utils.errors import InputError
+
+Part = TypeVar("Part", "Vehicle", "Pedestrians", "Observation")
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The vehicle's own state and goal.
+
+    Attributes:
+        position: Centre in metres.
+        velocity: Velocity of the last step in m/s.
+        heading: Direction in which it faces, in radians.
+        angular_speed: Change of the heading in the last step, divided by dt, in rad/s.
+        goal: Where it is going, in metres.
+        route: Waypoints on the way to the goal, in metres; NaN after the last one.
+        waypoint: Index in `route` of the next waypoint; the number of waypoints after the last one was reached.
+        radius: Radius in metres.
+        preferred_speed: Preferred and largest speed in m/s.
+        dynamics: How it moves.
+        goal_tolerance: Distance in metres to its goal below which it has arrived; None stands for its radius.
+        body: The discs that it consists of.
+    """
+
+    position: Float[np.ndarray, "*world 2"]
+    velocity: Float[np.ndarray, "*world 2"]
+    heading: Float[np.ndarray, "*world"]
+    angular_speed: Float[np.ndarray, "*world"]
+    goal: Float[np.ndarray, "*world 2"]
+    route: Float[np.ndarray, "*world waypoint 2"]
+    waypoint: Int[np.ndarray, "*world"]
+    radius: Float[np.ndarray, "*world"]
+    preferred_speed: Float[np.ndarray, "*world"]
+    dynamics: Dynamics = FREE
+    goal_tolerance: float | None = None
+    body: Body = DISC
+
+    @property
+    def state(self) -> State:
+        """Its motion, as its dynamics takes it."""
+        return State(self.position, self.velocity, self.heading, self.angular_speed)
+
+    @property
+    def local_goal(self) -> Float[np.ndarray, "*world 2"]:
+        """The point in metres that it heads for on its route, see `crowdbench.core.geometry.local_goals`.
+
+        The goal itself where no waypoint is left.
+        """
+        return local_goals(self.position, self.goal, self.route, self.waypoint)
+
+
+@dataclass(frozen=True)
+class Pedestrians:
+    """The pedestrians as the vehicle sees them. Their goals and policies cannot be seen.
+
+    Ignore pedestrians that are not `seen`: they are padding, or hidden from the vehicle.
+
+    With limited sight (`Sensor`), all of this is as measured, with noise and delay. A pedestrian that is out of sight
+    and still remembered goes on at constant velocity: it counts as `seen`, and its `age` tells.
+
+    Attributes:
+        position: Centres in metres.
+        velocity: Velocities of the last step in m/s.
+        radius: Radii in metres.
+        seen: Whether the vehicle sees the pedestrian now, or remembers it.
+        history: The last 8 positions in metres, from the oldest to the current one. Before the first observed
+            position, that one is repeated.
+        observed: Number of positions in `history` since the pedestrian was first observed.
+        age: Time in seconds since the pedestrian was where it was last observed: 0 if it is seen now, infinite if it is
+            neither seen nor remembered.
+        filled: Which positions since the pedestrian was first observed were not observed, but filled in: on the line
+            between those before and after, or ahead at constant velocity. None if none ever is.
+    """
+
+    position: Float[np.ndarray, "*world pedestrian 2"]
+    velocity: Float[np.ndarray, "*world pedestrian 2"]
+    radius: Float[np.ndarray, "*world pedestrian"]
+    seen: Bool[np.ndarray, "*world pedestrian"]
+    history: Float[np.ndarray, "*world time pedestrian 2"]
+    observed: Int[np.ndarray, "*world pedestrian"]
+    age: Float[np.ndarray, "*world pedestrian"]
+    filled: Bool[np.ndarray, "*world time pedestrian"] | None = None
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a planner is given at each decision, for every world that is still running.
+
+    Worlds whose episode has ended leave the batch, so that a planner with a memory must find its entries by `row`. A
+    planner for one world at a time is given the same without the world axis.
+
+    A planner is not told which case it drives, so that it cannot look up what it may not see. The start positions still
+    identify the case to whoever knows the scenario with its seed.
+
+    Attributes:
+        vehicle: The vehicle's own state and goal.
+        pedestrians: What it sees of the pedestrians.
+        obstacles: Polygons in metres, NaN after the last corner and the last polygon. Two corners make a wall.
+        row: Number of each world in the batch as it started: the same during the whole episode.
+        noise_key: Start of the noise of each world.
+        step: Steps done so far.
+        dt: Length of a step in seconds.
+        future: The pedestrians' next velocities in m/s; None unless the planner is privileged.
+        logs: What the planner has logged in this decision, by name; None where nothing is recorded.
+        lidar: Distance in metres at which each beam meets a person or an obstacle, from the vehicle's position, or the
+            lidar's range where it meets none; see `crowdbench.core.types.Lidar`. None without a lidar.
+    """
+
+    vehicle: Vehicle
+    pedestrians: Pedestrians
+    obstacles: Float[np.ndarray, "*world polygon corner 2"]
+    row: Int[np.ndarray, "*world"]
+    noise_key: UInt[np.ndarray, "*world"]
+    step: Int[np.ndarray, "*world"]
+    dt: float
+    future: Float[np.ndarray, "*world pedestrian 2"] | None = None
+    logs: dict[str, np.ndarray] | None = None
+    lidar: Float[np.ndarray, "*world beam"] | None = None
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def take(self, rows: np.ndarray | slice) -> Observation:
+        """A copy of the given rows (a mask, indices or a slice). Its `log` records nothing."""
+        return self.rows(lambda array: array[rows].copy(), logs=None)
+
+    def rows(
+        self,
+        chosen: Callable[[np.ndarray], np.ndarray],
+        logs: dict[str, np.ndarray] | None,
+    ) -> Observation:
+        """The observation of some of the worlds.
+
+        Args:
+            chosen: Takes the part of an array `[world, ...]` that belongs to these worlds.
+            logs: Receives what is logged in the new observation.
+
+        Returns:
+            An observation with the chosen part of each array.
+        """
+        vehicle, pedestrians = _chosen(self.vehicle, chosen), _chosen(self.pedestrians, chosen)
+        return dataclasses.replace(_chosen(self, chosen), vehicle=vehicle, pedestrians=pedestrians, logs=logs)
+
+    @property
+    def time(self) -> Float[np.ndarray, "*world"]:
+        """Seconds since the start."""
+        return np.asarray(self.step * self.dt)
+
+    def everybody(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "world agent 2"],
+        Float[np.ndarray, "world agent 2"],
+        Float[np.ndarray, "world agent"],
+        Bool[np.ndarray, "world agent"],
+    ]:
+        """All agents in common arrays, the vehicle first, as the smallest disc around its body. Only for batches.
+
+        Returns:
+            Position in metres, velocity in m/s, radius in metres, and whether the agent is seen (always, for the
+            vehicle).
+        """
+        vehicle, crowd = self.vehicle, self.pedestrians
+        position, radius = hull(vehicle.body, vehicle.position, vehicle.heading, vehicle.radius)
+        return (
+            np.concatenate([position[:, None], crowd.position], axis=1),
+            np.concatenate([vehicle.velocity[:, None], crowd.velocity], axis=1),
+            np.concatenate([radius[:, None], crowd.radius], axis=1),
+            np.concatenate([np.ones((len(self), 1), bool), crowd.seen], axis=1),
+        )
+
+    def noise(self, purpose: str, shape: tuple[int, ...]) -> Float[np.ndarray, "*world *shape"]:
+        """Standard normal noise that depends only on seed, split, case, step, purpose and its own indices.
+
+        Repeated calls return the same noise, in any batch. A longer axis only adds numbers, so that noise for
+        `(pedestrians, 3)` is the same with any padding.
+
+        Args:
+            purpose: A name; each name has its own noise.
+            shape: Shape of the noise of one world, with at most five axes.
+
+        Raises:
+            InputError: The shape has more axes, or a negative or huge one.
+        """
+        drawn = rng.normal(np.atleast_1d(self.noise_key), purpose, np.atleast_1d(self.step), tuple(shape))
+        return drawn.reshape(*np.shape(self.noise_key), *shape)
+
+    def true_next(self) -> Float[np.ndarray, "*world pedestrian 2"]:
+        """The velocities in m/s that the pedestrians will take in this step.
+
+        Raises PermissionError unless the planner is `privileged`.
+        """
+        if self.future is None:
+            raise PermissionError(
+                "true_next() shows what no vehicle can see: only a planner with `privileged = True` may call it"
+            )
+        return self.future
+
+    def log(self, name: str, values: np.ndarray | float) -> None:
+        """Record an array of the planner's own.
+
+        Args:
+            name: Letters, digits and underscores, a letter first.
+            values: `[world]` or `[world, n]` become curves over time, `[world, n, 2]` points in metres, `[world, n, 3]`
+                commands, each a velocity in m/s and its value, as arrows from the vehicle, and
+                `[world, ..., time, n, 2]` lines over time, in metres, from the next step on; with a third number, the
+                line's weight, `[world, ..., time, n, 3]`, they are coloured by it.
+
+        Raises:
+            InputError: The name has other characters, or the values are no numbers with one entry per world.
+        """
+        if not name.isidentifier():
+            raise InputError(
+                f"a log is called {name!r}, but its name must be letters, digits and underscores, a letter first"
+            )
+        if self.logs is not None:
+            self.logs[name] = self._logged(name, values)
+
+    def _logged(self, name: str, values: object) -> Float[np.ndarray, "*world *shape"]:
+        """What is logged as an array of its own."""
+        try:
+            array = np.array(values, np.float64, subok=False)
+        except (TypeError, ValueError):
+            raise InputError(f"the log {name} is a {type(values).__name__}, but must be an array of numbers") from None
+        worlds = np.shape(self.row)
+        if array.shape[: len(worlds)] != worlds:
+            raise InputError(
+                f"the log {name} has shape {list(array.shape)}, but its first axis must be the {len(self)} worlds"
+            )
+        return array
+
+
+def _chosen(part: Part, chosen: Callable[[np.ndarray], np.ndarray]) -> Part:
+    """A copy of a dataclass with the chosen part of each array."""
+    fields = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+    arrays = {name: chosen(value) for name, value in fields.items() if isinstance(value, np.ndarray)}
+    return dataclasses.replace(part, **arrays)  # type: ignore[arg-type]

@@ -1,0 +1,220 @@
+"""The rules of a scenario, how an episode can end, and the vehicle's sensor: whom it sees, how exactly, how late."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.dynamics import DISC, DYNAMICS, FREE, Body, Dynamics
+from crowdbench.utils.errors import InputError
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what is measured of a person, the same in x and y.
+
+    Attributes:
+        position: In metres.
+        velocity: In m/s.
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A ring of beams around the vehicle's position.
+
+    Attributes:
+        beams: Their number. The first one points along the heading, the others follow counter-clockwise.
+        range: Length of a beam in metres.
+    """
+
+    beams: int
+    range: float
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What the vehicle sees of pedestrians. The default sees everybody exactly and at once.
+
+    Attributes:
+        range: Largest distance in metres between the rims of the vehicle and of a person that is seen, that is between
+            their centres, less both radii (as in CrowdNav++, Liu et al. 2023); None for any distance.
+        field_of_view: Angle in degrees, half of it on each side of the heading, in which a person's centre is seen.
+        occlusion: Whether walls and other people hide persons.
+        noise: Normal noise of each measurement.
+        missed: Probability that a person who could be seen is not detected in a step.
+        delay: Number of steps after which a measurement arrives.
+        remember: Seconds for which a person of whom no more measurements arrive stays in the observation, where it
+            goes on at constant velocity.
+        lidar: The lidar, if there is one. It is exact and has no delay.
+        nearest: How many pedestrians planners are shown at most, the nearest ones; None for all.
+    """
+
+    range: float | None = None
+    field_of_view: float = 360.0
+    occlusion: bool = False
+    noise: Noise = Noise()
+    missed: float = 0.0
+    delay: int = 0
+    remember: float = 0.0
+    lidar: Lidar | None = None
+    nearest: int | None = None
+
+    @cached_property
+    def sees_all(self) -> bool:
+        """Whether it sees everybody exactly and at once, even if it shows the nearest only."""
+        return Sensor(remember=self.remember, lidar=self.lidar, nearest=self.nearest) == self
+
+    def steps_remembered(self, dt: float) -> int:
+        """For how many steps of `dt` seconds a person is remembered."""
+        return int(self.remember / dt + 1e-9)
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any]) -> Sensor:
+        """The sensor of a table with its attributes, as `dataclasses.asdict` and scenario files have them."""
+        lidar = table.get("lidar")
+        made = {**table, "noise": Noise(**table.get("noise", {})), "lidar": None if lidar is None else Lidar(**lidar)}
+        return cls(**made)
+
+
+PERFECT = Sensor()
+"""Sees everybody exactly and at once, and has no lidar."""
+
+
+HISTORY = 8
+"""Number of positions in the history of a pedestrian, including the current one."""
+
+COLLISION_RULES = ("swept", "crowdnav", "crowdnav_plus")
+"""The collision tests, see `crowdbench.sim.episode`."""
+
+DISCOMFORT_GAP = 0.2
+"""A gap to a pedestrian smaller than this, in metres, is discomfort (Chen et al. 2019)."""
+
+
+class Outcome(enum.IntEnum):
+    """How an episode ended, or that it is still running.
+
+    `COLLISION` is a collision with a pedestrian, `WALL_COLLISION` one with an obstacle.
+    """
+
+    RUNNING = 0
+    SUCCESS = 1
+    COLLISION = 2
+    TIMEOUT = 3
+    WALL_COLLISION = 4
+
+    @property
+    def label(self) -> str:
+        """Its name in files and tables, in lower case."""
+        return self.name.lower()
+
+
+class RuleNumbers(NamedTuple):
+    """The rules of a step as kernels take them.
+
+    Attributes:
+        code: The code of the vehicle's dynamics.
+        limits: Its `Dynamics.limits`.
+        body: Where the centres of its discs are, in metres ahead of its position.
+        goal_tolerance: In metres; 0 stands for the vehicle's radius.
+        collision: Index of the collision rule in `COLLISION_RULES`.
+        dt: Length of a step in seconds.
+        max_steps: Steps after which an episode times out.
+    """
+
+    code: int
+    limits: Float[np.ndarray, "3"]
+    body: Float[np.ndarray, "disc"]
+    goal_tolerance: float
+    collision: int
+    dt: float
+    max_steps: int
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What is the same in all cases of a scenario.
+
+    Attributes:
+        dt: Length of a step in seconds.
+        time_limit: The first step that starts at or after `time_limit` - 1 s ends in a time-out (as in CrowdNav).
+        collision: `swept` (true relative motion over the step), `crowdnav` (every pedestrian is moved, for the
+            collision test alone, with its velocity before the step), or `crowdnav_plus` (positions before the step,
+            for collision and arrival).
+        visible: Whether pedestrians see the vehicle.
+        sees_vehicle: Of a visible vehicle, the share of the pedestrians who see it.
+        dynamics: How the vehicle moves.
+        goal_tolerance: Distance in metres to its goal below which the vehicle has arrived; None stands for its radius.
+        body: The discs that the vehicle consists of.
+        sensor: What the vehicle sees of pedestrians.
+
+    Raises:
+        InputError: `collision` is not one of `COLLISION_RULES`.
+    """
+
+    dt: float = 0.25
+    time_limit: float = 25.0
+    collision: str = "swept"
+    visible: bool = False
+    sees_vehicle: float = 1.0
+    dynamics: Dynamics = FREE
+    goal_tolerance: float | None = None
+    body: Body = DISC
+    sensor: Sensor = PERFECT
+
+    def __post_init__(self) -> None:
+        if self.collision not in COLLISION_RULES:
+            raise InputError(f"collision is {self.collision!r}, but must be one of {', '.join(COLLISION_RULES)}")
+
+    # Computed once, because they are read in every step.
+    @cached_property
+    def max_steps(self) -> int:
+        """The number of steps of an episode that ends in a time-out."""
+        return math.ceil((self.time_limit - 1.0) / self.dt - 1e-9) + 1
+
+    @cached_property
+    def numbers(self) -> RuleNumbers:
+        """The rules as kernels take them."""
+        return RuleNumbers(
+            self.dynamics.code,
+            self.dynamics.limits,
+            np.array(self.body),
+            self.goal_tolerance or 0.0,
+            COLLISION_RULES.index(self.collision),
+            self.dt,
+            self.max_steps,
+        )
+
+    def to_table(self) -> dict[str, Any]:
+        """The rules as JSON has them. Of the vehicle, it has what differs from a holonomic disc with perfect sight."""
+        table = dataclasses.asdict(self)
+        for field in ("sees_vehicle", "dynamics", "goal_tolerance", "body", "sensor"):
+            if getattr(self, field) == getattr(Rules, field):
+                del table[field]
+        if "dynamics" in table:
+            table["dynamics"]["name"] = self.dynamics.name
+        return table
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any]) -> Rules:
+        """The rules that `to_table` has written."""
+        found = dict(table)
+        if "dynamics" in found:
+            limits = dict(found["dynamics"])
+            found["dynamics"] = DYNAMICS[limits.pop("name")](**limits)
+        if "body" in found:
+            found["body"] = tuple(found["body"])
+        if "sensor" in found:
+            found["sensor"] = Sensor.of_table(found["sensor"])
+        return cls(**found)

@@ -1,0 +1,142 @@
+"""A batch of running simulations."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt
+
+from crowdbench.core.types.rules import Rules
+
+
+@dataclass(frozen=True)
+class World:
+    """A batch of running simulations. Immutable: a step of the simulator returns a new one.
+
+    Padding: in worlds with fewer pedestrians than the largest one, the other agents are not `present`. They are at the
+    origin with radius and speed 1, so that no formula divides by zero. Polygons, corners and waypoints after the last
+    one of a world are NaN.
+
+    Attributes:
+        case: Number of the case within its split.
+        key: Start of the random streams of the case. It tells the whole case, so that planners do not see it.
+        noise_key: Start of the noise of planners.
+        step: Steps done so far.
+        position: Centres in metres.
+        velocity: Velocities of the last step in m/s.
+        heading: Direction in which the vehicle faces, in radians. A holonomic vehicle faces where it last moved, and
+            its goal before it has moved; one on wheels faces its first waypoint then, or its goal.
+        angular_speed: Change of the heading in the last step, divided by dt, in rad/s.
+        origin: Where each agent's way to its goal began, in metres.
+        goal: Where each agent is going, in metres.
+        route: Waypoints on the way to the goal, in metres.
+        waypoint: Index in `route` of each agent's next waypoint; the number of its waypoints after it has reached the
+            last one.
+        radius: Radii in metres.
+        preferred_speed: Preferred and largest speed in m/s.
+        present: Whether the agent exists in this world now.
+        person: Number of each pedestrian as a person, unique within the case; -1 in the padding. Somebody who takes the
+            place of another one in these arrays has another number.
+        since: The step after which each person came; 0 for those who were there from the start.
+        track: Where recorded people were at each step, in metres; NaN who was not there. Its axis of moments is empty
+            where nobody was recorded.
+        group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
+        history: The pedestrians' last positions in metres, from the oldest to the current one. Until there are enough,
+            the first position is repeated before it.
+        obstacles: Polygons in metres. Two corners make a wall that can be touched from both sides.
+        policy: The policy that moves each pedestrian, as an index into `parameters`.
+        parameters: By policy and name, the parameters of the policies (column 0, the vehicle's, is not used).
+        memory: By policy, arrays `[world, ...]` that a policy with a memory keeps between steps, in mappings that may
+            be nested; empty for other policies. See `crowdbench.sim.pedestrians.base.PolicyWithMemory`.
+        rules: The rules of the scenario.
+        sight: What the vehicle has seen of the pedestrians so far, see `crowdbench.sim.sight`; empty where it sees
+            everybody exactly and at once.
+    """
+
+    case: Int[np.ndarray, "world"]
+    key: UInt[np.ndarray, "world"]
+    noise_key: UInt[np.ndarray, "world"]
+    step: Int[np.ndarray, "world"]
+    position: Float[np.ndarray, "world agent 2"]
+    velocity: Float[np.ndarray, "world agent 2"]
+    heading: Float[np.ndarray, "world"]
+    angular_speed: Float[np.ndarray, "world"]
+    origin: Float[np.ndarray, "world agent 2"]
+    goal: Float[np.ndarray, "world agent 2"]
+    route: Float[np.ndarray, "world agent waypoint 2"]
+    waypoint: Int[np.ndarray, "world agent"]
+    radius: Float[np.ndarray, "world agent"]
+    preferred_speed: Float[np.ndarray, "world agent"]
+    present: Bool[np.ndarray, "world agent"]
+    person: Int[np.ndarray, "world pedestrian"]
+    since: Int[np.ndarray, "world pedestrian"]
+    track: Float[np.ndarray, "world moment pedestrian 2"]
+    group: Int[np.ndarray, "world pedestrian"]
+    history: Float[np.ndarray, "world time pedestrian 2"]
+    obstacles: Float[np.ndarray, "world polygon corner 2"]
+    policy: Int[np.ndarray, "world pedestrian"]
+    parameters: Mapping[str, Mapping[str, Float[np.ndarray, "world agent"]]]
+    memory: Mapping[str, Any]
+    rules: Rules
+    sight: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.case)
+
+    def replace(self, **changes: object) -> World:
+        """A copy in which the named fields have other values.
+
+        Raises TypeError where there is no such field.
+        """
+        # By hand, because `dataclasses.replace` would take as long as the rest of a step of one world.
+        fields = self.__dict__ | changes
+        if len(fields) != len(self.__dict__):
+            raise TypeError(f"a World has no field {', '.join(changes.keys() - self.__dict__.keys())}")
+        copy = object.__new__(World)
+        object.__setattr__(copy, "__dict__", fields)
+        return copy
+
+    def take(self, rows: np.ndarray) -> World:
+        """The worlds in the given rows (a mask or indices)."""
+        # A mask is searched once and not for each array.
+        indices = np.flatnonzero(rows) if rows.dtype == bool else rows
+        return self._map(lambda own: own.take(indices, axis=0))
+
+    def put(self, rows: Int[np.ndarray, "row"], others: World) -> World:
+        """A copy in which some worlds are replaced.
+
+        Args:
+            rows: Which ones.
+            others: What they are replaced by, one world per row, of the same scenario.
+        """
+
+        def replaced(own: np.ndarray, other: np.ndarray) -> np.ndarray:
+            # Routes and obstacles are as long as the longest of the batch.
+            both = _wider(own, other.shape).copy()
+            both[rows] = _wider(other, own.shape)
+            return both
+
+        return self._map(replaced, others)
+
+    def _map(self, function: Callable[..., np.ndarray], *others: World) -> World:
+        """Apply a function to each array of this object and the same array of the others."""
+        fields = {name: value for name, value in vars(self).items() if name != "rules"}
+        made = {name: _nested(function, value, *(vars(one)[name] for one in others)) for name, value in fields.items()}
+        return World(**made, rules=self.rules)
+
+
+def _wider(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """An array with NaN after the end of each axis, but for the first one, along which `shape` is longer."""
+    missing = [(0, max(0, wish - own)) for own, wish in zip(array.shape[1:], shape[1:], strict=True)]
+    return np.pad(array, [(0, 0), *missing], constant_values=np.nan) if any(after for _, after in missing) else array
+
+
+def _nested(function: Callable[..., np.ndarray], first: Any, *others: Any) -> Any:
+    """Apply a function to arrays, or to the arrays with the same names in nested mappings."""
+    if isinstance(first, np.ndarray):
+        return function(first, *others)
+    return {name: _nested(function, value, *(other[name] for other in others)) for name, value in first.items()}

@@ -1,0 +1,236 @@
+"""The one drawing of an episode seen from above: who is where, as shapes in metres that any library can draw.
+
+`figures.episode` draws them with Matplotlib, `envs.render` with pygame. (A recording shows the same in Rerun, which
+draws in its own way: `record.drawing`.)
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core.dynamics import Holonomic, nose, outline
+from crowdbench.core.geometry import Discs, nearest_in_step, polygons, turn
+from crowdbench.core.types import Rules, Trace, World
+from crowdbench.drawing.palette import LIGHT, Color, Palette
+from crowdbench.sim.episode import fill_motion
+from crowdbench.sim.swept import gaps_on_arc
+
+CROWD = 100
+"""The ways of more agents than this would cover the picture: then they are left out."""
+
+_ANGLES = np.arange(10) * np.pi / 5.0 + np.pi / 2.0
+_STAR = np.resize([0.2, 0.08], 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+
+
+class Line(NamedTuple):
+    """A line through points in metres. Its width is in points, of which an inch has 72."""
+
+    points: Float[np.ndarray, "point 2"]
+    color: Color
+    width: float
+
+
+class Disc(NamedTuple):
+    """A disc in metres. It is filled, or has a rim whose width is in points, or both."""
+
+    centre: Float[np.ndarray, "2"]
+    radius: float
+    face: Color | None
+    edge: Color | None = None
+    width: float = 0.6
+
+
+class Polygon(NamedTuple):
+    """A polygon, with its corners in metres. Two corners are a line."""
+
+    corners: Float[np.ndarray, "corner 2"]
+    face: Color
+    edge: Color
+    width: float
+
+
+class Text(NamedTuple):
+    """A text whose centre, or whose left end, is at a point in metres. Its size is in points."""
+
+    at: Float[np.ndarray, "2"]
+    text: str
+    color: Color
+    size: float = 6.0
+    is_left: bool = False
+
+
+Shape = Line | Disc | Polygon | Text
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One moment of an episode, the last of some states.
+
+    Attributes:
+        step: Numbers of the states.
+        position: Where the agents were in each state, in metres, NaN where one was not there.
+        velocity: In m/s, in the step before each state.
+        heading: The vehicle's, in radians.
+        person: Number of each pedestrian as a person.
+        goal: In metres, now, as is all that follows.
+        radius: In metres.
+        seen: Whether the vehicle sees the pedestrian.
+        obstacles: Polygons in metres, NaN after the last corner.
+        rules: The rules of the scenario.
+    """
+
+    step: Int[np.ndarray, "time"]
+    position: Float[np.ndarray, "time agent 2"]
+    velocity: Float[np.ndarray, "time agent 2"]
+    heading: Float[np.ndarray, "time"]
+    person: Int[np.ndarray, "time pedestrian"]
+    goal: Float[np.ndarray, "agent 2"]
+    radius: Float[np.ndarray, "agent"]
+    seen: Bool[np.ndarray, "pedestrian"]
+    obstacles: Float[np.ndarray, "polygon corner 2"]
+    rules: Rules
+
+    @classmethod
+    def of_trace(cls, trace: Trace, row: int, state: int) -> Moment:
+        """A state of the episode in a row of a trace."""
+        until, now = (row, slice(state + 1)), (row, state)
+        return cls(
+            np.arange(state + 1),
+            trace.position[until],
+            trace.velocity[until],
+            trace.heading[until],
+            trace.person[until],
+            trace.goal[now],
+            trace.radius[now],
+            trace.seen[now],
+            trace.obstacles[row],
+            trace.rules,
+        )
+
+    @classmethod
+    def of_worlds(cls, shown: Sequence[World]) -> Moment:
+        """The last of several worlds, which are states of one episode, each a batch of one."""
+        now = shown[-1]
+        return cls(
+            np.concatenate([one.step for one in shown]),
+            np.concatenate([np.where(one.present[..., None], one.position, np.nan) for one in shown]),
+            np.concatenate([one.velocity for one in shown]),
+            np.concatenate([one.heading for one in shown]),
+            np.concatenate([one.person for one in shown]),
+            now.goal[0],
+            now.radius[0],
+            now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:],
+            now.obstacles[0],
+            now.rules,
+        )
+
+    @functools.cached_property
+    def hit(self) -> list[int]:
+        """Whom the vehicle has hit in the last step, as agents."""
+        return (1 + np.flatnonzero(self.gaps() < 0.0)).tolist()
+
+    def gaps(self) -> Float[np.ndarray, "pedestrian"]:
+        """The smallest distance in metres between the rims of the vehicle and each pedestrian in the last step.
+
+        By the rule of the collision check; infinite of those who were not there before and after it.
+        """
+        gaps = np.full(len(self.seen), np.inf)
+        if len(self.step) < 2 or self.step[-1] - self.step[-2] != 1:
+            return gaps
+        there = np.isfinite(self.position[-2:, :, 0]).all(axis=0)
+        (before, now), rules = self.position[-2:], self.rules
+        motion = np.empty(now.shape)
+        fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion)
+        place, motion = np.nan_to_num(before), np.nan_to_num(motion)
+        drive = self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn(*self.heading[-2:]) / rules.dt, rules.dt
+        for agent in range(1, len(there)):
+            pair = Discs(place, motion, self.radius, there & (np.arange(len(there)) == agent))
+            if isinstance(rules.dynamics, Holonomic):
+                gaps[agent - 1], _ = nearest_in_step(0, pair)
+            else:
+                gaps[agent - 1], _ = gaps_on_arc(rules.numbers.body, *drive, pair, np.empty((0, 0, 2)))
+        return gaps
+
+
+def pedestrian_hit(trace: Trace, row: int) -> int:
+    """Number of the pedestrian nearest to the vehicle in the last step, by the rule of the collision check."""
+    return int(np.argmin(Moment.of_trace(trace, row, int(trace.steps[row])).gaps()))
+
+
+def extent(
+    position: Float[np.ndarray, "*_ 2"],
+    goal: Float[np.ndarray, "*_ 2"],
+    obstacles: Float[np.ndarray, "polygon corner 2"],
+    margin: float,
+) -> Float[np.ndarray, "2 2"]:
+    """The smallest and the largest x and y that an episode needs, in metres.
+
+    Args:
+        position: Where agents are, NaN of those who are not there.
+        goal: Goals that are shown.
+        obstacles: As in a `World`.
+        margin: The space around them, in metres.
+    """
+    points = np.concatenate([position.reshape(-1, 2), goal.reshape(-1, 2), *polygons(obstacles)])
+    return np.stack([np.nanmin(points, axis=0) - margin, np.nanmax(points, axis=0) + margin])
+
+
+def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
+    """The paths in metres of all who had the place of one agent, each in a line; `same` tells who stayed in a step."""
+    parts = np.split(position, np.flatnonzero(~same) + 1)
+    return [part[np.isfinite(part[:, 0])] for part in parts if np.isfinite(part[:, 0]).sum() > 1]
+
+
+def draw_moment(moment: Moment, corner: Float[np.ndarray, "2"], palette: Palette = LIGHT) -> Iterator[Shape]:
+    """What a picture of a moment shows, from the ground up. An arrow is the way of the next second.
+
+    Args:
+        moment: The moment.
+        corner: Lower left corner of the picture in metres.
+        palette: Its colours.
+    """
+    for corners in polygons(moment.obstacles):
+        yield Polygon(corners, palette.faint, palette.wall, 1.0)
+    bar = corner + 0.3 + np.array([[0.0, 0.0], [1.0, 0.0]])
+    yield Line(bar, palette.text, 1.0)
+    yield Text(bar.mean(axis=0) + np.array([0.0, 0.25]), "1 m", palette.text)
+    near = moment.rules.goal_tolerance or float(moment.radius[0])
+    yield Polygon(moment.goal[0] + _STAR, palette.vehicle, palette.vehicle, 0.3)
+    yield Disc(moment.goal[0], near, None, palette.vehicle)
+    colors = [palette.vehicle, *(palette.pedestrian if seen else palette.hidden for seen in moment.seen.tolist())]
+    trails = [palette.vehicle] + [palette.walked] * len(moment.seen)
+    for agent in moment.hit:
+        colors[agent] = trails[agent] = palette.failure
+    stayed = np.ones((len(moment.step) - 1, len(colors)), bool)
+    stayed[:, 1:] = np.diff(moment.person, axis=0) == 0
+    # The vehicle is drawn last, so that nothing hides it.
+    for agent in reversed(range(len(colors))) if len(colors) <= CROWD else ():
+        for path in paths(moment.position[:, agent], stayed[:, agent]):
+            yield Line(path, trails[agent], 1.6 if agent == 0 else 0.8)
+    arrows: list[Shape] = []
+    for agent in np.flatnonzero(np.isfinite(moment.position[-1, :, 0]))[::-1].tolist():
+        here = moment.position[-1, agent]
+        yield Disc(here, float(moment.radius[agent]), colors[agent], palette.background)
+        arrows += _arrow(here, moment.velocity[-1, agent], palette.text)
+    if not isinstance(moment.rules.dynamics, Holonomic):
+        place = moment.rules.body, moment.position[-1, 0], moment.heading[-1, ...], float(moment.radius[0])
+        yield Polygon(outline(*place), palette.vehicle, palette.text, 1.0)
+        yield Line(nose(*place), palette.text, 1.0)
+    yield from arrows
+
+
+def _arrow(start: Float[np.ndarray, "2"], vector: Float[np.ndarray, "2"], color: Color) -> list[Shape]:
+    """An arrow from a point in metres; nothing where it has no length."""
+    length = float(np.hypot(*vector))
+    if length < 1e-3:
+        return []
+    tip, along = start + vector, vector / length * 0.15
+    across = np.array([-along[1], along[0]]) * 0.6
+    head = np.stack([tip, tip - along + across, tip - along - across])
+    return [Line(np.stack([start, tip - along]), color, 0.8), Polygon(head, color, color, 0.3)]

@@ -1,1 +1,0 @@
-"""Evaluation: drive a planner through cases, measure what happened, keep and compare results."""

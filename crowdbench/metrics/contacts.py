@@ -1,0 +1,153 @@
+"""Metrics of collisions with pedestrians: how fast, and who ran into whom."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core.geometry import Discs, nearest_in_step, norm
+from crowdbench.core.types import Trace
+from crowdbench.metrics.motion import STANDSTILL
+from crowdbench.metrics.outcomes import person_collision_rate
+from crowdbench.metrics.sums import dot
+from crowdbench.utils.compiled import njit
+
+BEHIND = np.cos(np.radians(45.0))
+"""Who is within 45 degrees of straight behind somebody is behind him."""
+
+
+class _Contacts(NamedTuple):
+    """Collisions with pedestrians.
+
+    Attributes:
+        row: The world of each of them.
+        normal: Direction from the vehicle to the pedestrian at the first contact, of length 1.
+        vehicle: Velocity in m/s of that disc of the vehicle that was touched, in the step.
+        pedestrian: Velocity of the pedestrian in m/s.
+    """
+
+    row: Int[np.ndarray, "contact"]
+    normal: Float[np.ndarray, "contact 2"]
+    vehicle: Float[np.ndarray, "contact 2"]
+    pedestrian: Float[np.ndarray, "contact 2"]
+
+
+def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Relative speed of the vehicle and the pedestrian with whom it collided, over collisions with pedestrians [m/s].
+
+    The pedestrian is the one who was nearest in the last step, in which both moved at constant velocity.
+    """
+    found = _contacts(trace)
+    speed = np.full(len(trace), np.nan)
+    speed[found.row] = norm(found.pedestrian - found.vehicle)
+    return speed
+
+
+def struck_standing_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended with a pedestrian walking into the vehicle, which stood [1].
+
+    Slower than 0.05 m/s in the last step.
+    """
+    found = _contacts(trace)
+    stood = norm(trace.velocity[found.row, trace.steps[found.row], 0]) < STANDSTILL
+    return _of_worlds(trace, found, stood & (norm(found.pedestrian) >= STANDSTILL))
+
+
+def struck_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended with a pedestrian walking into the vehicle's back [1].
+
+    The pedestrian was within 45 degrees of straight behind the vehicle's disc that was touched, which did not move
+    towards him.
+    """
+    found = _contacts(trace)
+    heading = trace.heading[found.row, trace.steps[found.row]]
+    faces = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    is_behind = dot(faces, found.normal) <= -BEHIND
+    return _of_worlds(trace, found, is_behind & (dot(found.vehicle, found.normal) <= 0.0))
+
+
+def hit_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended with the vehicle driving into a pedestrian's back [1].
+
+    The pedestrian walked, at 0.05 m/s or more, and the vehicle was within 45 degrees of straight behind him.
+    """
+    found = _contacts(trace)
+    pace = norm(found.pedestrian)
+    is_behind = dot(found.pedestrian, found.normal) >= BEHIND * pace
+    return _of_worlds(trace, found, is_behind & (pace >= STANDSTILL))
+
+
+def _of_worlds(trace: Trace, found: _Contacts, holds: Bool[np.ndarray, "contact"]) -> Bool[np.ndarray, "world"]:
+    """Whether something holds of the collision of each world; not where there is none."""
+    values = np.zeros(len(trace), bool)
+    values[found.row] = holds
+    return values
+
+
+def _contacts(trace: Trace) -> _Contacts:
+    """The collisions with pedestrians, as everybody moved in the last step."""
+    row = np.flatnonzero(person_collision_rate(trace))
+    ends = np.stack([trace.steps[row] - 1, trace.steps[row]], axis=1)
+    position, heading = trace.position[row[:, None], ends], trace.heading[row[:, None], ends]
+    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    body = np.array(trace.rules.body)
+    discs = position[:, :, :1] + body[:, None] * direction[:, :, None]
+    radius = trace.radius[row, ends[:, 0]]
+    person = trace.person[row[:, None], ends]
+    there = np.isfinite(position[:, :, 1:]).all(axis=(1, 3)) & (person[:, 0] == person[:, 1])
+    touched = _find_touched(discs, np.ascontiguousarray(position), np.ascontiguousarray(radius), there)
+    each = np.arange(len(row))
+    disc, pedestrian = discs[each, :, touched[:, 0]], position[each, :, touched[:, 1]]
+    between, motion = pedestrian[:, 0] - disc[:, 0], np.diff(pedestrian - disc, axis=1)[:, 0]
+    reach = radius[:, 0] + radius[each, touched[:, 1]]
+    at_contact = between + _first_touch(between, motion, reach)[:, None] * motion
+    dt = trace.rules.dt
+    return _Contacts(
+        row,
+        at_contact / np.maximum(norm(at_contact), np.finfo(float).tiny)[:, None],
+        (disc[:, 1] - disc[:, 0]) / dt,
+        (pedestrian[:, 1] - pedestrian[:, 0]) / dt,
+    )
+
+
+def _first_touch(
+    between: Float[np.ndarray, "contact 2"], motion: Float[np.ndarray, "contact 2"], reach: Float[np.ndarray, "contact"]
+) -> Float[np.ndarray, "contact"]:
+    """The share of a step after which two discs touch, or else after which they are nearest.
+
+    `between` is the way from the one to the other before the step, `motion` how it changes, `reach` the sum of radii.
+    """
+    a, b, c = dot(motion, motion), dot(between, motion), dot(between, between) - reach**2
+    root = np.sqrt(np.maximum(b**2 - a * c, 0.0))
+    share = np.where(a > 0.0, (-b - root) / np.where(a > 0.0, a, 1.0), 0.0)
+    return np.clip(share, 0.0, 1.0)
+
+
+@no_type_check
+@njit
+def _find_touched(discs, position, radius, there):
+    """The disc and the pedestrian that came nearest to each other in a step.
+
+    Args:
+        discs: `[contact, 2, disc, 2]`, centres of the vehicle's discs before and after the step, in metres.
+        position: `[contact, 2, agent, 2]`, positions before and after it, in metres.
+        radius: `[contact, agent]`, in metres.
+        there: `[contact, pedestrian]`, who was there before and after it.
+
+    Returns:
+        `[contact, 2]`, the index of the disc, and that of the agent.
+    """
+    touched = np.zeros((len(discs), 2), np.int64)
+    agents = radius.shape[1]
+    begin, motion, counts = np.empty((agents, 2)), np.empty((agents, 2)), np.zeros(agents, np.bool_)
+    for w in range(len(discs)):
+        begin[:], motion[:], counts[1:] = position[w, 0], position[w, 1] - position[w, 0], there[w]
+        least = np.inf
+        for d in range(discs.shape[2]):
+            begin[0], motion[0] = discs[w, 0, d], discs[w, 1, d] - discs[w, 0, d]
+            gap, nearest = nearest_in_step(0, Discs(begin, motion, radius[w], counts))
+            if gap < least:
+                least, touched[w, 0], touched[w, 1] = gap, d, nearest
+    return touched

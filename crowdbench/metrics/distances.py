@@ -1,0 +1,198 @@
+"""Metrics of the distances that the vehicle keeps, from pedestrians, their groups and obstacles."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import DISCOMFORT_GAP, Trace
+from crowdbench.metrics.sums import dot, total
+
+HALL_ZONES = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
+"""Outer bounds in metres of the zones of Hall (1966)."""
+
+PERSONAL_SPACE = 0.5
+"""Gap in metres that keeps out of a pedestrian's personal space (Francis et al. 2023)."""
+
+INTRUSION_STEPS = 5
+"""So many steps ahead a pedestrian's own way is looked at, of CrowdNav++ (Liu et al. 2023)."""
+
+INTRUSION_DISTANCE = 0.6
+"""Distance between centres in metres below which the vehicle is in a pedestrian's way (Liu et al. 2023)."""
+
+
+def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Smallest gap between vehicle and pedestrians, as the simulator's collision check measured it [m].
+
+    The gap is the distance between the rims of two discs: negative where they overlapped. Undefined where there are
+    no pedestrians.
+    """
+    gap = np.nanmin(trace.gap, axis=1)
+    return np.where(np.isfinite(gap), gap, np.nan)
+
+
+def clearing_distance(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Smallest distance between the vehicle's rim and the obstacles [m].
+
+    Francis et al. (2023). Undefined where there are no obstacles.
+    """
+    gap = np.nanmin(trace.wall_gap, axis=1)
+    return np.where(np.isfinite(gap), gap, np.nan)
+
+
+def discomfort(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps with a gap to a pedestrian below 0.2 m [1]."""
+    return total(1.0 * (trace.gap < DISCOMFORT_GAP)) / trace.steps
+
+
+def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of all steps with a gap below 0.2 m that did not end the episode, pooled as in CrowdNav [1].
+
+    Differs from CrowdNav because an episode that times out counts its own steps, not those of the whole time limit.
+    """
+    before_last = np.arange(trace.gap.shape[1]) < trace.steps[:, None] - 1
+    return total(1.0 * ((trace.gap < DISCOMFORT_GAP) & before_last)) / trace.steps
+
+
+def intimate_zone(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps with a gap to a pedestrian within Hall's intimate distance, 0.45 m [1]."""
+    return _in_zone(trace, "intimate")
+
+
+def personal_zone(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps with a gap to a pedestrian within Hall's personal distance, 1.2 m [1]."""
+    return _in_zone(trace, "personal")
+
+
+def social_zone(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps with a gap to a pedestrian within Hall's social distance, 3.6 m [1]."""
+    return _in_zone(trace, "social")
+
+
+def personal_space_compliance(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps without a gap to a pedestrian below 0.5 m [1].
+
+    Francis et al. (2023), with their threshold.
+    """
+    return total(1.0 * (trace.gap >= PERSONAL_SPACE)) / trace.steps
+
+
+def intrusion_time_ratio(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of steps in which a pedestrian that is seen will be within 0.6 m of where the vehicle is, in 5 steps [1].
+
+    Liu et al. (2023): the distance is between centres, and the pedestrian's positions are its true ones in the next
+    `INTRUSION_STEPS` steps. Differs from theirs because no position after the end of the episode is known.
+    """
+    return total(1.0 * np.isfinite(_intrusions(trace))) / trace.steps
+
+
+def social_distance(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Smallest distance between centres in each step that `intrusion_time_ratio` counts, the mean of these [m].
+
+    Liu et al. (2023). Undefined in an episode without an intrusion.
+    """
+    nearest = _intrusions(trace)
+    intrusions = np.isfinite(nearest)
+    count = intrusions.sum(axis=1)
+    return total(np.where(intrusions, nearest, 0.0)) / np.where(count > 0, count, np.nan)
+
+
+def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Share of an episode's steps that end with the vehicle within a group of pedestrians, or between two of them [1].
+
+    The space of a group is the convex hull of its members' centres, as in Katyal et al. (2022), and a disc of the
+    vehicle must overlap it. A group counts while no two of its members are farther apart than Hall's social distance,
+    3.6 m: those who have parted leave room. Undefined in an episode without groups.
+    """
+    if trace.group is None:
+        return np.full(len(trace), np.nan)
+    first = trace.group[:, 0]
+    within = np.zeros(trace.gap.shape, bool)
+    # People who come in the places of a group are a group again.
+    mates = ((first[:, :, None] == first[:, None]) & (first >= 0)[:, :, None]).any(axis=0)
+    one, two = np.nonzero(mates & ~np.eye(len(mates), dtype=bool))
+    if len(one):
+        direction = np.stack([np.cos(trace.heading), np.sin(trace.heading)], axis=-1)
+        for ahead in trace.rules.body:
+            within |= _overlaps(
+                trace, trace.group[:, 1:], (trace.position[:, :, 0] + ahead * direction)[:, 1:, None], one, two
+            )
+    return np.where((first >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
+
+
+def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Smallest time until the vehicle would touch a pedestrian if both kept their velocities of the step [s].
+
+    Undefined in an episode in which they would never touch.
+    """
+    position = trace.position[:, :-1, 1:] - trace.position[:, :-1, :1]
+    velocity = trace.velocity[:, 1:, 1:] - trace.velocity[:, 1:, :1]
+    reach = trace.radius[:, :-1, 1:] + trace.radius[:, :-1, :1]
+    a = dot(velocity, velocity)
+    b = dot(position, velocity)
+    c = dot(position, position) - reach**2
+    root = b**2 - a * c
+    same = trace.person[:, :-1] == trace.person[:, 1:]
+    meets = (b < 0) & (root >= 0) & same
+    with np.errstate(divide="ignore", invalid="ignore"):
+        time = np.where(meets, c / (np.sqrt(np.where(meets, root, 0.0)) - b), np.inf)
+    least = np.min(np.maximum(time, 0.0), axis=(1, 2), initial=np.inf)
+    return np.where(np.isfinite(least), least, np.nan)
+
+
+def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
+    return total(1.0 * (trace.gap < HALL_ZONES[zone])) / trace.steps
+
+
+def _intrusions(trace: Trace) -> Float[np.ndarray, "world step"]:
+    """The smallest distance in metres from the vehicle to where those whom it sees will be, infinite beyond 0.6 m."""
+    steps = trace.gap.shape[1]
+    nearest = np.full((len(trace), steps), np.inf)
+    vehicle, seen = trace.position[:, :steps, :1], trace.seen[:, :steps]
+    for ahead in range(1, min(INTRUSION_STEPS, steps) + 1):
+        known = slice(0, steps + 1 - ahead)
+        same = trace.person[:, ahead:][:, : steps + 1 - ahead] == trace.person[:, known]
+        there = trace.present[:, ahead:, 1:] & same & seen[:, known]
+        distance = norm(trace.position[:, ahead:, 1:] - vehicle[:, known])
+        least = np.fmin.reduce(np.where(there, distance, np.inf), axis=2, initial=np.inf)
+        nearest[:, known] = np.fmin(nearest[:, known], least)
+    return np.where(nearest < INTRUSION_DISTANCE, nearest, np.inf)
+
+
+def _overlaps(
+    trace: Trace,
+    group: Int[np.ndarray, "world step pedestrian"],
+    centre: Float[np.ndarray, "world step 1 2"],
+    one: Int[np.ndarray, "pair"],
+    two: Int[np.ndarray, "pair"],
+) -> Bool[np.ndarray, "world step"]:
+    """Whether a disc of the vehicle overlaps the hull of a group.
+
+    Args:
+        trace: The trace.
+        group: Their groups after each step, see `Trace`.
+        centre: The centre of the disc in metres after each step.
+        one: Indices of pedestrians, in order, each once for each other member of its group.
+        two: Those members.
+    """
+    person = trace.position[:, 1:, 1:]
+    a, b = person[:, :, one], person[:, :, two]
+    mates = (group[:, :, one] == group[:, :, two]) & (group[:, :, one] >= 0) & np.isfinite(a + b).all(axis=3)
+    members, starts, of_one = np.unique(one, return_index=True, return_inverse=True)
+    of_two = np.searchsorted(members, two)
+
+    def by_all(holds: Bool[np.ndarray, "world step pair"]) -> Bool[np.ndarray, "world step member"]:
+        return np.logical_and.reduceat(~mates | holds, starts, axis=2)
+
+    near = by_all(norm(b - a) <= HALL_ZONES["social"])
+    together = near & by_all(near[:, :, of_two])
+    # The centre is within the hull if no line through it has all members on one side.
+    left, right = a - centre, b - centre
+    clockwise = left[..., 0] * right[..., 1] - left[..., 1] * right[..., 0] < 0.0
+    follows = np.logical_or.reduceat(mates & clockwise, starts, axis=2)
+    inside = together & follows & by_all(follows[:, :, of_two])
+    length = np.maximum(dot(b - a, b - a), np.finfo(float).tiny)
+    share = np.clip(dot(centre - a, b - a) / length, 0.0, 1.0)
+    beside = norm(a + share[..., None] * (b - a) - centre) < trace.radius[:, 1:, :1]
+    return np.asarray(inside.any(axis=2) | (mates & beside & together[:, :, of_one]).any(axis=2))

@@ -1,0 +1,144 @@
+"""Metrics by name or from a file, and what they may return: one number or boolean per episode. All are called here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Shaped
+
+from crowdbench.core.types import Trace
+from crowdbench.metrics import METRICS, Metric
+from crowdbench.plugins.load import Kind, file_and_function
+from crowdbench.utils.errors import InputError, plugin_errors
+
+METRIC = Kind("metric", "metric", METRICS)
+
+RESERVED = ("case", "outcome", "steps", "block")
+"""Names of columns in every table of episodes, which a metric cannot have."""
+
+
+def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
+    """The built-in metrics and a user's own, by name.
+
+    Args:
+        specs: For each metric of the user's own `file.py`, whose function is `metric`, or `file.py:function`.
+
+    Returns:
+        Functions of a trace. A metric of the user's own has the name of its file or function.
+
+    Raises:
+        InputError: There is no such function, or its name is taken.
+    """
+    metrics = dict(METRICS)
+    for spec in specs:
+        if file_and_function(spec)[0] is None:
+            raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")
+        name, metric = load_metric(spec)
+        if name in metrics or name in RESERVED:
+            raise InputError(f"{spec}: a column {name} exists already: give the metric another name")
+        metrics[name] = metric
+    return metrics
+
+
+def load_metric(spec: str) -> tuple[str, Metric]:
+    """Find a metric.
+
+    Args:
+        spec: The name of a built-in metric, `file.py`, whose function is `metric`, or `file.py:function`.
+
+    Returns:
+        The metric's name, and the metric.
+
+    Raises:
+        InputError: There is no such function.
+    """
+    return METRIC.find(spec)
+
+
+LARGEST = 1e150
+"""Values of metrics are not beyond this, so that neither their sum nor a square overflows."""
+
+
+def measure(name: str, metric: Metric, trace: Trace) -> Shaped[np.ndarray, "case"]:
+    """A metric's values, one per episode.
+
+    Args:
+        name: What the metric is called in errors.
+        metric: The metric.
+        trace: What it measures.
+
+    Returns:
+        Booleans, or float64; NaN where the metric is undefined.
+
+    Raises:
+        InputError: The metric raises, or does not return one value per episode.
+    """
+    values = check_shape(query_metric(name, metric, trace), name, trace)
+    return check_bounds(values, name, trace)
+
+
+def query_metric(name: str, metric: Metric, trace: Trace) -> object:
+    """What a metric returns, whatever it is.
+
+    Args:
+        name: What the metric is called in errors.
+        metric: The metric.
+        trace: What it measures.
+
+    Raises:
+        InputError: The metric raises.
+    """
+    with plugin_errors(f"metric {name} raised"):
+        values = metric(trace)
+        # A subclass may answer otherwise than its numbers.
+        return np.asarray(values) if isinstance(values, np.ndarray) else values
+
+
+def check_shape(values: object, name: str, trace: Trace) -> Shaped[np.ndarray, "case"]:
+    """Check type and shape of what a metric returned.
+
+    Args:
+        values: What it returned.
+        name: What it is called in errors.
+        trace: What it measured.
+
+    Returns:
+        A copy: booleans, or float64.
+
+    Raises:
+        InputError: There is not one number or boolean per episode.
+    """
+    if not isinstance(values, np.ndarray) or values.shape != (len(trace),) or values.dtype.kind not in "bfiu":
+        found = (
+            f"shape {list(values.shape)} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
+        )
+        raise InputError(
+            f"metric {name} returned {found}, but must return one number or boolean per episode, [{len(trace)}]"
+        )
+    with np.errstate(over="ignore"):  # where float64 holds less than the metric's type
+        return np.array(values, bool if values.dtype == bool else np.float64)
+
+
+def check_bounds(values: Shaped[np.ndarray, "case"], name: str, trace: Trace) -> Shaped[np.ndarray, "case"]:
+    """Check that no value is beyond `LARGEST`.
+
+    Args:
+        values: Booleans, or float64.
+        name: What the metric is called in errors.
+        trace: What it measured.
+
+    Returns:
+        The values.
+
+    Raises:
+        InputError: A value is infinite or huge.
+    """
+    large = np.abs(values) > LARGEST
+    if large.any():
+        row = int(large.argmax())
+        raise InputError(
+            f"metric {name} is {values[row]:g} in case {trace.case[row]}, but must not be beyond {LARGEST:g}: "
+            "what is undefined is NaN"
+        )
+    return values

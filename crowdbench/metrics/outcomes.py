@@ -1,0 +1,88 @@
+"""Metrics of how episodes end, and when."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.core.geometry import norm
+from crowdbench.core.reward import discount, episode_rewards
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.metrics.sums import total
+from crowdbench.sim.routes import goals_in_trace
+
+PROGRESS_DISTANCE = 0.5
+"""A vehicle that has not come so many metres nearer to its goal within `PROGRESS_TIME` fails to progress."""
+
+PROGRESS_TIME = 5.0
+"""In seconds."""
+
+COUNTED = {
+    "success_rate": (Outcome.SUCCESS,),
+    "collision_rate": (Outcome.COLLISION, Outcome.WALL_COLLISION),
+    "person_collision_rate": (Outcome.COLLISION,),
+    "wall_collision_rate": (Outcome.WALL_COLLISION,),
+    "timeout_rate": (Outcome.TIMEOUT,),
+}
+"""The outcomes that each of these rates counts."""
+
+
+def success_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes in which the vehicle reached its goal [1]."""
+    return np.isin(trace.outcome, COUNTED["success_rate"])
+
+
+def collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended in a collision, with a pedestrian or an obstacle [1]."""
+    return np.isin(trace.outcome, COUNTED["collision_rate"])
+
+
+def person_collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended in a collision with a pedestrian [1]."""
+    return np.isin(trace.outcome, COUNTED["person_collision_rate"])
+
+
+def wall_collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ended in a collision with an obstacle [1]."""
+    return np.isin(trace.outcome, COUNTED["wall_collision_rate"])
+
+
+def timeout_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
+    """Share of episodes that ran out of time [1]."""
+    return np.isin(trace.outcome, COUNTED["timeout_rate"])
+
+
+def navigation_time(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Time from start to goal, over successes [s]."""
+    return np.where(success_rate(trace), trace.steps * trace.rules.dt, np.nan)
+
+
+def navigation_time_or_limit(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Time from start to goal, a failure counting as the time limit [s]."""
+    return np.where(success_rate(trace), trace.steps * trace.rules.dt, trace.rules.time_limit)
+
+
+def failures_to_progress(trace: Trace) -> Float[np.ndarray, "world"]:
+    """How often the vehicle did not come 0.5 m nearer to its goal within 5 s [1].
+
+    Francis et al. (2023), who leave both thresholds open. Distances are along the vehicle's route. The 5 s begin anew
+    when it is 0.5 m nearer than it was when they began, and after each failure.
+    """
+    remaining = norm(goals_in_trace(trace) - trace.position[:, :, 0])
+    patience = math.ceil(PROGRESS_TIME / trace.rules.dt - 1e-9)
+    began, since, failures = remaining[:, 0].copy(), np.zeros(len(trace)), np.zeros(len(trace))
+    for t in range(1, int(trace.steps.max()) + 1):
+        nearer = began - remaining[:, t] >= PROGRESS_DISTANCE
+        failed = ~nearer & (t - since >= patience) & (t <= trace.steps)
+        failures += failed
+        again = nearer | failed
+        began[again], since[again] = remaining[again, t], t
+    return failures
+
+
+def discounted_return(trace: Trace) -> Float[np.ndarray, "world"]:
+    """Sum of discounted rewards from the start [1]."""
+    factor = discount(trace.preferred_speed[:, :1], trace.rules.dt) ** np.arange(trace.gap.shape[1])
+    return total(factor * episode_rewards(trace))

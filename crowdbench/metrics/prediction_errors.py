@@ -1,0 +1,310 @@
+"""Errors of predictors: on the crowds of a scenario, and on recorded tracks.
+
+ADE (average displacement error) at a horizon is the mean distance between predicted and true positions over the steps
+up to the horizon, FDE (final displacement error) the distance at the horizon. A predictor of several modes has three
+errors: that of its first mode, that of the mode which is best for all pedestrians of a world or window together, as in
+Gupta et al. (2018), and that of the best mode of each pedestrian. The best mode is chosen for ADE and FDE apart, and at
+each horizon.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import HISTORY, PERFECT, Observation
+from crowdbench.metrics.summary import Estimate, bootstrap_distribution, interval, weighted_mean
+from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict.validation import validate_prediction
+from crowdbench.predict.windows import windows
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.population import GOES_ON
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.scenario.tracks.eth_ucy import Tracks, scenes
+from crowdbench.sim.sensor import observe
+from crowdbench.sim.simulator import crowd_decisions, limit_velocities, walk
+from crowdbench.utils.defaults import BATCH, HORIZON, MOST_AHEAD
+from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.numbers import is_integer
+
+MEAN = "mean over scenes"
+"""The name under which `on_tracks` has the means over all scenes."""
+
+TOGETHER = 1
+"""Index in the result of `displacement` of the mode that is best for all pedestrians together."""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Errors in metres at horizons of 1, 2, ... steps.
+
+    Attributes:
+        ade: Average displacement error at each horizon; its interval is over cases or over pedestrians.
+        fde: Final displacement error.
+    """
+
+    ade: list[Estimate]
+    fde: list[Estimate]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """The errors of a predictor. With one mode, all three are the same.
+
+    Attributes:
+        modes: The number of its modes.
+        first: Errors of the first mode.
+        together: Errors of the mode that is best for all pedestrians of a world or window together.
+        each: Errors of the best mode of each pedestrian.
+    """
+
+    modes: int
+    first: Curves
+    together: Curves
+    each: Curves
+
+    def choices(self) -> dict[str, Curves]:
+        """The errors that differ, by the names that tables give them."""
+        if self.modes == 1:
+            return {"best of 1": self.first}
+        best = f"best of {self.modes}"
+        return {"best of 1": self.first, f"{best} together": self.together, f"{best} each": self.each}
+
+
+def on_scenario(
+    name: str,
+    predictor: Predictor,
+    scenario: Scenario,
+    cases: Cases,
+    ahead: int = HORIZON,
+    progress: Callable[[int], None] | None = None,
+) -> Errors:
+    """Measure a predictor on the crowds of a scenario, without a vehicle, and so with perfect sight.
+
+    It predicts at every step that `ahead` more steps follow before the time limit. A pedestrian counts until it is
+    nearer to its goal than its radius, because pedestrians that have arrived are easy to predict, and while it is there
+    during all of these steps. Intervals come from resampled cases. Where people were recorded, they come from resampled
+    blocks of time, and a trained predictor predicts by weights that were not trained on the scene.
+
+    Args:
+        name: What the predictor is called in errors.
+        predictor: The predictor.
+        scenario: The scenario of the cases.
+        cases: The cases.
+        ahead: The number of steps that are predicted.
+        progress: Called with the number of cases that were finished.
+
+    Raises:
+        InputError: The predictor breaks its contract, no pedestrian walks for long enough, or `ahead` is not from 1 to
+            `MOST_AHEAD`.
+    """
+    _check_ahead(ahead)
+    cluster = np.arange(len(cases))
+    if scenario.tracks:
+        predictor = predictor.unseen(scenario.tracks.scene)
+        _, cluster = np.unique(scenario.tracks.blocks(cases.split, cases.indices), return_inverse=True)
+    clusters = _Clusters.empty(int(cluster.max()) + 1, ahead)
+    for part in cases.batches(BATCH):
+        own = cluster[part.start - cases.start :]
+        for prediction, walking, truth in _walks(name, predictor, scenario, part, ahead):
+            row, _ = np.nonzero(walking)
+            clusters.add(own[row], prediction, truth, walking)
+        if progress is not None:
+            progress(len(part))
+    if not clusters.count.any():
+        raise InputError(
+            f"{scenario.name} has nothing to predict in cases {cases}: no pedestrian is on its way "
+            f"{ahead} steps before the time limit"
+        )
+    return _estimated([clusters], clusters.modes)
+
+
+def on_tracks(
+    name: str,
+    predictor: Predictor,
+    recordings: Sequence[Tracks],
+    ahead: int = HORIZON,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, Errors]:
+    """Measure a predictor on recorded tracks.
+
+    It is measured in all windows of 8 observed frames and `ahead` frames after them. A trained predictor predicts each
+    scene by weights that were not trained on it. Every pedestrian of every window of a scene has the same weight.
+    Windows overlap, so intervals come from resampled pedestrians, each with all its windows.
+
+    Args:
+        name: What the predictor is called in errors.
+        predictor: The predictor.
+        recordings: The recorded tracks, of one scene or several.
+        ahead: The number of frames that are predicted.
+        progress: Called with the number of scenes that were finished.
+
+    Returns:
+        The errors by scene, and under `MEAN` their means over the scenes.
+
+    Raises:
+        InputError: The predictor breaks its contract or is privileged, a recording has no window, or `ahead` is not
+            from 1 to `MOST_AHEAD`.
+    """
+    if predictor.privileged:
+        raise InputError(
+            f"predictor {name} is privileged, it asks the simulator: evaluate it on a scenario, not on recordings"
+        )
+    _check_ahead(ahead)
+    found = {}
+    for scene, parts in scenes(recordings).items():
+        unseen = predictor.unseen(scene)
+        found[scene] = _Clusters.joined([_recorded(name, unseen, tracks, ahead) for tracks in parts])
+        if progress is not None:
+            progress(1)
+    if not found:
+        raise InputError("all of these recordings are those that ETH/UCY has for training only: give one to test on")
+    modes = max(clusters.modes for clusters in found.values())
+    errors = {scene: _estimated([clusters], modes) for scene, clusters in found.items()}
+    return errors | {MEAN: _estimated(list(found.values()), modes)}
+
+
+def displacement(
+    prediction: Prediction,
+    truth: Float[np.ndarray, "world time pedestrian 2"],
+    counted: Bool[np.ndarray, "world pedestrian"],
+) -> Float[np.ndarray, "world pedestrian 3 2 time"]:
+    """ADE and FDE of each pedestrian at each horizon.
+
+    Args:
+        prediction: What was predicted.
+        truth: The true positions in metres.
+        counted: Which pedestrians count when the best mode for all of them together is chosen.
+
+    Returns:
+        Errors in metres. Axis 2 is the mode: the first, the best for all together, the best for the pedestrian.
+        Axis 3 is ADE, FDE.
+    """
+    distance = norm(prediction.position - truth[:, None])
+    steps = np.arange(1, distance.shape[2] + 1)
+    both = np.stack([distance.cumsum(axis=2) / steps[:, None], distance], axis=-1)
+    total = np.where(counted[:, None, None, :, None], both, 0.0).sum(axis=3, keepdims=True)
+    together = np.take_along_axis(both, total.argmin(axis=1, keepdims=True), axis=1)[:, 0]
+    return np.stack([both[:, 0], together, both.min(axis=1)]).transpose(1, 3, 0, 4, 2)
+
+
+def _check_ahead(ahead: int) -> None:
+    if not (is_integer(ahead) and 1 <= ahead <= MOST_AHEAD):
+        raise InputError(f"ahead is {ahead!r}, but must be a whole number of steps from 1 to {MOST_AHEAD}")
+
+
+def _walks(
+    name: str, predictor: Predictor, scenario: Scenario, cases: Cases, ahead: int
+) -> Iterator[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Float[np.ndarray, "world time pedestrian 2"]]]:
+    """What is predicted at each step, which pedestrians have not arrived then, and their true positions."""
+    world = scenario.worlds(cases)
+    world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT), sight={})
+    arrived = np.zeros_like(world.present[:, 1:])
+    predicted: deque[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Int[np.ndarray, "world pedestrian"]]] = (
+        deque()
+    )
+    positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
+    for _ in range(scenario.rules.max_steps):
+        # Who has arrived is on its way again where people then walk on to another goal.
+        arrived = arrived & (scenario.crowd.arrival not in GOES_ON)
+        arrived = arrived | (norm(world.position - world.goal) < world.radius)[:, 1:]
+        walking = world.present[:, 1:] & ~arrived
+        crowd, world = crowd_decisions(world, scenario.policies)
+        obs = observe(world, future=limit_velocities(world, crowd) if predictor.privileged else None)
+        predicted.append((_predict(name, predictor, obs, ahead), walking, world.person))
+        world = walk(world, crowd, scenario.renewal)
+        positions.append(world.position[:, 1:])
+        if len(positions) == ahead:
+            prediction, counted, persons = predicted.popleft()
+            if not (counted.any() or scenario.crowd.arrival in GOES_ON or scenario.tracks):
+                return
+            there = (persons == world.person) & world.present[:, 1:]
+            yield prediction, counted & there, np.stack(positions, axis=1)
+
+
+def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:
+    samples = windows(tracks, HISTORY + ahead)
+    if not len(samples):
+        raise InputError(
+            f"the recording {tracks.name} has no window: it needs two pedestrians in the same "
+            f"{HISTORY + ahead} consecutive frames"
+        )
+    ids, identity = np.unique(samples.pedestrian, return_inverse=True)
+    clusters = _Clusters.empty(len(ids), ahead)
+    for start in range(0, len(samples), BATCH):
+        rows = slice(start, start + BATCH)
+        part = samples.take(rows)
+        prediction = _predict(name, predictor, part.observation(HISTORY), ahead)
+        clusters.add(identity[rows][part.present], prediction, part.position[:, HISTORY:], part.present)
+    return clusters
+
+
+def _predict(name: str, predictor: Predictor, obs: Observation, ahead: int) -> Prediction:
+    """What a predictor predicts. Raises InputError where it raises, or returns anything but a finite prediction."""
+    with plugin_errors(f"predictor {name} raised"):
+        answer = predictor.predict(obs, ahead)
+    return validate_prediction(answer, name, obs, ahead)
+
+
+@dataclass
+class _Clusters:
+    """Errors summed over each cluster of dependent samples: all of a case, or all of a pedestrian.
+
+    Attributes:
+        total: Sum of the errors in metres, as `displacement` has them.
+        count: The number of samples.
+        modes: The most modes that a prediction had.
+    """
+
+    total: Float[np.ndarray, "cluster 3 2 time"]
+    count: Float[np.ndarray, "cluster"]
+    modes: int
+
+    @classmethod
+    def empty(cls, n: int, ahead: int) -> _Clusters:
+        return cls(np.zeros((n, 3, 2, ahead)), np.zeros(n), modes=1)
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Clusters]) -> _Clusters:
+        total, count = (np.concatenate([getattr(part, name) for part in parts]) for name in ("total", "count"))
+        return cls(total, count, max(part.modes for part in parts))
+
+    def add(
+        self,
+        cluster: Int[np.ndarray, "sample"],
+        prediction: Prediction,
+        truth: Float[np.ndarray, "world time pedestrian 2"],
+        counted: Bool[np.ndarray, "world pedestrian"],
+    ) -> None:
+        np.add.at(self.total, cluster, displacement(prediction, truth, counted)[counted])
+        np.add.at(self.count, cluster, 1.0)
+        self.modes = max(self.modes, prediction.position.shape[1])
+
+
+def _estimated(by_scene: Sequence[_Clusters], modes: int) -> Errors:
+    """The mean over scenes, which have the same weight, of the means in each."""
+    steps = range(by_scene[0].total.shape[3])
+    curves = [
+        Curves(*([_estimate(by_scene, choice, measure, step) for step in steps] for measure in (0, 1)))
+        for choice in range(1 if modes == 1 else 3)
+    ]
+    return Errors(modes, curves[0], *(curves[1:] or curves * 2))
+
+
+def _estimate(by_scene: Sequence[_Clusters], choice: int, measure: int, step: int) -> Estimate:
+    found, resampled = [], []
+    for number, clusters in enumerate(by_scene):
+        seen = clusters.count > 0
+        total, weights = clusters.total[seen, choice, measure, step], clusters.count[seen]
+        values = total / weights
+        found.append((float(total.sum() / weights.sum()), len(values), float(values.max())))
+        # Shifted, because two scenes of the same size are resampled alike, which would make them dependent.
+        resampled.append(np.roll(bootstrap_distribution(weighted_mean, values, weights), number))
+    means, counts, largest = zip(*found, strict=True)
+    return Estimate(sum(means) / len(means), *interval(np.mean(resampled, axis=0)), sum(counts), max(largest))

@@ -1,0 +1,193 @@
+"""From one value per episode to means with 95 % intervals."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+
+from crowdbench.metrics import POOLED, is_rate
+
+CONFIDENCE = 0.95
+RESAMPLES = 2000
+
+_SEED = 0
+"""Of the bootstrap: fixed, so that the same episodes have the same interval."""
+
+_MOST_DRAWN = 2_000_000
+"""Rows drawn at once: all resamples of many episodes together would take gigabytes."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean over episodes, its 95 % interval, how many episodes have a value, and the largest value.
+
+    NaN throughout, with `n` 0, where no episode has a value.
+    """
+
+    mean: float
+    low: float
+    high: float
+    n: int
+    max: float
+
+
+NOTHING = Estimate(np.nan, np.nan, np.nan, 0, np.nan)
+"""The estimate where no episode has a value."""
+
+
+def summarize(
+    columns: Mapping[str, Shaped[np.ndarray, "case"]],
+    steps: Shaped[np.ndarray, "case"],
+    block: Shaped[np.ndarray, "case"] | None = None,
+) -> dict[str, Estimate]:
+    """An estimate for each metric: Wilson's interval for rates, a bootstrap's for means.
+
+    Args:
+        columns: The values of each metric, by its name; booleans are rates.
+        steps: The number of steps of each episode, the weight of metrics in `POOLED`.
+        block: The block of each episode, where those of the same block are not independent.
+    """
+    summary = {}
+    for name, values in columns.items():
+        if is_rate(values):
+            summary[name] = rate(values, block)
+        else:
+            weights = steps.astype(float) if name in POOLED else np.ones(len(steps))
+            summary[name] = bootstrap(values.astype(float), weights, block)
+    return summary
+
+
+def rate(values: Bool[np.ndarray, "case"], block: Shaped[np.ndarray, "case"] | None) -> Estimate:
+    """A rate with its interval.
+
+    Args:
+        values: One per episode.
+        block: The block of each episode, where those of the same block are not independent: then the interval is that
+            of a bootstrap over blocks, or Wilson's for as many episodes as blocks where all values are the same, and
+            the bootstrap would have no width.
+    """
+    if block is None:
+        return wilson(values)
+    if values.any() and not values.all():
+        return bootstrap(values.astype(float), np.ones(len(values)), block)
+    found = wilson(values[: len(np.unique(block))])
+    return dataclasses.replace(found, n=len(values))
+
+
+def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
+    """A rate with the score interval of Wilson (1927)."""
+    from scipy.stats import binomtest
+
+    n = len(values)
+    mean = float(values.mean())
+    found = binomtest(int(values.sum()), n).proportion_ci(CONFIDENCE, method="wilson")
+    return Estimate(mean, *around(mean, float(found.low), float(found.high)), n, float(values.max()))
+
+
+def bootstrap(
+    values: Float[np.ndarray, "case"],
+    weights: Float[np.ndarray, "case"],
+    block: Shaped[np.ndarray, "case"] | None = None,
+) -> Estimate:
+    """A weighted mean with its percentile interval over resampled episodes (Efron 1979), or resampled blocks of them.
+
+    Args:
+        values: One per episode; those that are NaN are left out.
+        weights: How much each episode counts.
+        block: The block of each episode, where those of the same block are not independent.
+    """
+    defined = ~np.isnan(values)
+    values, weights = values[defined], weights[defined]
+    if len(values) == 0:
+        return NOTHING
+    mean = float(weighted_mean(values, weights))
+    drawn = by_block(values, weights, None if block is None else block[defined])
+    low, high = around(mean, *interval(bootstrap_distribution(weighted_mean, *drawn)))
+    return Estimate(mean, low, high, len(values), float(values.max()))
+
+
+def by_block(
+    values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"], block: Shaped[np.ndarray, "case"] | None
+) -> tuple[Float[np.ndarray, "block"], Float[np.ndarray, "block"]]:
+    """The weighted mean of each block, and its weight: their weighted mean is that of the cases.
+
+    Args:
+        values: One per case.
+        weights: How much each case counts.
+        block: The block of each case; None where each is one of its own.
+
+    Returns:
+        Means and weights.
+    """
+    if block is None:
+        return values, weights
+    _, number = np.unique(block, return_inverse=True)
+    weight = np.bincount(number, weights)
+    return np.bincount(number, values * weights) / weight, weight
+
+
+def weighted_mean(
+    values: Float[np.ndarray, "*resample case"], weights: Float[np.ndarray, "*resample case"], axis: int = -1
+) -> Float[np.ndarray, "*resample"]:
+    """The weighted mean over cases.
+
+    Args:
+        values: What is averaged.
+        weights: How much each value counts.
+        axis: The axis of the cases.
+
+    Returns:
+        The weighted mean.
+    """
+    return np.asarray((values * weights).sum(axis=axis) / weights.sum(axis=axis))
+
+
+def bootstrap_distribution(
+    statistic: Callable[..., Float[np.ndarray, "*resample"]], *columns: Float[np.ndarray, "case"]
+) -> Float[np.ndarray, "resample"]:
+    """A statistic of `RESAMPLES` samples of the episodes, drawn with replacement.
+
+    The same number of episodes is always resampled alike.
+
+    Args:
+        statistic: A function of the columns `[resample, case]` and `axis`, over which it is taken.
+        columns: What the statistic is of, one value per episode in each; they are resampled together.
+    """
+    from scipy.stats import bootstrap
+
+    n = len(columns[0])
+    if n == 1:  # refused by SciPy: every resample is the episode itself
+        return np.full(RESAMPLES, statistic(*columns, axis=-1))
+    found = bootstrap(
+        columns,
+        statistic,
+        paired=True,
+        vectorized=True,
+        n_resamples=RESAMPLES,
+        batch=max(1, _MOST_DRAWN // n),
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=np.random.default_rng(_SEED),
+    )
+    return found.bootstrap_distribution
+
+
+def around(mean: float, low: float, high: float) -> tuple[float, float]:
+    """The bounds of an interval that contains the mean: rounding may put a bound on its other side.
+
+    Args:
+        mean: The mean.
+        low: The lower bound.
+        high: The upper bound.
+    """
+    return min(low, mean), max(high, mean)
+
+
+def interval(values: Float[np.ndarray, "resample"]) -> tuple[float, float]:
+    """The bounds between which 95 % of the resampled values lie."""
+    low, high = np.quantile(values, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
+    return float(low), float(high)

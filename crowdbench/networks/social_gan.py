@@ -1,0 +1,143 @@
+"""The networks of Social GAN (Gupta et al. 2018): a generator of futures, and a discriminator of real and fake tracks.
+
+Differs from the paper, because it is trained faster so: the decoder's output is added to the last displacement instead
+of replacing it, and the network learns how pedestrians deviate from constant velocity. The sizes of the generator are
+those of the published code; the encoder in section 3.6 of the paper is half as large.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from crowdbench.networks.value import perceptron
+
+EMBEDDING = 16
+"""Size of the embedding of a displacement or a relative position."""
+
+HIDDEN = 32
+"""Size of the state of encoder and decoder."""
+
+WIDE = 64
+"""Size of the hidden layer of every perceptron."""
+
+NOISE = 8
+"""Normal numbers per future. All pedestrians of a scene share them, so that their futures belong together."""
+
+
+class Encoder(nn.Module):
+    """An LSTM over a pedestrian's displacements."""
+
+    def __init__(self, hidden: int) -> None:
+        super().__init__()
+        self.embed = nn.Linear(2, EMBEDDING)
+        self.lstm = nn.LSTM(EMBEDDING, hidden, batch_first=True)
+
+    def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row hidden"]:
+        """The last hidden state, of displacements from step to step in metres."""
+        state: Tensor = self.lstm(torch.relu(self.embed(displacement)))[1][0][0]
+        return state
+
+
+class Pooling(nn.Module):
+    """The social pooling module (Gupta et al. 2018, section 3.4): what a pedestrian perceives of all others.
+
+    A perceptron on relative position and hidden state of each of them, then the maximum of every component.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.place = nn.Linear(2, EMBEDDING)
+        self.mlp = perceptron(EMBEDDING + HIDDEN, WIDE, HIDDEN)
+
+    def forward(
+        self,
+        position: Float[Tensor, "scene pedestrian 2"],
+        hidden: Float[Tensor, "scene pedestrian hidden"],
+        present: Bool[Tensor, "scene pedestrian"],
+    ) -> Float[Tensor, "scene pedestrian hidden"]:
+        """Pool over the pedestrians of each scene.
+
+        Args:
+            position: Positions in metres.
+            hidden: Hidden states of the encoder.
+            present: Who is present; the absent are left out.
+
+        Returns:
+            The pooled vector of every pedestrian, who is among those pooled too.
+        """
+        between = self.place(position[:, None] - position[:, :, None])
+        others = hidden[:, None].expand(*between.shape[:3], -1)
+        features = torch.relu(self.mlp(torch.cat([between, others], dim=-1)))
+        return torch.where(present[:, None, :, None], features, 0.0).amax(dim=2)
+
+
+class Generator(nn.Module):
+    """Generates futures of all pedestrians in a batch of scenes: encoder, pooling, and an LSTM decoder with noise.
+
+    Without `pooling` every pedestrian is predicted as if it were alone.
+    """
+
+    def __init__(self, pooling: bool = False) -> None:
+        super().__init__()
+        self.encoder = Encoder(HIDDEN)
+        self.pooling = Pooling() if pooling else None
+        self.context = nn.Sequential(perceptron(HIDDEN * (2 if pooling else 1), WIDE, HIDDEN - NOISE), nn.ReLU())
+        self.embed = nn.Linear(2, EMBEDDING)
+        self.decoder = nn.LSTMCell(EMBEDDING, HIDDEN)
+        self.move = nn.Linear(HIDDEN, 2)
+
+    def forward(
+        self,
+        history: Float[Tensor, "scene time pedestrian 2"],
+        present: Bool[Tensor, "scene pedestrian"],
+        noise: Float[Tensor, "scene mode noise"],
+        steps: int,
+    ) -> Float[Tensor, "mode row steps 2"]:
+        """Generate one future for each vector of noise.
+
+        Args:
+            history: Observed positions in metres, relative to a point near them.
+            present: Who is present.
+            noise: Normal numbers.
+            steps: Number of steps to predict.
+
+        Returns:
+            Displacements from step to step in metres. A row is a pedestrian who is present, in the order of
+            `present.nonzero()`.
+        """
+        scene, pedestrian = present.nonzero(as_tuple=True)
+        if len(scene) == 0:
+            return noise.new_zeros((noise.shape[1], 0, steps, 2))
+        observed = history.transpose(1, 2)[scene, pedestrian].diff(dim=1)
+        hidden = self.encoder(observed)
+        if self.pooling is not None:
+            padded = hidden.new_zeros((*present.shape, HIDDEN))
+            padded[scene, pedestrian] = hidden
+            hidden = torch.cat([hidden, self.pooling(history[:, -1], padded, present)[scene, pedestrian]], dim=-1)
+        modes, rows = noise.shape[1], len(scene)
+        context = self.context(hidden).expand(modes, rows, -1)
+        state = torch.cat([context, noise[scene].transpose(0, 1)], dim=-1).reshape(modes * rows, HIDDEN)
+        cell = torch.zeros_like(state)
+        move = observed[:, -1].repeat(modes, 1)
+        moves = []
+        for _ in range(steps):
+            state, cell = self.decoder(torch.relu(self.embed(move)), (state, cell))
+            move = move + self.move(state)
+            moves.append(move)
+        return torch.stack(moves, dim=1).reshape(modes, rows, steps, 2)
+
+
+class Discriminator(nn.Module):
+    """Tells real tracks from fake ones: an encoder and a perceptron as its head."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.encoder = Encoder(HIDDEN)
+        self.head = perceptron(HIDDEN, WIDE, 1)
+
+    def forward(self, displacement: Float[Tensor, "row time 2"]) -> Float[Tensor, "row"]:
+        """The logit that a track is real, from its displacements in metres, observed and predicted."""
+        logit: Tensor = self.head(self.encoder(displacement))[:, 0]
+        return logit

@@ -1,0 +1,239 @@
+"""The value networks: from the joint states of the vehicle with all pedestrians to the value of the state.
+
+All are called as `network(joint [..., pedestrian, 13], present [..., pedestrian]) -> [...]`. Absent pedestrians have no
+influence. Where no pedestrian is present, the value is known, and no network is used.
+"""
+
+from __future__ import annotations
+
+import abc
+import itertools
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from crowdbench.core.reward import DISCOUNT, SUCCESS
+from crowdbench.networks.joint_state import DISTANCE, SIZE, VEHICLE
+from crowdbench.networks.weights import load_into, weights_file
+from crowdbench.utils.errors import InputError
+
+Joint = Float[Tensor, "*batch pedestrian 13"]
+Present = Bool[Tensor, "*batch pedestrian"]
+JointBatch = Float[Tensor, "batch pedestrian 13"]
+PresentBatch = Bool[Tensor, "batch pedestrian"]
+ValueAndAttention = tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]
+
+
+def perceptron(*sizes: int, last: bool = False) -> nn.Sequential:
+    """Linear layers with ReLU between them.
+
+    Args:
+        sizes: The size of the input and of every layer.
+        last: Whether there is a ReLU after the last layer too.
+
+    Returns:
+        The layers.
+    """
+    layers: list[nn.Module] = []
+    for inputs, outputs in itertools.pairwise(sizes):
+        layers += [nn.Linear(inputs, outputs), nn.ReLU(inplace=True)]
+    return nn.Sequential(*(layers if last else layers[:-1]))
+
+
+class ValueNetwork(nn.Module, abc.ABC):
+    """A value network. A subclass has a `name` and the method `crowd`."""
+
+    name: str
+    """The name of the network on the cards of its weights."""
+
+    def forward(self, joint: Joint, present: Present) -> Float[Tensor, "*batch"]:
+        """The value of each state.
+
+        Args:
+            joint: The joint states.
+            present: Which pedestrians are present.
+
+        Returns:
+            The expected discounted sum of rewards.
+        """
+        return self.attend(joint, present)[0]
+
+    def attend(
+        self, joint: Joint, present: Present
+    ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch pedestrian"]]:
+        """The value of each state, and the attention to each pedestrian.
+
+        Args:
+            joint: The joint states.
+            present: Which pedestrians are present.
+
+        Returns:
+            The values, and attention weights. The weights of a state sum to 1; without pedestrians they are 0.
+        """
+        batch = present.shape[:-1]
+        joint, present = joint.reshape(-1, *joint.shape[-2:]), present.reshape(-1, present.shape[-1])
+        value, attention = self.crowd(joint, present)
+        any_present = present.any(-1)
+        if not any_present.all():
+            value = torch.where(any_present, value, alone(joint))
+        return value.reshape(batch), attention.reshape(*batch, attention.shape[-1])
+
+    @abc.abstractmethod
+    def crowd(self, joint: JointBatch, present: PresentBatch) -> ValueAndAttention:
+        """The same as `attend`, for one batch axis. The value of a state without pedestrians is not used.
+
+        Args:
+            joint: The joint states.
+            present: Which pedestrians are present.
+
+        Returns:
+            The values, and the attention weights.
+        """
+
+
+def alone(joint: Float[Tensor, "batch pedestrian 13"]) -> Float[Tensor, "batch"]:
+    """The value of a state without pedestrians: the reward of success, discounted over the straight way to the goal."""
+    distance, radius = joint[:, 0, 0], joint[:, 0, 3]
+    return SUCCESS * DISCOUNT ** (distance - radius).clamp(min=0.0)
+
+
+class CADRL(ValueNetwork):
+    """CADRL (Chen et al. 2017), as in CrowdNav: the smallest of the values with every single pedestrian."""
+
+    name = "cadrl"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pair = perceptron(SIZE, 150, 100, 100, 1)
+
+    def crowd(self, joint: JointBatch, present: PresentBatch) -> ValueAndAttention:
+        """See `ValueNetwork`. The pedestrian with the smallest value has the weight 1."""
+        pairs = _scatter(self.pair(_gather(joint, present))[:, 0], present, float("inf"))
+        value, chosen = pairs.min(-1)
+        return value, nn.functional.one_hot(chosen, present.shape[-1]) * present.to(pairs)
+
+
+class LSTMRL(ValueNetwork):
+    """LSTM-RL (Everett et al. 2018), as in CrowdNav: an LSTM over the pedestrians, the farthest first."""
+
+    name = "lstm_rl"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lstm = nn.LSTM(SIZE, 50, batch_first=True)
+        self.value = perceptron(VEHICLE + 50, 150, 100, 100, 1)
+
+    def crowd(self, joint: JointBatch, present: PresentBatch) -> ValueAndAttention:
+        """See `ValueNetwork`. The network has no attention: all pedestrians have the same weight."""
+        far_first = torch.where(present, -joint[..., DISTANCE], float("inf")).argsort(dim=-1)
+        states, _ = self.lstm(joint.gather(1, far_first[..., None].expand_as(joint)))
+        number = present.sum(-1)
+        last = states[torch.arange(len(states), device=states.device), (number - 1).clamp(min=0)]
+        value = self.value(torch.cat([joint[:, 0, :VEHICLE], last], -1))[:, 0]
+        return value, present / number.clamp(min=1)[:, None]
+
+
+class SARL(ValueNetwork):
+    """SARL (Chen et al. 2019, equations 4 to 9): self-attention over the pedestrians."""
+
+    name = "sarl"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.embedding = perceptron(SIZE, 150, 100, last=True)
+        self.features = perceptron(100, 100, 50)
+        # The input of the attention is a pedestrian's embedding joined with the mean over all pedestrians. Its first
+        # layer is split in two, so that the product with the mean is computed once for all pedestrians.
+        self.attention_own = nn.Linear(100, 100)
+        self.attention_mean = nn.Linear(100, 100, bias=False)
+        self.attention = perceptron(100, 100, 1)
+        self.value = perceptron(VEHICLE + 50, 150, 100, 100, 1)
+
+    def crowd(self, joint: JointBatch, present: PresentBatch) -> ValueAndAttention:
+        """See `ValueNetwork`."""
+        embedding = self.embedding(_gather(joint, present))
+        number = present.sum(-1)
+        mean = _scatter(embedding, present).sum(1) / number.clamp(min=1)[:, None]
+        mean_part = self.attention_mean(mean).repeat_interleave(number, dim=0)
+        scores = self.attention((self.attention_own(embedding) + mean_part).relu_())[:, 0]
+        # Without pedestrians, the softmax is NaN.
+        attention = _scatter(scores, present, float("-inf")).softmax(-1).nan_to_num(0.0)
+        # The last layer of the features is linear, and the weights sum to 1: it can be applied to the weighted sum.
+        hidden, rectify, last = self.features
+        crowd = last((_scatter(rectify(hidden(embedding)), present) * attention[..., None]).sum(1))
+        value = self.value(torch.cat([joint[:, 0, :VEHICLE], crowd], -1))[:, 0]
+        return value, attention
+
+
+NETWORKS: dict[str, type[ValueNetwork]] = {network.name: network for network in (CADRL, LSTMRL, SARL)}
+"""The value networks by name. What trains them is in `crowdbench.train.methods`."""
+
+
+def _gather(
+    everybody: Float[Tensor, "batch pedestrian k"], present: Bool[Tensor, "batch pedestrian"]
+) -> Float[Tensor, "present k"]:
+    """The rows of the pedestrians that are present; a view where all are."""
+    return everybody.flatten(0, 1) if present.all() else everybody[present]
+
+
+def _scatter(
+    rows: Float[Tensor, "present *k"], present: Bool[Tensor, "batch pedestrian"], absent: float = 0.0
+) -> Tensor:
+    """The inverse of `_gather`: `[batch, pedestrian, *k]`, with a value for those who are absent."""
+    if len(rows) == present.numel():
+        return rows.reshape(*present.shape, *rows.shape[1:])
+    everybody = rows.new_full((*present.shape, *rows.shape[1:]), absent)
+    everybody[present] = rows
+    return everybody
+
+
+def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwork:
+    """A value network with trained weights.
+
+    Args:
+        network: One of `NETWORKS`.
+        weights: The name of built-in weights or `file.safetensors`, with its card beside it.
+        device: `cpu` or `cuda`.
+
+    Returns:
+        The network, on the device.
+
+    Raises:
+        InputError: There is no such network, or the weights do not exist, are of another network, or are not those
+            that their card describes.
+    """
+    if network not in NETWORKS:
+        raise InputError(f"no value network is called {network!r}; there are {', '.join(NETWORKS)}")
+    return load_into(NETWORKS[network](), network, weights_file(weights), device)
+
+
+@torch.inference_mode()
+def evaluate(
+    network: ValueNetwork,
+    joint: Float[np.ndarray, "*batch pedestrian 13"],
+    present: Bool[np.ndarray, "*batch pedestrian"],
+) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch pedestrian"]]:
+    """A network's values and attention.
+
+    Args:
+        network: The network.
+        joint: The joint states.
+        present: Which pedestrians are present.
+
+    Returns:
+        What `ValueNetwork.attend` gives, as float64.
+
+    Raises:
+        InputError: A value is not finite.
+    """
+    device = next(network.parameters()).device
+    value, attention = network.attend(torch.from_numpy(joint).to(device), torch.from_numpy(present).to(device))
+    values = value.double().cpu().numpy()
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"the value network {network.name} gave a value of {values[~np.isfinite(values)][0]}, but values must be "
+            "finite: its weights or the predicted positions are too large"
+        )
+    return values, attention.double().cpu().numpy()

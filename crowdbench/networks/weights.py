@@ -1,0 +1,137 @@
+"""Trained weights on disk: a safetensors file, and beside it a card, which says where the weights come from.
+
+The card is JSON: `network`, the `sha256` of the weights file, how the network was trained, and what it was measured to
+do. No pickle is ever opened, because that would run code from the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+from torch import nn
+
+from crowdbench.plugins.load import ROOT
+from crowdbench.utils.errors import InputError, describe_error
+from crowdbench.utils.files import read_regular, whole
+
+WEIGHTS = ROOT / "agents" / "weights"
+"""The folder of the built-in weights."""
+
+SUFFIX = ".safetensors"
+"""The suffix of files of weights."""
+
+Network = TypeVar("Network", bound=nn.Module)
+
+
+def built_in() -> list[Path]:
+    """The files of the built-in weights, ordered by name."""
+    return sorted(WEIGHTS.glob(f"*{SUFFIX}"))
+
+
+def weights_file(weights: str) -> Path:
+    """The file of the built-in weights of that name; a path that ends in `.safetensors` is returned as it is.
+
+    Raises InputError where no weights have that name.
+    """
+    if weights.endswith(SUFFIX):
+        return Path(weights)
+    if weights not in (names := [path.stem for path in built_in()]):
+        raise InputError(
+            f"no weights are called {weights!r}; there are {', '.join(names)}, or give a file: ./mine{SUFFIX}"
+        )
+    return WEIGHTS / f"{weights}{SUFFIX}"
+
+
+def save_network(network: nn.Module, name: str, path: Path, card: Mapping[str, Any]) -> dict[str, Any]:
+    """Write weights, and their card beside them. The weights come last: where they are, there is their card.
+
+    Args:
+        network: The network.
+        name: The name of the network.
+        path: The file of the weights, which ends in .safetensors.
+        card: What the card says, without the name of the network and the sha256 of the file.
+
+    Returns:
+        The whole card.
+
+    Raises:
+        OSError: One of the files cannot be written.
+    """
+    content = save({key: tensor.detach().cpu().contiguous() for key, tensor in network.state_dict().items()})
+    about = {"network": name, "sha256": hashlib.sha256(content).hexdigest(), **card}
+    with whole(path.with_suffix(".json")) as partial:
+        partial.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+    with whole(path) as partial:
+        partial.write_bytes(content)
+    return about
+
+
+def read_card(path: Path) -> dict[str, Any]:
+    """The card of the weights at `path`. Raises InputError where there is no card or it is not one."""
+    card = path.with_suffix(".json")
+    try:
+        table = json.loads(read_regular(card))
+    except OSError as error:
+        raise InputError(f"the weights {path} need their card {card.name} beside them: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{card} is not valid JSON: {describe_error(error)}") from None
+    if not isinstance(table, dict) or not all(isinstance(table.get(key), str) for key in ("network", "sha256")):
+        raise InputError(f"{card} is not a card of weights: it must name their network and their sha256")
+    if not isinstance(table.get("training", {}), dict):
+        raise InputError(f"{card} is not a card of weights: its training must be a table")
+    return table
+
+
+def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> Network:
+    """Give a network the weights in a file.
+
+    Args:
+        network: The network, with any weights.
+        name: The name of the network, which the card must have too.
+        path: The file of the weights.
+        device: `cpu` or `cuda`.
+
+    Returns:
+        The same network, on the device.
+
+    Raises:
+        InputError: The weights are missing, altered, of another network, not finite, or no weights; or there is no
+            such device.
+    """
+    try:
+        content = read_regular(path)
+    except OSError as error:
+        raise InputError(f"the weights {path} cannot be read: {error.strerror}") from None
+    card = read_card(path)
+    if card["network"] != name:
+        raise InputError(f"the weights {path} are of the network {card['network']}, but must be of {name}")
+    if hashlib.sha256(content).hexdigest() != card["sha256"]:
+        raise InputError(f"the weights {path} are not those that their card describes: their sha256 differs")
+    try:
+        tensors = load(content)
+        network.load_state_dict(tensors)
+        moved = network.to(torch.device(device))
+        next(moved.parameters()).cpu()  # the device `meta` has no values to compute with
+    except (SafetensorError, RuntimeError, AssertionError) as error:
+        # torch tells of all missing and unexpected tensors, one per line.
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"the weights {path} cannot be loaded on {device}: {reason}") from None
+    for key, tensor in tensors.items():
+        if not tensor.isfinite().all():
+            raise InputError(f"the weights {path} have numbers in {key} that are not finite: train them again")
+    return moved
+
+
+def digest(network: nn.Module) -> str:
+    """Twelve hexadecimal digits that change with the weights."""
+    sha = hashlib.sha256()
+    for tensor in network.state_dict().values():
+        sha.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return sha.hexdigest()[:12]

@@ -1,0 +1,159 @@
+"""What a planner may return: dtype, shape, finite numbers and limits, each examined by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.core.dynamics import FREE, Dynamics, Holonomic, State
+from crowdbench.core.types import Observation
+from crowdbench.utils.errors import is_interrupt
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a planner is asked to decide: kept apart, because the planner could change its observation.
+
+    Attributes:
+        case: Number of the case of each world.
+        step: Steps done so far.
+        max_speed: The vehicle's maximum speed in m/s.
+        dt: Length of a step in seconds.
+        dynamics: How the vehicle moves.
+        state: Its state before the step; None where it is holonomic.
+    """
+
+    case: Int[np.ndarray, "world"]
+    step: Int[np.ndarray, "world"]
+    max_speed: Float[np.ndarray, "world"]
+    dt: float
+    dynamics: Dynamics
+    state: State | None
+
+    @classmethod
+    def of(cls, obs: Observation, cases: Int[np.ndarray, "case"]) -> Decision:
+        """What a planner is asked by an observation.
+
+        Args:
+            obs: The observation.
+            cases: The case numbers by `Observation.row`.
+        """
+        vehicle = obs.vehicle
+        state = None
+        if not isinstance(vehicle.dynamics, Holonomic):
+            state = State(*(array.copy() for array in vehicle.state))
+        return cls(cases[obs.row], obs.step.copy(), vehicle.preferred_speed.copy(), obs.dt, vehicle.dynamics, state)
+
+    def to_commands(self, velocities: Float[np.ndarray, "world *time 2"]) -> Float[np.ndarray, "world *time 2"]:
+        """The commands by which the vehicle follows the velocities of a planner that thinks in velocities.
+
+        Args:
+            velocities: For the next step or several, in m/s.
+        """
+        if self.state is None:
+            return velocities
+        state, ahead = self.state, velocities.reshape(len(velocities), -1, 2)
+        commands = np.empty(ahead.shape)
+        for t in range(ahead.shape[1]):
+            commands[:, t] = self.dynamics.follow(state, ahead[:, t], self.max_speed, self.dt)
+            state = self.dynamics.step(state, commands[:, t], self.max_speed, self.dt)
+        return commands.reshape(velocities.shape)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """How an answer breaks a point of the contract.
+
+    Attributes:
+        what: What is wrong.
+        row: Index of the world in the batch; None where it is not known.
+        ahead: The step, counted from the one that the planner was asked in.
+    """
+
+    what: str
+    row: int | None = 0
+    ahead: int = 0
+
+    def at(self, decision: Decision) -> str:
+        """The fault with the case and the step that it is in."""
+        if self.row is None and len(decision.case) > 1:
+            return f"{self.what} (step {decision.step[0]}, one of {len(decision.case)} cases)"
+        row = self.row or 0
+        return f"{self.what} (case {decision.case[row]}, step {decision.step[row] + self.ahead})"
+
+
+class Validation(NamedTuple):
+    """An answer, examined.
+
+    Attributes:
+        points: The fault, or None, at each point that could be examined, in this order: dtype, shape, finite, speed
+            (which stands for all limits of the dynamics).
+        commands: The answer as float64, where it consists of numbers in the right shape.
+    """
+
+    points: dict[str, Fault | None]
+    commands: Float[np.ndarray, "world *time 2"] | None
+
+    @property
+    def fault(self) -> Fault | None:
+        """The first fault, if any."""
+        return next((fault for fault in self.points.values() if fault is not None), None)
+
+
+def validate_commands(
+    answer: object, max_speed: Float[np.ndarray, "world"], *steps: int, dynamics: Dynamics = FREE
+) -> Validation:
+    """Check what a planner returned.
+
+    Args:
+        answer: Whatever it returned.
+        max_speed: The vehicle's maximum speed in m/s.
+        steps: For how many steps commands were asked for; left out where it was the next one alone.
+        dynamics: Whose commands they are. Velocities are those of a holonomic vehicle.
+    """
+    plain = _to_array(answer)
+    points: dict[str, Fault | None] = {"dtype": None}
+    is_array = plain is not None and issubclass(type(answer), np.ndarray)
+    if plain is None or not is_array or plain.dtype.kind != "f":
+        found = f"{plain.dtype} array" if plain is not None and is_array else type(answer).__name__
+        shape = "[world, time, 2]" if steps else "[world, 2]"
+        points["dtype"] = Fault(f"returned a {found} instead of a float array of shape {shape}")
+    if plain is None or plain.dtype.kind not in "fiu":
+        return Validation(points, None)
+    values, expected = plain.astype(np.float64), [len(max_speed), *steps, 2]
+    points["shape"] = None
+    if list(values.shape) != expected:
+        meant = "a command per world and step" if steps else "a command per world"
+        points["shape"] = Fault(f"returned shape {list(values.shape)} instead of {expected}, {meant}")
+        return Validation(points, None)
+    each = values.reshape(-1, *(steps or (1,)), 2)
+    finite = np.asarray(np.isfinite(each).all(axis=2))
+    limit = np.broadcast_to(max_speed[:, None], finite.shape) if steps else max_speed[:, None]
+    beyond = ~dynamics.is_within(np.where(finite[..., None], each, 0.0), limit)
+    points["finite"] = None
+    if finite.any():
+        points["speed"] = None
+    if not finite.all():
+        row, ahead = np.argwhere(~finite)[0].tolist()
+        what = f"returned {each[row, ahead].tolist()}, but a command must be finite"
+        points["finite"] = Fault(what, row, ahead)
+    if beyond.any():
+        row, ahead = np.argwhere(beyond)[0].tolist()
+        points["speed"] = Fault(dynamics.broken_limit(each[row, ahead], float(max_speed[row])), row, ahead)
+    return Validation(points, values)
+
+
+def _to_array(answer: object) -> np.ndarray | None:
+    """A copy of the answer as an array of NumPy's own, also where it is nested lists; None where it cannot be one.
+
+    A subclass of ndarray could do anything when it is used.
+    """
+    try:
+        return np.array(answer, subok=False)
+    except BaseException as error:  # whatever an object of the planner's own raises
+        if is_interrupt(error):
+            raise
+        return None

@@ -1,0 +1,240 @@
+"""The planner of command sequences: the cross-entropy method on sequences that are valued under every future."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float, Num, Shaped
+
+from crowdbench.core.dynamics import FREE, Holonomic, State
+from crowdbench.core.geometry import local_goals, norm
+from crowdbench.core.reward import discount
+from crowdbench.core.types import Observation, Outcome, Vehicle
+from crowdbench.networks.joint_state import joint_states
+from crowdbench.networks.value import evaluate
+from crowdbench.planners.base import Planner
+from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.sampling.futures import try_sequences
+from crowdbench.planners.scene import Scene, scene_of
+from crowdbench.predict import Prediction
+from crowdbench.sim.routes import next_waypoints
+from crowdbench.utils.numbers import is_number, require, require_count
+from crowdbench.utils.threads import CHUNK, in_chunks
+
+SMOOTH = 0.5
+"""Share of the variance of a sequence's noise that is the same at all its steps."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CrossEntropy:
+    """The cross-entropy method (Rubinstein 1999), which samples sequences and samples again around the best of them.
+
+    Attributes:
+        samples: Number of sequences that are sampled in a round [1].
+        rounds: Number of rounds [1].
+        elites: Number of sequences, the best of a round, whose mean and standard deviation the next one samples [1].
+        spread: Standard deviation of the samples of the first round around the first guess [m/s].
+
+    Raises:
+        InputError: A number is below 1 or not whole, there are more elites than samples, or the spread is not positive.
+    """
+
+    samples: int = 96
+    rounds: int = 3
+    elites: int = 12
+    spread: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ("samples", "rounds", "elites"):
+            require_count(name, getattr(self, name))
+        require("elites", self.elites, self.elites <= self.samples, f"{self.samples} at most, which is samples")
+        require("spread", self.spread, is_number(self.spread) and 0.0 < self.spread < np.inf, "a number above 0")
+
+
+SEARCH = CrossEntropy()
+"""How sequences are sampled where nothing else is asked for."""
+
+
+class SequencePlanner(Planner):
+    """Takes the sequence of commands with the largest discounted reward and value at its end, over all futures.
+
+    The first guess is what the one-step lookahead would do, step by step, in the mean of the futures. The first
+    candidates are this sequence, sequences of one command of the lookahead throughout, and samples around the guess.
+
+    Args:
+        lookahead: The one-step lookahead for the first guess, whose predictor, network, commands and reward are used.
+            Its limits, shaping and finer commands are for the first guess alone.
+        search: How sequences are sampled.
+        horizon: Number of steps of a sequence, or more where more commands are asked for [1].
+        margin: By how much gaps are made smaller for each step ahead, because the futures spread with time [m].
+
+    Raises:
+        InputError: `horizon` is not a whole number above 0, or `margin` is negative.
+    """
+
+    native = True
+
+    def __init__(
+        self, lookahead: ValuePlanner, search: CrossEntropy = SEARCH, horizon: int = 8, margin: float = 0.04
+    ) -> None:
+        require_count("horizon", horizon)
+        require("margin", margin, is_number(margin) and 0.0 <= margin < np.inf, "a number, 0 or more")
+        self.privileged = lookahead.privileged
+        self.facts = lookahead.facts
+        self.lookahead = lookahead
+        self.search = search
+        self.horizon = horizon
+        self.margin = margin
+
+    def unseen(self, scene: str) -> SequencePlanner:
+        """See `Planner`."""
+        return SequencePlanner(self.lookahead.unseen(scene), self.search, self.horizon, self.margin)
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        return self.plan_ahead(obs, 1)[:, 0]
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
+        """See `Planner`."""
+        horizon = max(steps, self.horizon)
+        prediction = self.lookahead.predict(obs, horizon)
+        guess, _ = self.lookahead.follow(obs, _mean(prediction))
+        noise = self._noise(obs, horizon)
+        best = np.empty((len(obs), horizon, 2))
+
+        def fill(part: slice) -> None:
+            some, futures = obs.take(part), Prediction(prediction.position[part], prediction.velocity[part])
+            scene = scene_of(some, futures, 0, some.vehicle, horizon)
+            best[part] = self._search(scene, guess[part], noise[part])
+
+        rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1)
+        # The guesses beside the samples of the first round are not counted: its chunks are about twice as large.
+        in_chunks(fill, len(obs), max(1, CHUNK // rows))
+        if obs.logs is not None:
+            obs.log("predicted", prediction.position)
+            obs.log("planned", drive_sequences(obs.vehicle, best[:, None], obs.dt).position.swapaxes(1, 2))
+        return best[:, :steps]
+
+    def _noise(self, obs: Observation, horizon: int) -> Float[np.ndarray, "world round sample time 2"]:
+        """Noise of standard deviation 1, smooth in time: each sequence has a part that is the same at all its steps."""
+        drawn = obs.noise("sequences", (self.search.rounds, self.search.samples, horizon + 1, 2))
+        return np.sqrt(SMOOTH) * drawn[:, :, :, :1] + np.sqrt(1.0 - SMOOTH) * drawn[:, :, :, 1:]
+
+    def _search(
+        self,
+        scene: Scene,
+        guess: Float[np.ndarray, "world time 2"],
+        noise: Float[np.ndarray, "world round sample time 2"],
+    ) -> Float[np.ndarray, "world time 2"]:
+        """The best sequence of each world."""
+        vehicle, horizon = scene.vehicle, guess.shape[1]
+        if isinstance(vehicle.dynamics, Holonomic):
+            commands = self.lookahead.actions(vehicle.preferred_speed)
+        else:
+            # Those that can be reached by its end.
+            commands = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, horizon * scene.dt)
+        constant = commands[:, :, None].repeat(horizon, axis=2)
+        # What is tried beside the samples of a round: at first the guesses, and then the best so far.
+        beside = np.concatenate([guess[:, None], constant], axis=1)
+        mean, spread = guess, np.full_like(guess, self.search.spread)
+        for number in range(self.search.rounds):
+            sampled = mean[:, None] + spread[:, None] * noise[:, number]
+            tried = np.concatenate([beside, _limit(sampled, vehicle)], axis=1)
+            values = self.values(scene, tried)
+            ranked = values.argsort(axis=1, kind="stable")[:, ::-1, None, None]
+            elites = np.take_along_axis(tried, ranked[:, : self.search.elites], axis=1)
+            mean, spread, beside = elites.mean(axis=1), elites.std(axis=1), elites[:, :1]
+        return beside[:, 0]
+
+    def values(
+        self, scene: Scene, commands: Float[np.ndarray, "world sequence time 2"]
+    ) -> Float[np.ndarray, "world sequence"]:
+        """What sequences are worth: the mean over the futures of their discounted rewards and the value at the end.
+
+        The value at the end is the network's, among pedestrians at the mean of their futures, on the way to the local
+        goal there.
+
+        Args:
+            scene: The vehicle and the pedestrians.
+            commands: Commands of the vehicle's dynamics.
+        """
+        horizon = commands.shape[2]
+        time = np.arange(horizon)
+        tried = try_sequences(scene, commands, self.margin * time)
+        outcome = np.where(time == tried.steps[..., None] - 1, tried.outcome[..., None], Outcome.RUNNING)
+        rewards = self.lookahead.reward(outcome, tried.gap, scene.dt)
+        gamma = discount(scene.vehicle.preferred_speed, scene.dt)
+        factor = gamma[:, None, None, None] ** np.arange(horizon + 1)
+        earned = np.where(time < tried.steps[..., None], factor[..., :-1] * rewards, 0.0).sum(axis=-1)
+        running = (tried.outcome == Outcome.RUNNING).mean(axis=-1)
+        return earned.mean(axis=-1) + running * factor[:, :, 0, -1] * self._end_values(scene, commands)
+
+    def _end_values(
+        self, scene: Scene, commands: Float[np.ndarray, "world sequence time 2"]
+    ) -> Float[np.ndarray, "world sequence"]:
+        """The network's values of the states after the last command, among the pedestrians' mean scene."""
+        vehicle, crowd = scene.vehicle, scene.crowd
+        if vehicle.dynamics == FREE:
+            position = vehicle.position[:, None] + scene.dt * commands.sum(axis=2)
+            velocity = commands[:, :, -1]
+        else:
+            end = drive_sequences(vehicle, commands, scene.dt)
+            position, velocity = end.position[:, :, -1], end.velocity[:, :, -1]
+        goal, route, waypoint, radius, speed = (
+            _repeat(each, commands.shape[1])
+            for each in (vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius, vehicle.preferred_speed)
+        )
+        waypoint = next_waypoints(position, goal, route, waypoint, radius, scene.obstacles)
+        present = _join(np.ones(radius.shape, bool), crowd.present)
+        joint = joint_states(
+            _join(position, crowd.position[:, :, -1].mean(axis=1)),
+            _join(velocity, crowd.velocity.mean(axis=1)),
+            _join(radius, crowd.radius),
+            present,
+            local_goals(position, goal, route, waypoint),
+            speed,
+        )
+        shown = np.zeros(joint.shape[:3], bool)
+        shown[:, :, : crowd.present.shape[1]] = present[:, :, 1:]
+        return evaluate(self.lookahead.value, joint, shown)[0]
+
+
+def drive_sequences(vehicle: Vehicle, commands: Float[np.ndarray, "world sequence time 2"], dt: float) -> State:
+    """The states `[world, sequence, time]` after each command of sequences, from one state per world."""
+    sequences, steps = commands.shape[1:3]
+    state = State(*(_repeat(array, sequences) for array in vehicle.state))
+    speed = _repeat(vehicle.preferred_speed, sequences)
+    states = []
+    for t in range(steps):
+        state = vehicle.dynamics.step(state, commands[:, :, t], speed, dt)
+        states.append(state)
+    return State(*(np.stack(arrays, axis=2) for arrays in zip(*states, strict=True)))
+
+
+def _repeat(values: Num[np.ndarray, "world *xy"], sequences: int) -> Num[np.ndarray, "world sequence *xy"]:
+    """What is the same for all sequences of a world."""
+    return np.repeat(values[:, None], sequences, axis=1)
+
+
+def _join(
+    vehicle: Shaped[np.ndarray, "world sequence *xy"], crowd: Shaped[np.ndarray, "world pedestrian *xy"]
+) -> Shaped[np.ndarray, "world sequence agent *xy"]:
+    """The vehicle of each sequence, and the pedestrians, which are the same for all."""
+    return np.concatenate([vehicle[:, :, None], np.repeat(crowd[:, None], vehicle.shape[1], axis=1)], axis=2)
+
+
+def _mean(prediction: Prediction) -> Prediction:
+    """The mean of the futures, as the only one."""
+    return Prediction(prediction.position.mean(axis=1, keepdims=True), prediction.velocity.mean(axis=1, keepdims=True))
+
+
+def _limit(
+    commands: Float[np.ndarray, "world sequence time 2"], vehicle: Vehicle
+) -> Float[np.ndarray, "world sequence time 2"]:
+    """The commands, made small enough for the limits of the dynamics."""
+    if not isinstance(vehicle.dynamics, Holonomic):
+        low, high = (bound[:, None, None] for bound in vehicle.dynamics.space(vehicle.preferred_speed))
+        return np.clip(commands, low, high)
+    limit = vehicle.preferred_speed[:, None, None]
+    return commands * (limit / np.maximum(norm(commands), limit))[..., None]

@@ -1,0 +1,151 @@
+"""The vehicle and the predicted pedestrians, as lookaheads of one step and of many take them, also compiled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.core.dynamics.motion import Motion
+from crowdbench.core.types import Observation, Vehicle
+from crowdbench.predict import Prediction
+from crowdbench.utils.compiled import njit
+
+
+class Crowd(NamedTuple):
+    """The pedestrians now and in each mode of a prediction.
+
+    Attributes:
+        position: Their centres in metres. Time 0 is before the first step, and time t is after t steps.
+        velocity: Their velocities after the last step, in m/s.
+        radius: Their radii in metres.
+        present: Which pedestrians there are. The others change nothing.
+    """
+
+    position: Float[np.ndarray, "world mode time pedestrian 2"]
+    velocity: Float[np.ndarray, "world mode pedestrian 2"]
+    radius: Float[np.ndarray, "world pedestrian"]
+    present: Bool[np.ndarray, "world pedestrian"]
+
+
+class VehicleArrays(NamedTuple):
+    """The vehicles of a batch as kernels take them, see `Vehicle`.
+
+    Attributes:
+        code: `Dynamics.code`.
+        limits: `Dynamics.limits`.
+        body: Where the centres of its discs are, in metres ahead of its position.
+        motion: The numbers of `Motion`.
+        goal: In metres, and so is the next one.
+        local_goal: See `Vehicle.local_goal`.
+        radius: In metres.
+        goal_tolerance: Distance in metres to the goal below which the vehicle has arrived.
+        preferred_speed: In m/s.
+    """
+
+    code: int
+    limits: Float[np.ndarray, "3"]
+    body: Float[np.ndarray, "disc"]
+    motion: Float[np.ndarray, "world 6"]
+    goal: Float[np.ndarray, "world 2"]
+    local_goal: Float[np.ndarray, "world 2"]
+    radius: Float[np.ndarray, "world"]
+    goal_tolerance: Float[np.ndarray, "world"]
+    preferred_speed: Float[np.ndarray, "world"]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The vehicle before a step, and the pedestrians before it and after one or several steps.
+
+    Attributes:
+        vehicle: The vehicle of each world.
+        crowd: The pedestrians.
+        obstacles: Polygons in metres, NaN after the last corner.
+        dt: Length of a step in seconds.
+    """
+
+    vehicle: Vehicle
+    crowd: Crowd
+    obstacles: Float[np.ndarray, "world polygon corner 2"]
+    dt: float
+
+    @cached_property
+    def arrays(self) -> VehicleArrays:
+        """The vehicle as kernels take it."""
+        return to_arrays(self.vehicle)
+
+    def velocities(self, commands: Float[np.ndarray, "world action 2"]) -> Float[np.ndarray, "world action 2"]:
+        """The velocities in m/s that the vehicle has after a step under each of some commands."""
+        vehicle = self.vehicle
+        return vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, self.dt)
+
+
+def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehicle, steps: int = 1) -> Scene:
+    """The scene of some steps of a prediction.
+
+    Args:
+        obs: What the planner sees now.
+        prediction: The pedestrians' next steps.
+        step: The first of these steps, 0 for the next one.
+        vehicle: The vehicle as it is before that step.
+        steps: How many steps.
+    """
+    after = prediction.position[:, :, step : step + steps]
+    before = prediction.position[:, :, step - 1 : step] if step else obs.pedestrians.position[:, None, None]
+    before = np.broadcast_to(before, (*after.shape[:2], 1, *after.shape[3:]))
+    crowd = Crowd(
+        # Always in the same memory layout, since numba compiles a function again for each layout.
+        position=np.concatenate([before, after], axis=2),
+        velocity=np.ascontiguousarray(prediction.velocity[:, :, step + steps - 1]),
+        radius=obs.pedestrians.radius,
+        present=obs.pedestrians.seen,
+    )
+    return Scene(vehicle, crowd, obs.obstacles, obs.dt)
+
+
+def to_arrays(vehicle: Vehicle) -> VehicleArrays:
+    """Vehicles as kernels take them."""
+    tolerance = vehicle.goal_tolerance
+    return VehicleArrays(
+        vehicle.dynamics.code,
+        vehicle.dynamics.limits,
+        np.array(vehicle.body),
+        np.column_stack(vehicle.state),
+        vehicle.goal,
+        vehicle.local_goal,
+        vehicle.radius,
+        np.full_like(vehicle.radius, tolerance) if tolerance else vehicle.radius,
+        vehicle.preferred_speed,
+    )
+
+
+@no_type_check
+@njit(nogil=True)
+def motion_of(numbers, row):
+    """The `Motion` in one row `[row, 6]`. Compiled."""
+    x, y, vx, vy = numbers[row, 0], numbers[row, 1], numbers[row, 2], numbers[row, 3]
+    return Motion(x, y, vx, vy, numbers[row, 4], numbers[row, 5])
+
+
+@no_type_check
+@njit(nogil=True, inline="always")
+def fill_crowd(position, w, m, t, start, motion):
+    """Fill where pedestrians start in a step and how far they move, in metres. Compiled.
+
+    Args:
+        position (array): `Crowd.position`.
+        w (int): The world.
+        m (int): The mode.
+        t (int): The step.
+        start (array): `[agent, 2]`, filled but for the vehicle, which comes first.
+        motion (array): `[agent, 2]`, likewise.
+    """
+    # Number by number: to count the references to slices takes as long as all the rest.
+    for p in range(position.shape[3]):
+        for k in range(2):
+            start[p + 1, k] = position[w, m, t, p, k]
+            motion[p + 1, k] = position[w, m, t + 1, p, k] - position[w, m, t, p, k]

@@ -1,0 +1,103 @@
+"""The Python files that a plug-in consists of: its own, and those that it imports from its folder."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from importlib.machinery import all_suffixes
+from pathlib import Path
+
+from crowdbench.utils.errors import InputError
+
+Module = tuple[str, ...]
+"""A module's name, its parts one by one: a file may be called `my.planner.py`."""
+
+
+def file_digests(file: Path) -> dict[str, str]:
+    """The sha256 of a Python file and of every file that it imports from its folder, by their paths in that folder.
+
+    Imports count wherever they stand, also in functions, and the imports of imported files count too. A module whose
+    name is computed is not found. crowdbench itself does not count.
+
+    Args:
+        file: The file.
+
+    Raises:
+        InputError: One of the files cannot be read.
+    """
+    file = file.resolve()
+    return module_digests(file.parent, (file.stem,))
+
+
+def module_digests(folder: Path, module: Module, package: str = "") -> dict[str, str]:
+    """As `file_digests`, for a module that is imported by its name.
+
+    Args:
+        folder: The folder in which its top-level package lies.
+        module: Its name.
+        package: A top-level package to which the files must belong; all of the folder count where it is empty.
+    """
+    found: dict[str, str] = {}
+    waiting = [module]
+    while waiting:
+        for path in _files(folder, waiting.pop(), package):
+            name = path.relative_to(folder).as_posix()
+            if name not in found:
+                content = _content(path)
+                found[name] = hashlib.sha256(content).hexdigest()
+                waiting += _imports(content, (*path.relative_to(folder).parent.parts,)) if path.suffix == ".py" else []
+    return dict(sorted(found.items()))
+
+
+def joint(digests: Mapping[str, str]) -> str:
+    """Twelve hexadecimal digits that change with each of the files; those of the file itself where it is the only one.
+
+    Args:
+        digests: The sha256 of each file by its path.
+    """
+    if len(digests) == 1:
+        return next(iter(digests.values()))[:12]
+    return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _files(folder: Path, module: Module, package: str) -> Iterator[Path]:
+    """The files in the folder that are run when a module is imported: its own, and those of the packages around it."""
+    if not module or module[0] == "crowdbench" or (package and module[0] != package):
+        return
+    for depth in range(1, len(module) + 1):
+        path = folder.joinpath(*module[:depth])
+        for suffix in all_suffixes():
+            for candidate in (path / f"__init__{suffix}", path.with_name(path.name + suffix)):
+                if candidate.is_file():
+                    yield candidate
+
+
+def _imports(content: bytes, package: Module) -> list[Module]:
+    """The modules that a Python file may import; a name in `from a import b` may be one.
+
+    Args:
+        content: The file.
+        package: The package that it lies in.
+    """
+    try:
+        tree = ast.parse(content)
+    except (SyntaxError, ValueError, RecursionError):
+        return []
+    found: list[Module] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [tuple(alias.name.split(".")) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: max(0, len(package) + 1 - node.level)] if node.level else ()
+            base = (*above, *(node.module or "").split(".")) if node.module else above
+            found += [base, *((*base, alias.name) for alias in node.names)]
+    return found
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}, which a plug-in imports, cannot be read: {error.strerror}") from None

@@ -1,0 +1,267 @@
+"""The part of a recording that is read back: episodes in full precision, under `/exact`, which no view shows.
+
+`/exact/vehicle`, `/exact/pedestrian_0`, ... have a row per state, with what changes in the episode; a quantity of a
+step is in the row of the state that the step leads to. `/exact/episode` has one row with what does not change. What the
+vehicle perceived is there where its sight was limited, groups where the scenario has them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Shaped
+from rerun.chunk import Chunk, RrdReader, StoreEntry
+
+from crowdbench.core.types import Rules, Trace
+from crowdbench.record import rrd
+from crowdbench.utils.errors import InputError
+
+FORMAT = 4
+"""Version of what is under `/exact`."""
+
+
+class Quantity(NamedTuple):
+    """An array of a trace: whose it is, what pads it, and how many numbers it has.
+
+    Attributes:
+        of: The agents that have it.
+        padding: What stands where there is nobody, and after the end of an episode.
+        shape: Its shape in one state of one agent.
+        is_of_steps: Whether it is of a step, not of a state.
+        is_held: Whether the last state is repeated after the end of an episode, as in a rollout.
+    """
+
+    of: slice
+    padding: float
+    shape: tuple[int, ...] = ()
+    is_of_steps: bool = False
+    is_held: bool = False
+
+
+AGENTS, VEHICLE, PEDESTRIANS = slice(0, None), slice(0, 1), slice(1, None)
+
+QUANTITIES = {
+    "position": Quantity(AGENTS, np.nan, (2,)),
+    "velocity": Quantity(AGENTS, np.nan, (2,)),
+    "heading": Quantity(VEHICLE, np.nan),
+    "goal": Quantity(AGENTS, 0.0, (2,), is_held=True),
+    "radius": Quantity(AGENTS, 1.0, is_held=True),
+    "present": Quantity(AGENTS, False, is_held=True),
+    "person": Quantity(PEDESTRIANS, -1, is_held=True),
+    "seen": Quantity(PEDESTRIANS, False, is_held=True),
+    "command": Quantity(VEHICLE, np.nan, (2,), is_of_steps=True),
+    "gap": Quantity(VEHICLE, np.nan, is_of_steps=True),
+    "wall_gap": Quantity(VEHICLE, np.nan, is_of_steps=True),
+    "undisturbed": Quantity(PEDESTRIANS, np.nan, (2,)),
+    "perceived": Quantity(PEDESTRIANS, np.nan, (2,)),
+    "age": Quantity(PEDESTRIANS, np.inf),
+    "group": Quantity(PEDESTRIANS, -1, is_held=True),
+}
+"""The arrays of a trace that are recorded of every state or step, by name."""
+
+Episode = dict[str, np.ndarray]
+"""Arrays of one episode by name, each with one axis."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a file holds.
+
+    Attributes:
+        trace: The recorded episodes, ordered by case.
+        planner: The planner's name with its options.
+        scenario: The scenario's name.
+        scenario_digest: The scenario's digest.
+        cases: How many cases the whole run has, recorded or not.
+    """
+
+    trace: Trace
+    planner: str
+    scenario: str
+    scenario_digest: str
+    cases: int
+
+
+def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
+    """One episode as Rerun chunks: those of the agents, and that of `/exact/episode`.
+
+    Args:
+        trace: The trace with the episode.
+        row: Its row in the trace.
+        run: Facts about the whole run, of types that JSON has.
+    """
+    steps, dt = int(trace.steps[row]), trace.rules.dt
+    arrays = {
+        name: getattr(trace, name)[row, : steps if quantity.is_of_steps else steps + 1]
+        for name, quantity in QUANTITIES.items()
+        if getattr(trace, name) is not None
+    }
+    # The position always changes, or else agents could have no columns.
+    still = {name: array[:1] for name, array in arrays.items() if name != "position" and (array == array[:1]).all()}
+    moving = {name: _pad_start(array, steps + 1) for name, array in arrays.items() if name not in still}
+    timeline = {each.timeline_name(): each.as_arrow_array() for each in rrd.moments(np.arange(steps + 1), dt)}
+    agents = range(trace.position.shape[2])
+    for agent in agents:
+        columns = dict(timeline)
+        for name, array in moving.items():
+            of = QUANTITIES[name].of
+            if agent in agents[of]:
+                columns[name] = _to_lists(array if of == VEHICLE else array[:, agent - of.start])
+        yield from Chunk.from_record_batch(
+            pa.record_batch(columns), index=[*timeline], entity_path=f"/exact/{_agent_name(agent)}"
+        )
+    still["preferred_speed"] = trace.preferred_speed[row : row + 1]
+    still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
+    if trace.block is not None:
+        still["block"] = trace.block[row : row + 1]
+    if trace.route.shape[1]:
+        still["route"] = trace.route[row : row + 1]
+    if trace.obstacles.shape[1]:
+        still["obstacles"] = trace.obstacles[row : row + 1]
+        still["corners"] = np.array([[trace.obstacles.shape[2]]])
+    facts = {**run, "format": FORMAT, "split": trace.split, "rules": trace.rules.to_table()}
+    fields = {name: _to_lists(array) for name, array in still.items()} | {"facts": pa.array([[json.dumps(facts)]])}
+    # In one column, because each column needs one or two kilobytes in the file's index.
+    constants = pa.ListArray.from_arrays([0, 1], pa.StructArray.from_arrays([*fields.values()], names=[*fields]))
+    batch = pa.record_batch({"constants": constants})
+    yield from Chunk.from_record_batch(batch, index=None, entity_path="/exact/episode")
+
+
+def _agent_name(agent: int) -> str:
+    return "vehicle" if agent == 0 else f"pedestrian_{agent - 1}"
+
+
+def _pad_start(array: Shaped[np.ndarray, "time *values"], states: int) -> Shaped[np.ndarray, "states *values"]:
+    """An array with a row per state; before steps stands NaN, so that each is in the row of the state after it."""
+    return array if len(array) == states else np.concatenate([np.full_like(array[:1], np.nan), array])
+
+
+def _to_lists(array: Shaped[np.ndarray, "row *values"]) -> pa.ListArray:
+    """An Arrow column with the values of each row as a list."""
+    flat = array.reshape(len(array), -1)
+    offsets = np.arange(len(flat) + 1, dtype=np.int32) * flat.shape[1]
+    return pa.ListArray.from_arrays(offsets, pa.array(flat.ravel()))
+
+
+def read(path: Path) -> Recording:
+    """Read the episodes of a file, equal to those that were recorded to the last bit, without what planners logged.
+
+    Raises InputError where the file does not exist, is incomplete, or was not written by this version of crowdbench.
+    """
+    with rrd.opening(path):
+        reader = RrdReader(path)
+        episodes = [_to_episode(rrd.chunks_of(reader, entry, "/exact/**")) for entry in reader.recordings()]
+    trace, facts = _to_trace(path, episodes)
+    return Recording(trace, **{name: facts[name] for name in ("planner", "scenario", "scenario_digest", "cases")})
+
+
+def read_episode(path: Path, reader: RrdReader, entry: StoreEntry) -> tuple[list[Chunk], Trace, str]:
+    """Read one of the recordings in a file: all its chunks, its episode, and the planner's name with its options.
+
+    Raises InputError as `read` does.
+    """
+    with rrd.opening(path):
+        chunks = rrd.chunks_of(reader, entry, "/**")
+        episode = _to_episode(chunks)
+    trace, facts = _to_trace(path, [episode])
+    return chunks, trace, facts["planner"]
+
+
+def _to_episode(chunks: Sequence[Chunk]) -> Episode:
+    """The arrays of an episode from the chunks of its recording; empty if it has no chunks under `/exact`.
+
+    Raises InputError where a part of it is there twice, as where recordings of one name were merged.
+    """
+    entities: dict[str, Episode] = {}
+    for chunk in chunks:
+        if not chunk.entity_path.startswith("/exact/"):
+            continue
+        batch, name = chunk.to_record_batch(), chunk.entity_path.removeprefix("/exact/")
+        if name in entities:
+            raise InputError(f"a recording has {name} twice: give the run.rrd of one run, not a file merged of several")
+        # Columns that are not lists are Rerun's own.
+        columns = {name: column for name in batch.schema.names if pa.types.is_list((column := batch[name]).type)}
+        if "constants" in columns:
+            constants = columns.pop("constants").flatten()
+            columns |= {field.name: constants.field(field.name) for field in constants.type}
+        entities[name] = {name: column.flatten().to_numpy(False) for name, column in columns.items()}
+    moving: dict[str, list[np.ndarray]] = {}
+    for agent in itertools.takewhile(entities.__contains__, map(_agent_name, itertools.count())):
+        for name, values in entities.pop(agent).items():
+            moving.setdefault(name, []).append(values)
+    states = len(moving["position"][0]) // 2 if moving else 0
+    together = {
+        name: np.stack([values.reshape(states, -1) for values in each], axis=1).ravel() for name, each in moving.items()
+    }
+    return {name: values for entity in (*entities.values(), together) for name, values in entity.items()}
+
+
+def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str, Any]]:
+    """One trace of the episodes of a file, by case, padded to `max_steps` and to the largest number of pedestrians.
+
+    Raises InputError where they are not of crowdbench, of several runs, or of another format.
+
+    Returns:
+        The trace, without what planners logged, and the facts about the run: planner, scenario, ...
+    """
+    if not episodes or not all("facts" in episode for episode in episodes):
+        raise rrd.foreign(path)
+    facts, *others = (json.loads(episode["facts"][0]) for episode in episodes)
+    if any(other != facts for other in others):
+        raise InputError(f"{path} mixes several runs: give one run's own run.rrd")
+    if facts["format"] != FORMAT:
+        raise InputError(
+            f"{path} is a recording of format {facts['format']}, but this version of crowdbench reads format {FORMAT}: "
+            "record the run again, or read it with the version that wrote it"
+        )
+    episodes = sorted(episodes, key=lambda episode: int(episode["case_outcome_steps"][0]))
+    case, outcome, steps = np.array([episode["case_outcome_steps"] for episode in episodes]).T.copy()
+    rules = Rules.of_table(facts["rules"])
+    agents = max(len(episode["preferred_speed"]) for episode in episodes)
+    arrays: dict[str, Any] = {}
+    for name, quantity in QUANTITIES.items():
+        if name not in episodes[0]:
+            continue
+        each = [_in_time(episode, name) for episode in episodes]
+        times = rules.max_steps if quantity.is_of_steps else rules.max_steps + 1
+        padded = _pad(each, (times, len(range(agents)[quantity.of]), *quantity.shape), quantity.padding)
+        for row, values in enumerate(each if quantity.is_held else ()):
+            padded[row, len(values) :] = padded[row, len(values) - 1]
+        arrays[name] = padded[:, :, 0] if quantity.of == VEHICLE else padded
+    arrays["preferred_speed"] = _pad([episode["preferred_speed"] for episode in episodes], (agents,), 1.0)
+    routes = [episode.get("route", np.empty(0)).reshape(-1, 2) for episode in episodes]
+    obstacles = [np.empty((0, 0, 2))] * len(episodes)
+    if "obstacles" in episodes[0]:
+        obstacles = [episode["obstacles"].reshape(-1, int(episode["corners"][0]), 2) for episode in episodes]
+    for name, each in (("route", routes), ("obstacles", obstacles)):
+        arrays[name] = _pad(each, tuple(np.max([one.shape for one in each], axis=0).tolist()), np.nan)
+    if "block" in episodes[0]:
+        arrays["block"] = np.array([int(episode["block"][0]) for episode in episodes])
+    return Trace(split=facts["split"], case=case, outcome=outcome, steps=steps, rules=rules, **arrays), facts
+
+
+def _in_time(episode: Episode, name: str) -> Shaped[np.ndarray, "time agent *values"]:
+    """An array of an episode in its shape, which was stored once, or once per state."""
+    quantity, flat = QUANTITIES[name], episode[name]
+    agents, steps = len(episode["preferred_speed"]), int(episode["case_outcome_steps"][2])
+    shape = len(range(agents)[quantity.of]), *quantity.shape
+    per_row, length = math.prod(shape), steps if quantity.is_of_steps else steps + 1
+    rows = flat.reshape(len(flat) // per_row if per_row else steps + 1, *shape)
+    return rows.repeat(length, axis=0) if len(rows) == 1 else rows[len(rows) - length :]
+
+
+def _pad(each: Sequence[np.ndarray], shape: tuple[int, ...], padding: float) -> Shaped[np.ndarray, "row *shape"]:
+    """Arrays in the corners of larger ones, in rows."""
+    padded = np.full((len(each), *shape), padding)
+    for row, values in enumerate(each):
+        corner: tuple[int | slice, ...] = (row, *(slice(n) for n in values.shape))
+        padded[corner] = values
+    return padded

@@ -1,0 +1,165 @@
+"""Marks of a recording beside the agents: what the sensor sees, and where the closest approach would be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import rerun as rr
+from jaxtyping import Float
+from rerun.chunk import Chunk
+
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.drawing.palette import DARK, MUTED, REMEMBERED
+from crowdbench.record.rrd import moments, moving, still
+from crowdbench.sim.lines_of_sight import measure_all_beams
+
+MOST_BEAMS = 90
+"""Of a lidar with more beams than this, only every second one is drawn, or every third one, ..."""
+
+SENSOR_KEY = (
+    "*dark blue: not seen · ring: where the vehicle sees a pedestrian, or (dark ring) remembers it · "
+    "grey: range, field of view, lidar*"
+)
+"""What the marks of the sensor mean, as text beside the picture."""
+
+AHEAD = 4.0
+"""How far ahead the closest approach is looked for, in seconds."""
+
+NEAR = 0.5
+"""The largest gap in metres that is shown."""
+
+APPROACH_KEY = (
+    f"*line with a gap and a time: the closest approach in the next {AHEAD:g} s if both go on; red: they touch*"
+)
+"""What the mark of the closest approach means."""
+
+
+def draw_sensor(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
+    """All that is shown of the sensor in one episode; nothing of a perfect one.
+
+    Args:
+        trace: The trace with the episode.
+        row: Its row in the trace.
+        timeline: Times of the states.
+    """
+    sensor = trace.rules.sensor
+    if sensor.lidar is not None:
+        yield from _draw_beams(trace, row, timeline)
+    if sensor.range is not None or sensor.field_of_view < 360.0:
+        yield from _draw_view(trace, row, timeline)
+    if trace.perceived is not None:
+        yield from _draw_perceived(trace, row, timeline)
+
+
+def _draw_perceived(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
+    """A ring around each pedestrian where the vehicle sees it, or thinks it to be."""
+    assert trace.perceived is not None
+    assert trace.age is not None
+    states = int(trace.steps[row]) + 1
+    known, radius = np.isfinite(trace.age[row, :states]), trace.radius[row, :states, 1:]
+    seen = trace.seen[row, :states][known].tolist()
+    rings = rr.Ellipses2D.columns(
+        centers=trace.perceived[row, :states][known],
+        half_sizes=np.repeat(radius[known][:, None], 2, axis=1),
+        colors=[DARK.vehicle if each else REMEMBERED for each in seen],
+    )
+    yield still("world/sight", rr.Ellipses2D.from_fields(line_radii=rr.Radius.ui_points(1.5), draw_order=45))
+    yield moving("world/sight", timeline, known.sum(axis=1), rings)
+
+
+def _draw_view(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
+    """The outline of what is in range and in the field of view: whose rim is inside and centre in the view is seen."""
+    sensor, states = trace.rules.sensor, int(trace.steps[row]) + 1
+    position, heading = trace.position[row, :states, 0], trace.heading[row, :states]
+    # Without a range the outline goes beyond all that is shown.
+    largest = 2.0 * float(np.nanmax(np.abs(trace.position[row, :states]))) + 10.0
+    reach = largest if sensor.range is None else sensor.range + float(trace.radius[row, 0, 0])
+    half = math.radians(sensor.field_of_view / 2.0)
+    angle = heading[:, None] + np.linspace(-half, half, 49)
+    outline = position[:, None] + reach * np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    if sensor.field_of_view < 360.0:
+        outline = np.concatenate([position[:, None], outline, position[:, None]], axis=1)
+    yield still(
+        "world/view", rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=rr.Radius.ui_points(1), draw_order=3)
+    )
+    yield moving("world/view", timeline, [1] * states, rr.LineStrips2D.columns(strips=outline))
+
+
+def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
+    """The beams of the lidar, measured again in each state, from the vehicle to where they end."""
+    lidar, states = trace.rules.sensor.lidar, int(trace.steps[row]) + 1
+    assert lidar is not None
+    distance = np.empty((states, lidar.beams))
+    heading, position = trace.heading[row, :states], np.ascontiguousarray(trace.position[row, :states])
+    radius, present = (np.ascontiguousarray(each[row, :states]) for each in (trace.radius, trace.present))
+    obstacles = np.repeat(trace.obstacles[row][None], states, axis=0)
+    measure_all_beams(heading, position, radius, present, obstacles, lidar.range, distance)
+    number = np.arange(0, lidar.beams, math.ceil(lidar.beams / MOST_BEAMS))
+    angle = heading[:, None] + 2.0 * np.pi * number / lidar.beams
+    way = distance[:, number, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    beams = position[:, :1, None] + np.stack([np.zeros_like(way), way], axis=2)
+    style = rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=rr.Radius.ui_points(0.75), draw_order=4)
+    yield still("world/lidar", style)
+    yield moving(
+        "world/lidar", timeline, [len(number)] * states, rr.LineStrips2D.columns(strips=beams.reshape(-1, 2, 2))
+    )
+
+
+def time_to_closest(
+    position: Float[np.ndarray, "*batch 2"], velocity: Float[np.ndarray, "*batch 2"]
+) -> Float[np.ndarray, "*batch"]:
+    """When two points with constant velocities are nearest to each other, in seconds from now, up to `AHEAD`.
+
+    Args:
+        position: One relative to the other, in metres.
+        velocity: Likewise, in m/s.
+    """
+    speed = (velocity**2).sum(axis=-1)
+    when = -(position * velocity).sum(axis=-1) / np.where(speed > 0.0, speed, np.inf)
+    return np.clip(when, 0.0, AHEAD)
+
+
+def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
+    """The closest approach ahead of each state: a line between both centres then, with the gap and the time.
+
+    Args:
+        trace: The trace with the episode.
+        row: Its row in the trace.
+        label: Height of a line of text in metres.
+    """
+    states = int(trace.steps[row]) + 1
+    position, velocity = trace.position[row, :states], trace.velocity[row, :states]
+    if position.shape[1] == 1:
+        return
+    when = time_to_closest(position[:, 1:] - position[:, :1], velocity[:, 1:] - velocity[:, :1])
+    ahead = np.stack(
+        [position[:, :1] + velocity[:, :1] * when[..., None], position[:, 1:] + velocity[:, 1:] * when[..., None]]
+    )
+    gap = norm(ahead[1] - ahead[0]) - trace.radius[row, :states, 1:] - trace.radius[row, :states, :1]
+    gap = np.where(np.isfinite(gap) & (when > 0.0), gap, np.inf)
+    state, who = np.arange(states), gap.argmin(axis=1)
+    is_shown = gap[state, who] < NEAR
+    if trace.outcome[row] == Outcome.COLLISION:
+        is_shown[-1] = False  # the mark of the collision is there
+    if not is_shown.any():
+        return
+    lines = ahead[:, state, who].swapaxes(0, 1)[is_shown]
+    labels = [f"{max(gap[t, who[t]], 0.0):.2f} m in {when[t, who[t]]:.1f} s" for t in np.flatnonzero(is_shown)]
+    colors = [DARK.failure if gap[t, who[t]] < 0.0 else MUTED for t in np.flatnonzero(is_shown)]
+    # The text stands over the pedestrian, away from the vehicle's name.
+    above = lines[:, 1] + [0.0, trace.radius[row, 0, 0] + label]
+    yield still(
+        "world/approach",
+        rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.5), draw_order=46),
+        rr.Points2D.from_fields(radii=rr.Radius.ui_points(0)),
+    )
+    yield moving(
+        "world/approach",
+        moments(state, trace.rules.dt),
+        is_shown.astype(int).tolist(),
+        rr.LineStrips2D.columns(strips=lines, colors=colors),
+        rr.Points2D.columns(positions=above, labels=labels, colors=colors),
+    )

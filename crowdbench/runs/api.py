@@ -1,0 +1,147 @@
+"""Runs from Python: `crowdbench.run` drives a planner through cases and returns what a notebook shows well."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from crowdbench.metrics import METRICS, Metric, heading
+from crowdbench.metrics.load import RESERVED
+from crowdbench.metrics.summary import Estimate
+from crowdbench.planners.base import Planner
+from crowdbench.runs.load import load_run
+from crowdbench.runs.results import Episodes, read_estimate
+from crowdbench.runs.shards import make_run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.runs.store import RunResult
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.defaults import RECORD
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import markdown
+
+
+@dataclass(frozen=True, repr=False)
+class Result:
+    """What a run found. It is shown as a table of all metrics.
+
+    Attributes:
+        planner: The planner's name with its options.
+        scenario: The scenario's name.
+        cases: The cases.
+        metrics: The mean of each metric with its 95 % interval, by name; rates are shares.
+        episodes: A row per case: `episodes.to_arrow()`, `pandas.DataFrame.from_arrow(episodes)`, and
+            `polars.DataFrame(episodes)` are tables of it.
+        directory: Where it is kept; None where it is not.
+    """
+
+    planner: str
+    scenario: str
+    cases: str
+    metrics: Mapping[str, Estimate]
+    episodes: Episodes
+    directory: Path | None
+
+    @classmethod
+    def read(cls, directory: Path | str) -> Result:
+        """Read what `crowdbench run` or `run` has kept.
+
+        Args:
+            directory: The directory of the run.
+
+        Raises:
+            InputError: A file is missing, or is not the one that the run wrote.
+        """
+        run = RunResult.read(Path(directory))
+        metrics = {name: read_estimate(found) for name, found in run.result["metrics"].items()}
+        scenario = run.result["scenario"]["name"]
+        return cls(run.label, scenario, run.result["cases"], metrics, run.episodes, run.directory)
+
+    def __repr__(self) -> str:
+        rates, rows = set(self.episodes.rates), []
+        for name, found in self.metrics.items():
+            if found.n:
+                factor, digits = (100.0, 1) if name in rates else (1.0, 3)
+                mean, low, high = (f"{factor * value:.{digits}f}" for value in (found.mean, found.low, found.high))
+                rows.append([heading(name, name in rates), mean, f"{low} to {high}", str(found.n)])
+        table = markdown(["metric", "mean", "95 % interval", "cases"], rows)
+        return f"**{self.planner}** on {self.scenario}, cases {self.cases}\n\n{table}"
+
+    def _repr_markdown_(self) -> str:
+        """What Jupyter shows."""
+        return repr(self)
+
+
+def run(
+    planner: str | Planner,
+    scenario: str = "circle_crossing_5",
+    cases: int | str = 500,
+    *,
+    options: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    pedestrians: str | None = None,
+    metrics: Mapping[str, Metric] | None = None,
+    data: Path | str | None = None,
+    out: Path | str | None = None,
+    record: str = RECORD[0],
+    overwrite: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Drive a planner through the cases of a scenario and score it, as `crowdbench run` does.
+
+    Args:
+        planner: Its name, its file, or the planner itself.
+        scenario: The scenario's name or file.
+        cases: How many test cases, or what `crowdbench run --cases` takes, such as "val:100".
+        options: Options of a planner that is given by its name or file.
+        overrides: Other values for keys of the scenario, by dotted key.
+        pedestrians: The name or the file of a policy that moves all pedestrians.
+        metrics: Metrics of your own by name: functions of a trace, measured after the built-in ones.
+        data: The folder with recorded tracks, where the scenario needs them.
+        out: The directory in which the run is kept; None to keep nothing.
+        record: Which episodes the viewer can show of a run that is kept, one of `defaults.RECORD`.
+        overwrite: Whether an earlier run in `out` is replaced.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Returns:
+        What was measured.
+
+    Raises:
+        InputError: Something does not exist, breaks its contract, or cannot be written.
+    """
+    if not isinstance(planner, str | Planner):
+        raise InputError(f"planner is {planner!r}, but must be a name, a file or a Planner, such as MyPlanner()")
+    if options and not isinstance(planner, str):
+        raise InputError("options are for a planner that is named: give them to the planner that you construct")
+    if record not in RECORD:
+        raise InputError(f"record {record!r} is not one of {', '.join(RECORD)}")
+    spec = RunSpec(
+        planner if isinstance(planner, str) else type(planner).__name__,
+        scenario,
+        Cases.parse(str(cases)),
+        options or {},
+        overrides or {},
+        pedestrians,
+        record=record if out is not None else "none",
+        data=Path(data).absolute() if data is not None else None,
+    )
+    loaded = load_run(spec, None if isinstance(planner, str) else planner)
+    loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **_check_names(metrics or {})})
+    loaded.scenario.check_data(spec.data)
+    if out is not None:
+        make_run(loaded, Path(out), overwrite=overwrite, progress=progress)
+        return Result.read(out)
+    with tempfile.TemporaryDirectory() as folder:
+        make_run(loaded, Path(folder) / "run", progress=progress)
+        found = Result.read(Path(folder) / "run")
+    return dataclasses.replace(found, directory=None)
+
+
+def _check_names(metrics: Mapping[str, Metric]) -> Mapping[str, Metric]:
+    """Metrics of the user's own. Raises InputError where a name is taken."""
+    if taken := [name for name in metrics if name in METRICS or name in RESERVED]:
+        raise InputError(f"a column {taken[0]} exists already: give the metric another name")
+    return metrics

@@ -1,0 +1,152 @@
+"""What differs between the files of a run and its replay, one `Difference` for each kind."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Int, Shaped
+
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.runs.results import BLOCK, Episodes
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.tables import flatten
+
+TOLERANCE = 1e-9
+"""By how much figures may differ, absolutely or relatively, where versions or machines do."""
+
+_NOT_COMPARED = ("split", "case", "rules", "logs")
+"""Parts of a trace that are no states, or that a replay does not have."""
+
+_WITHOUT_TIME = ("outcome", "steps", "preferred_speed", "block")
+"""Parts of a trace that have no axis for the time."""
+
+_SHOWN = 3
+"""How many cases or values a sentence names."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One kind of difference.
+
+    Attributes:
+        count: In how many cases or values it was found.
+        of: Of how many.
+        what: What these are, and what is wrong with them.
+        first: The first ones, as texts.
+    """
+
+    count: int
+    of: int
+    what: str
+    first: Sequence[str]
+
+    def __str__(self) -> str:
+        more = ", ..." if self.count > len(self.first) else ""
+        return f"{self.count} of {self.of} {self.what}: {', '.join(self.first)}{more}"
+
+
+class Differences(list[Difference]):
+    """All that differs between a run and its replay.
+
+    Attributes:
+        cases: The cases of the run.
+        exact: Whether numbers must agree to the last bit, or else to `TOLERANCE`.
+    """
+
+    def __init__(self, cases: Cases, exact: bool) -> None:
+        super().__init__()
+        self.cases = cases
+        self.exact = exact
+
+    def note(self, what: str, found: Iterable[str], of: int) -> None:
+        """Add a difference, unless nothing was found: what was found, a text for each, and of how many."""
+        texts = list(found)
+        if texts:
+            self.append(Difference(len(texts), of, what, texts[:_SHOWN]))
+
+    def name(self, case: int) -> str:
+        """A case as sentences name it."""
+        return f"{self.cases.split}:{case}"
+
+    def note_rows(self, file: str, found: Int[np.ndarray, "row"], *, some_missing: bool = False) -> None:
+        """Note where a file has not one row of each case.
+
+        Args:
+            file: The file.
+            found: The case of each row.
+            some_missing: Whether cases may have no row.
+        """
+        each = Counter(found.tolist())
+        known = Counter(case for case in each if self.cases.start <= case < self.cases.stop)
+        lacking = (self.name(case) for case in range(self.cases.start, self.cases.stop) if case not in known)
+        if not some_missing and len(known) < len(self.cases):
+            first = list(itertools.islice(lacking, _SHOWN))  # no more: a forged number of cases may be of any size
+            what = f"cases have no row in {file}"
+            self.append(Difference(len(self.cases) - len(known), len(self.cases), what, first))
+        beyond = map(self.name, (each - known).elements())
+        self.note(f"rows of {file} are there twice, or of other cases than {self.cases}", beyond, len(found))
+
+    def note_values(self, file: str, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
+        """Note which values of a file, by name, perhaps in tables within tables, are not those of the replay."""
+        one, two = flatten(recorded), flatten(replayed)
+        names = list({**two, **one})
+        found = (
+            f"{name} ({one.get(name)}, replayed: {two.get(name)})"
+            for name in names
+            if not self._is_same(one.get(name), two.get(name))
+        )
+        self.note(f"values in {file} differ", found, len(names))
+
+    def note_episodes(self, recorded: Episodes, replayed: Episodes) -> None:
+        """Note which rows of `episodes.csv` are not those of the replay; both have the same cases."""
+        names = list(map(self.name, recorded.case.tolist()))
+        blocks = [table.block if table.block is not None else np.full(len(names), -1) for table in (recorded, replayed)]
+        rows = zip(names, _ends(recorded), _ends(replayed), strict=True)
+        ends = (f"{name} ({one}, replayed: {two})" for name, one, two in rows if one != two)
+        moved = (f"{names[row]} ({BLOCK})" for row in np.flatnonzero(blocks[0] != blocks[1]).tolist())
+        figures: dict[int, str] = {}
+        for metric in (name for name in replayed.columns if name in recorded.columns):
+            one, two = recorded.columns[metric], replayed.columns[metric]
+            for row in np.flatnonzero(~self.agree(one, two)).tolist():
+                figures.setdefault(row, f"{names[row]} ({metric} {one[row]}, replayed: {two[row]})")
+        self.note("cases end otherwise than episodes.csv says", ends, len(names))
+        self.note("cases are of another block of time in episodes.csv", moved, len(names))
+        self.note("cases have other figures in episodes.csv", (figures[row] for row in sorted(figures)), len(names))
+
+    def compare_states(self, recorded: Trace, replayed: Trace) -> list[str]:
+        """A text for each episode of both traces that differs: its case, the first array that does, and the step."""
+        _, *rows = np.intersect1d(recorded.case, replayed.case, return_indices=True)
+        found: dict[int, str] = {}
+        for name in (field.name for field in dataclasses.fields(Trace) if field.name not in _NOT_COMPARED):
+            # Recordings of before have no groups.
+            if len(rows[0]) == 0 or getattr(replayed, name) is None or getattr(recorded, name) is None:
+                continue
+            differs = ~self.agree(getattr(recorded, name)[rows[0]], getattr(replayed, name)[rows[1]])
+            for row in np.flatnonzero(differs.reshape(len(differs), -1).any(axis=1)).tolist():
+                when = "" if name in _WITHOUT_TIME else f" at step {np.argwhere(differs[row])[0, 0]}"
+                found.setdefault(row, f"{self.name(int(recorded.case[rows[0][row]]))} ({name}{when})")
+        return [found[row] for row in sorted(found)]
+
+    def agree(self, one: Shaped[np.ndarray, "*shape"], two: Shaped[np.ndarray, "*shape"]) -> Bool[np.ndarray, "*shape"]:
+        """Where two arrays agree. NaN agrees with NaN."""
+        if self.exact or one.dtype.kind != "f" or two.dtype.kind != "f":
+            return np.asarray((one == two) | ((one != one) & (two != two)))
+        return np.asarray(np.isclose(one, two, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True))
+
+    def _is_same(self, one: object, two: object) -> bool:
+        if isinstance(one, float) and isinstance(two, float):
+            return bool(self.agree(np.array(one), np.array(two)))
+        return type(one) is type(two) and one == two
+
+
+def _ends(table: Episodes) -> list[str]:
+    return [
+        f"{Outcome(outcome).label} after {steps} steps"
+        for outcome, steps in zip(table.outcome.tolist(), table.steps.tolist(), strict=True)
+    ]

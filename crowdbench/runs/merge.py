@@ -1,0 +1,139 @@
+"""Several runs of adjoining cases made into the one run that drives all of them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from crowdbench.runs import commands
+from crowdbench.runs.commands import COMMANDS
+from crowdbench.runs.manifest import code
+from crowdbench.runs.recording import most_failures
+from crowdbench.runs.results import RECORDING, Episodes, to_json
+from crowdbench.runs.store import RunResult, write_run
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.directory import new_directory
+from crowdbench.utils.errors import InputError
+
+OWN = ("cases", "recorded", "outcomes", "metrics", "blocks", "timing", "isolation", "versions")
+"""What the results of two parts may differ in."""
+
+
+def _read_part(directory: Path) -> RunResult:
+    """Read a run. Raises InputError where it is not as it was written, or was not made by the present code."""
+    part = RunResult.read(directory)
+    if part.manifest is None or part.manifest.code != code():
+        raise InputError(f"{directory} was not made by this version of crowdbench, and cannot be merged: make it again")
+    return part
+
+
+def _manifest(part: RunResult) -> Mapping[str, Any]:
+    """The contents of a part's manifest, which `_read_part` has found."""
+    assert part.manifest is not None
+    return part.manifest.table
+
+
+def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, interrupted: bool = False) -> dict[str, Any]:
+    """Make one run of several.
+
+    Its episodes and commands are those of a run that drives all cases, to the last byte.
+
+    Args:
+        directories: The runs, in any order.
+        out: The directory to write.
+        overwrite: Whether an earlier run in `out` is replaced.
+        interrupted: Whether cases are missing that were asked for.
+
+    Returns:
+        The contents of its `result.json`.
+
+    Raises:
+        InputError: The runs do not fit together, one of them is not as it was written, or `out` cannot be written.
+    """
+    parts = sorted(map(_read_part, directories), key=lambda part: (part.cases.split, part.cases.start))
+    _check_fitting(parts)
+    episodes = Episodes.join([part.episodes for part in parts])
+    first, last = parts[0].cases, parts[-1].cases
+    cases = Cases(first.split, first.start, last.stop)
+    with new_directory(out, overwrite) as directory:
+        if (parts[0].directory / COMMANDS).exists():
+            commands.join([part.directory / COMMANDS for part in parts], directory / COMMANDS)
+        result = parts[0].result | {
+            "cases": str(cases),
+            "recorded": _join_recordings(parts, cases, directory / RECORDING),
+            "outcomes": episodes.counts(),
+            "metrics": to_json(episodes.summary()),
+            **episodes.blocks,
+            "timing": _timing(parts),
+            "versions": _versions(parts),
+        }
+        if "isolation" in result:
+            result["isolation"] = _isolation([part.result["isolation"] for part in parts])
+        about = {key: value for key, value in _manifest(parts[0]).items() if key not in ("format", "files", "code")}
+        asked = about["asked"] | {"cases": str(cases)}
+        about |= {"asked": asked, "interrupted": interrupted, "versions": result["versions"]}
+        write_run(directory, episodes, result, about)
+    return result
+
+
+def _check_fitting(parts: Sequence[RunResult]) -> None:
+    if not parts:
+        raise InputError("there is no run to merge: name the directories of runs")
+    for before, after in itertools.pairwise(parts):
+        one, two = ({key: value for key, value in part.result.items() if key not in OWN} for part in (before, after))
+        if differ := [key for key in dict.fromkeys([*one, *two]) if one.get(key) != two.get(key)]:
+            raise InputError(
+                f"{before.directory} and {after.directory} are no parts of one run: they differ in {differ[0]}"
+            )
+        if (before.cases.split, before.cases.stop) != (after.cases.split, after.cases.start):
+            raise InputError(
+                f"{before.directory} has cases {before.cases} and {after.directory} has {after.cases}, but the cases "
+                "of runs that are merged must follow each other without a gap and without an overlap"
+            )
+        if (before.directory / COMMANDS).exists() != (after.directory / COMMANDS).exists():
+            raise InputError(f"{before.directory} and {after.directory} do not both have {COMMANDS}: record both alike")
+
+
+def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> int:
+    """Join what is recorded, up to the most failures and the part in which they are reached; returns how many it is.
+
+    Args:
+        parts: The parts.
+        cases: All their cases.
+        path: The recording to write.
+    """
+    recorded = [part for part in parts if part.result["recorded"]]
+    if not recorded:
+        return 0
+    from crowdbench.record.write import Recorder
+
+    scenario, number = parts[0].result["scenario"], 0
+    # Recorded crowds have no number, and are not that many.
+    most = most_failures(scenario["pedestrians"].get("number", [0, 0])[1])
+    header = {"planner": parts[0].label, "scenario": scenario["name"], "scenario_digest": scenario["digest"]}
+    with Recorder(path, **header, cases=len(cases)) as recorder:
+        for part in recorded:
+            if number < most or _manifest(part)["asked"].get("record") == "all":
+                number += recorder.copy(part.directory / RECORDING)
+    return number
+
+
+def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
+    timings = [part.result["timing"] for part in parts]
+    steps = [int(part.episodes.steps.sum()) for part in parts]
+    decided = sum(own["decision_ms_per_step"] * count for own, count in zip(timings, steps, strict=True))
+    return {"decision_ms_per_step": decided / sum(steps), "seconds": sum(own["seconds"] for own in timings)}
+
+
+def _versions(parts: Sequence[RunResult]) -> dict[str, str]:
+    """Each version, or all that the parts have, such as the machines of a cluster."""
+    each = [part.result["versions"] for part in parts]
+    return {name: ", ".join(dict.fromkeys(str(own.get(name)) for own in each)) for name in each[0]}
+
+
+def _isolation(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The worst of all parts."""
+    worst = {name: max(own[name] for own in each) for name in ("construction_seconds", "peak_memory_mb")}
+    return {"level": ", ".join(dict.fromkeys(own["level"] for own in each)), **worst}

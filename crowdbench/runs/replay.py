@@ -1,0 +1,260 @@
+"""A run simulated again from its scenario, its cases and the recorded commands, without its planner.
+
+Whatever made the run, its planner included, has no part in the replay: the files of the run are data. What follows from
+the commands can be checked: states, outcomes, metrics. Who gave the commands, how fast, and what he knew cannot.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.core.types import Observation, Trace
+from crowdbench.metrics import Metric
+from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.commands import COMMANDS, Commands
+from crowdbench.runs.differences import Difference, Differences
+from crowdbench.runs.manifest import MANIFEST, code
+from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, to_json
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.run import fit_batch, read_versions
+from crowdbench.runs.store import RunResult
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.defaults import BATCH
+from crowdbench.utils.errors import InputError
+
+
+class Playback(Planner):
+    """Gives commands of one batch of cases that are known beforehand.
+
+    Args:
+        command: The commands as the vehicle's dynamics takes them, by world and step.
+        privileged: Whether they come from something that uses what no vehicle could know.
+    """
+
+    native = True
+
+    def __init__(self, command: Float[np.ndarray, "world step 2"], privileged: bool = False) -> None:
+        self._command = command
+        self.privileged = privileged
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """The commands of this step."""
+        return self._command[obs.row, obs.step]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replay has found.
+
+    Attributes:
+        cases: How many cases were simulated again.
+        recorded: How many of them have their states in `run.rrd`.
+        metrics: How many metrics were compared.
+        unchecked: The columns of `episodes.csv` whose metric is not known.
+        versions: What differs between the run's versions and machine and the present ones; if nothing does, everything
+            was compared to the last bit.
+        differences: What differs between the run and its replay.
+    """
+
+    cases: int
+    recorded: int
+    metrics: int
+    unchecked: list[str]
+    versions: list[str]
+    differences: list[Difference]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything as JSON has it, and whether the run agrees with its replay."""
+        return {"agrees": not self.differences, **dataclasses.asdict(self)}
+
+    def __str__(self) -> str:
+        how = "outcomes exactly and figures to 1e-9" if self.versions else "to the last bit"
+        states = f", the states of {self.recorded} episodes with run.rrd" if self.recorded else ""
+        lines = [
+            f"{self.cases} cases were simulated again from their commands and compared, {how}: outcomes, steps and "
+            f"{self.metrics} metrics with episodes.csv, their summary with result.json{states}."
+        ]
+        if self.versions:
+            lines.append(f"The last bits may differ, because {', '.join(self.versions)}.")
+        if self.unchecked:
+            lines.append(
+                f"Not compared, because their metric is not known: {', '.join(self.unchecked)} (see --metric)."
+            )
+        if self.differences:
+            return "\n".join([*lines, "The run is not what its commands lead to:", *map(str, self.differences)])
+        lines.append(
+            "All agree. This does not tell which planner gave the commands, nor how long it took or what it knew."
+        )
+        return "\n".join(lines)
+
+
+def replay(
+    run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], progress: Callable[[float], None] | None = None
+) -> Replay:
+    """Simulate the cases of a run again and compare.
+
+    Args:
+        run: What the run has left.
+        scenario: The scenario that its `result.json` describes, made again.
+        metrics: Metrics by name; those are measured that the run has.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Returns:
+        What was compared, and what differs.
+
+    Raises:
+        InputError: The run has commands of none of its cases, or a pedestrian policy or a metric breaks its contract.
+    """
+    changed = _changed_versions(run)
+    columns = dict.fromkeys([*run.episodes.columns, *run.result["metrics"]])
+    measured = {name: metrics[name] for name in columns if name in metrics}
+    found = Differences(run.cases, exact=not changed)
+    found.note(f"checks of {MANIFEST} fail", [run.broken] if run.broken else [], 1)
+    parts: list[Episodes] = []
+    wrong_states: list[str] = []
+    for trace in traces(run, scenario, progress=progress):
+        parts.append(Episodes.of(trace, measured))
+        if run.recording is not None and _kind(run.recording.trace) == _kind(trace):
+            wrong_states += found.compare_states(run.recording.trace, trace)
+    replayed = Episodes.join(parts)
+    _compare_commands(found, run, scenario, replayed)
+    _compare_episodes(found, run, replayed)
+    _compare_result(found, run, scenario, replayed)
+    _compare_recording(found, run, scenario, trace, wrong_states)
+    unchecked = [name for name in columns if name not in metrics]
+    return Replay(len(replayed), _recorded(run), len(measured), unchecked, changed, list(found))
+
+
+def _recorded(run: RunResult) -> int:
+    """How many episodes are recorded."""
+    return 0 if run.recording is None else len(run.recording.trace)
+
+
+def traces(
+    run: RunResult,
+    scenario: Scenario,
+    only: Collection[int] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Iterator[Trace]:
+    """Simulate cases of a run again, in order, and yield their traces batch by batch.
+
+    Args:
+        run: What the run has left.
+        scenario: The scenario that its `result.json` describes, made again.
+        only: The numbers of the wanted cases; None for every case that has commands.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Raises:
+        InputError: The run has commands of none of these cases, or a pedestrian policy breaks its contract.
+    """
+    case, first = np.unique(run.commands.case, return_index=True)
+    inside = (case >= run.cases.start) & (case < run.cases.stop)
+    if only is not None:
+        inside &= np.isin(case, list(only))
+    case, first = case[inside], first[inside]
+    if len(case) == 0:
+        raise InputError(f"{COMMANDS} has no commands of the cases {run.cases}, so that nothing can be replayed")
+    possible = _possible(run.commands, scenario)
+    for rows in np.split(np.arange(len(case)), np.flatnonzero(np.diff(case) > 1) + 1):
+        together = Cases(run.cases.split, int(case[rows[0]]), int(case[rows[-1]]) + 1)
+        for part in together.batches(fit_batch(BATCH, scenario)):
+            chosen = first[rows[part.start - together.start : part.stop - together.start]]
+            command = run.commands.pad(chosen, scenario.rules.max_steps)
+            command[~possible[chosen]] = 0.0  # the driver would end the replay at them
+            driver = Driver(Playback(command), "of the replay")
+            yield rollout(driver, scenario, part, progress=progress)
+
+
+def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"]:
+    """Whether a run accepts all commands of each case: they are finite, and within the limits of the vehicle."""
+    speed = np.full(len(recorded.command), scenario.vehicle.speed)
+    with np.errstate(over="ignore"):
+        is_within = scenario.rules.dynamics.is_within(recorded.command, speed)  # nothing that is not finite is
+    row_of_step = np.repeat(np.arange(len(recorded.case)), recorded.steps)
+    return np.bincount(row_of_step[~is_within], minlength=len(recorded.case)) == 0
+
+
+def _compare_commands(found: Differences, run: RunResult, scenario: Scenario, replayed: Episodes) -> None:
+    """Note what is wrong with `commands.parquet`."""
+    recorded = run.commands
+    found.note_rows(COMMANDS, recorded.case)
+    refused = map(found.name, recorded.case[~_possible(recorded, scenario)].tolist())
+    what = "commands that a run refuses, beyond the limits of the vehicle or not finite"
+    found.note(f"cases in {COMMANDS} have {what}", refused, len(recorded.case))
+    _, one, two = np.intersect1d(recorded.case, replayed.case, return_indices=True)
+    lengths = zip(replayed.case[two].tolist(), recorded.steps[one].tolist(), replayed.steps[two].tolist(), strict=True)
+    wrong = (f"{found.name(case)} ({n}, replayed: {steps})" for case, n, steps in lengths if n != steps)
+    found.note(f"cases have more or fewer commands in {COMMANDS} than steps", wrong, len(one))
+
+
+def _compare_episodes(found: Differences, run: RunResult, replayed: Episodes) -> None:
+    """Note what is wrong with `episodes.csv`."""
+    found.note_rows(EPISODES, run.episodes.case)
+    missing = (name for name in replayed.columns if name not in run.episodes.columns)
+    found.note(f"metrics have no column in {EPISODES}", missing, len(replayed.columns))
+    _, one, two = np.intersect1d(run.episodes.case, replayed.case, return_indices=True)
+    found.note_episodes(run.episodes.take(one), replayed.take(two))
+
+
+def _compare_result(found: Differences, run: RunResult, scenario: Scenario, replayed: Episodes) -> None:
+    """Note what is wrong with `result.json`."""
+    result, metrics = run.result, run.result["metrics"]
+    recorded = {
+        "scenario": {"digest": result["scenario"].get("digest")},
+        "outcomes": result.get("outcomes"),
+        "metrics": {name: metrics.get(name) for name in replayed.columns},
+        "recorded": result.get("recorded"),
+    }
+    again = {
+        "scenario": {"digest": scenario.digest},
+        "outcomes": replayed.counts(),
+        "metrics": to_json(replayed.summary()),
+        "recorded": _recorded(run),
+    }
+    found.note_values(RESULT, recorded, again)
+
+
+def _compare_recording(
+    found: Differences, run: RunResult, scenario: Scenario, trace: Trace, wrong_states: list[str]
+) -> None:
+    """Note what is wrong with `run.rrd`; `trace` is a part of the replay."""
+    recording = run.recording
+    if recording is None:
+        return
+    recorded = {"planner": recording.planner, "scenario": recording.scenario_digest, **_kind(recording.trace)}
+    found.note_values(RECORDING, recorded, {"planner": run.label, "scenario": scenario.digest, **_kind(trace)})
+    found.note_rows(RECORDING, recording.trace.case, some_missing=True)
+    found.note(f"episodes in {RECORDING} have other states", wrong_states, len(recording.trace))
+
+
+def _kind(trace: Trace) -> dict[str, Any]:
+    """What two traces have in common whose states can be compared."""
+    return {
+        "split": trace.split,
+        "agents": trace.position.shape[2],
+        "undisturbed": trace.undisturbed is not None,
+        "perceived": trace.perceived is not None,
+        "rules": trace.rules.to_table(),
+    }
+
+
+def _changed_versions(run: RunResult) -> list[str]:
+    """What the last bits depend on and is not known to be the same as in the run."""
+    recorded = run.result.get("versions")
+    known = recorded if isinstance(recorded, dict) else {}
+    changed = [
+        f"{name} is {here} here and was {known.get(name, 'another')} in the run"
+        for name, here in read_versions().items()
+        if known.get(name) != here
+    ]
+    if run.manifest is not None and run.manifest.code != code():
+        changed.append("the code of crowdbench is another than in the run")
+    return changed

@@ -1,0 +1,264 @@
+"""A run's results: one row per episode in `episodes.csv`, and what `result.json` says of them together."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Int, Shaped
+
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.metrics import Metric, is_rate
+from crowdbench.metrics.load import LARGEST, measure
+from crowdbench.metrics.summary import Estimate, summarize
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError, describe_error
+from crowdbench.utils.numbers import is_integer, is_number
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+RESULT = "result.json"
+EPISODES = "episodes.csv"
+RECORDING = "run.rrd"
+BLOCK = "block"
+"""The column of `episodes.csv` with the block of recorded time of each case, where people are recorded."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """One row per episode.
+
+    Attributes:
+        case: Number of the case.
+        outcome: How the episode ended, an `Outcome`.
+        steps: Steps until it ended.
+        columns: The values of each metric by its name; booleans are rates, NaN is undefined.
+        block: The block of recorded time that each case is from, as in `Trace`.
+    """
+
+    case: Int[np.ndarray, "case"]
+    outcome: Int[np.ndarray, "case"]
+    steps: Int[np.ndarray, "case"]
+    columns: Mapping[str, Shaped[np.ndarray, "case"]]
+    block: Int[np.ndarray, "case"] | None = None
+
+    def __len__(self) -> int:
+        return len(self.case)
+
+    @classmethod
+    def of(cls, trace: Trace, metrics: Mapping[str, Metric]) -> Episodes:
+        """Measure a trace.
+
+        Args:
+            trace: The trace.
+            metrics: What is measured, by name.
+
+        Raises:
+            InputError: A metric raises, or does not return one value per episode.
+        """
+        return cls(
+            trace.case,
+            trace.outcome,
+            trace.steps,
+            {name: measure(name, metric, trace) for name, metric in metrics.items()},
+            trace.block,
+        )
+
+    @classmethod
+    def join(cls, parts: list[Episodes]) -> Episodes:
+        """The rows of all parts, in order."""
+        blocks = [part.block for part in parts if part.block is not None]
+        return cls(
+            np.concatenate([part.case for part in parts]),
+            np.concatenate([part.outcome for part in parts]),
+            np.concatenate([part.steps for part in parts]),
+            {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
+            np.concatenate(blocks) if blocks else None,
+        )
+
+    @property
+    def rates(self) -> list[str]:
+        """The names of the metrics that are rates."""
+        return [name for name, values in self.columns.items() if is_rate(values)]
+
+    @property
+    def blocks(self) -> dict[str, int]:
+        """The number of blocks of recorded time, as results say it; nothing where nobody is recorded."""
+        return {} if self.block is None else {"blocks": len(np.unique(self.block))}
+
+    def take(self, rows: Shaped[np.ndarray, "row"]) -> Episodes:
+        """The given rows."""
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        block = None if self.block is None else self.block[rows]
+        return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
+
+    def summary(self) -> dict[str, Estimate]:
+        """Each metric's mean and interval."""
+        return summarize(self.columns, self.steps, self.block)
+
+    def counts(self) -> dict[str, int]:
+        """How many episodes ended in each outcome, by its label."""
+        return {outcome.label: int((self.outcome == outcome).sum()) for outcome in list(Outcome)[1:]}
+
+    def to_arrow(self) -> pa.Table:
+        """A table of Arrow with a row per episode: case, outcome, steps, and all metrics; undefined values are null."""
+        import pyarrow as pa
+
+        labels = [Outcome(outcome).label for outcome in self.outcome]
+        blocks = {} if self.block is None else {BLOCK: self.block}
+        first = {"case": self.case, "outcome": labels, "steps": self.steps, **blocks}
+        columns = {name: pa.array(values, from_pandas=True) for name, values in self.columns.items()}
+        return pa.table({**first, **columns})
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """How pandas, polars and others take the table, see Arrow's PyCapsule interface."""
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
+
+    def write(self, path: Path) -> None:
+        """Write as CSV. Numbers read back to the last bit."""
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            blocks = {} if self.block is None else {BLOCK: self.block.tolist()}
+            writer.writerow(["case", "outcome", "steps", *blocks, *self.columns])
+            labels = [Outcome(outcome).label for outcome in self.outcome]
+            columns = [_texts(values) for values in self.columns.values()]
+            each = self.case.tolist(), labels, self.steps.tolist(), *blocks.values(), *columns
+            writer.writerows(zip(*each, strict=True))
+
+    @classmethod
+    def read(cls, path: Path) -> Episodes:
+        """Read what `write` wrote. Raises InputError where the file is missing or has other contents."""
+        try:
+            header, *rows = csv.reader(io.StringIO(files.read_text(path), newline=""))
+            by_name = dict(zip(header, zip(*rows, strict=True), strict=True))
+            if len(by_name) < len(header):
+                raise ValueError("two columns have the same name")
+            case, steps = (np.array([int(text) for text in by_name.pop(name)], np.int64) for name in ("case", "steps"))
+            outcome = np.array([Outcome[text.upper()] for text in by_name.pop("outcome")], np.int64)
+            block = np.array([int(text) for text in by_name.pop(BLOCK)], np.int64) if BLOCK in by_name else None
+            return cls(case, outcome, steps, {name: _values(texts) for name, texts in by_name.items()}, block)
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: {error.strerror}") from None
+        except (ValueError, KeyError, OverflowError, csv.Error) as error:
+            raise InputError(
+                f"{path} is not a table of episodes as crowdbench writes it: {describe_error(error)}"
+            ) from None
+
+
+def read_result(directory: Path) -> dict[str, Any]:
+    """The contents of a run's `result.json`. Raises InputError where it is missing or has other contents."""
+    path = directory / RESULT
+    try:
+        result = files.read_json(path)
+    except OSError as error:
+        raise InputError(
+            f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
+        ) from None
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON: {error}") from None
+    if not _is_result(result):
+        raise InputError(f"{path} is not a result of crowdbench: it must hold {', '.join(_KEYS)}, each of its type")
+    try:
+        Cases.parse(result["cases"])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return result
+
+
+_KEYS = {"planner": str, "scenario": dict, "cases": str, "outcomes": dict, "metrics": dict, "options": dict}
+"""What every result holds."""
+
+
+def _is_result(result: Any) -> bool:
+    if not isinstance(result, dict) or not all(isinstance(result.get(key), kind) for key, kind in _KEYS.items()):
+        return False
+    scenario, estimates = result["scenario"], result["metrics"].values()
+    return (
+        all(isinstance(scenario.get(key), dict) for key in ("layout", "pedestrians"))
+        and all(is_number(scenario.get(key)) and 0.0 < scenario[key] < 1e9 for key in ("dt", "time_limit"))
+        and all(map(is_integer, result["outcomes"].values()))
+        and all(isinstance(estimate, dict) and is_integer(estimate.get("n")) for estimate in estimates)
+        and all(estimate.get("mean") is None or _is_moderate(estimate["mean"]) for estimate in estimates)
+    )
+
+
+def _is_moderate(value: Any) -> bool:
+    return is_number(value) and abs(value) <= LARGEST
+
+
+def planner_label(planner: str, options: Mapping[str, Any], replanning: Mapping[str, Any] | None = None) -> str:
+    """A planner's name with its settings in brackets, as shown to people.
+
+    Args:
+        planner: The planner's name.
+        options: Its options.
+        replanning: When it observes, as `Replanning.settings` and `replanning_of` give it.
+    """
+    given = settings_label({**options, **(replanning or {})})
+    return f"{planner} ({given})" if given else planner
+
+
+def replanning_of(result: Mapping[str, Any]) -> dict[str, Any]:
+    """When the planner of a run observed, as `Replanning.settings`. Runs of earlier versions have no `look_first`."""
+    if result.get("replan_every", 1) == 1:
+        return {}
+    return {name: result[name] for name in ("replan_every", "look_first") if name in result}
+
+
+def result_label(result: Mapping[str, Any]) -> str:
+    """`planner_label` of a run, from the contents of its `result.json`."""
+    return planner_label(result["planner"], result.get("options", {}), replanning_of(result))
+
+
+def settings_label(settings: Mapping[str, Any]) -> str:
+    """Settings as shown to people and written in TOML: `modes=5, limits={max_velocity_change=1.0}, explore=false`."""
+    return ", ".join(f"{key}={_format_value(value)}" for key, value in settings.items())
+
+
+def _format_value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"{{{settings_label(value)}}}"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def to_json(summary: Mapping[str, Estimate]) -> dict[str, dict[str, float | int | None]]:
+    """A summary as plain numbers; NaN and infinity, which JSON does not have, become null."""
+    return {
+        name: {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in dataclasses.asdict(estimate).items()
+        }
+        for name, estimate in summary.items()
+    }
+
+
+def read_estimate(table: Mapping[str, Any]) -> Estimate:
+    """An estimate as `to_json` has written it. Raises KeyError where a number is missing."""
+    mean, low, high, largest = (
+        math.nan if table[name] is None else float(table[name]) for name in ("mean", "low", "high", "max")
+    )
+    return Estimate(mean, low, high, int(table["n"]), largest)
+
+
+def _texts(values: Shaped[np.ndarray, "case"]) -> list[str]:
+    if values.dtype == bool:
+        return ["true" if value else "false" for value in values]
+    return ["" if math.isnan(value) else repr(value) for value in values.tolist()]
+
+
+def _values(texts: tuple[str, ...]) -> Shaped[np.ndarray, "case"]:
+    if set(texts) <= {"true", "false"}:
+        return np.array([text == "true" for text in texts])
+    values = np.array([float(text) if text else math.nan for text in texts])
+    if (np.abs(values) > LARGEST).any():
+        raise ValueError(f"a value is beyond {LARGEST:g}")
+    return values

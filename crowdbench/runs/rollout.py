@@ -1,0 +1,298 @@
+"""Drive a planner through cases, all in lock-step."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import Outcome, Trace, World
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.spec import EVERY_STEP, Replanning
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.episode import StepCheck
+from crowdbench.sim.routes import goals_on_way
+from crowdbench.sim.sensor import ages, observe
+from crowdbench.sim.simulator import crowd_decisions, limit_velocities, step, walk
+from crowdbench.utils.errors import InputError
+
+LOG_MEMORY = 256e6
+"""Bytes that the logs of a batch may take, unless it is of one world."""
+
+
+class LogsTooLarge(Exception):
+    """What a planner logs would take too much memory: the batch must be smaller.
+
+    Attributes:
+        fitting: The number of cases whose logs fit.
+    """
+
+    def __init__(self, fitting: int) -> None:
+        super().__init__(f"the logs of {fitting} cases fit")
+        self.fitting = fitting
+
+
+def rollout(
+    driver: Driver,
+    scenario: Scenario,
+    cases: Cases,
+    *,
+    replanning: Replanning = EVERY_STEP,
+    keep_logs: bool = False,
+    undisturbed: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> Trace:
+    """Drive a planner through cases, each to its outcome. Worlds that have ended leave the batch.
+
+    Args:
+        driver: Asks the planner for commands.
+        scenario: The scenario of the cases.
+        cases: The cases.
+        replanning: When the planner gets an observation. Where it gives several commands at once, its `plan_ahead` is
+            called, and the commands are executed in open loop.
+        keep_logs: Whether the trace keeps what the planner logs.
+        undisturbed: Whether the trace tells where people who see the vehicle would walk without it, which some metrics
+            read (`metrics.UNDISTURBED`), and which takes as long as simulating the crowd once more to the time limit.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Returns:
+        The trace of all episodes.
+
+    Raises:
+        InputError: Planner or scenario break their contract.
+        LogsTooLarge: With `keep_logs`, where the planner's logs would take more than `LOG_MEMORY`.
+    """
+    world = scenario.worlds(cases)
+    driver.reset(world.case)
+    states = _States(world, scenario.renewal is not None, bool(scenario.crowd.groups))
+    shares = None if progress is None else _Shares(len(world), progress)
+    alone = _walk_alone(scenario, world) if undisturbed and scenario.rules.visible else None
+    rows = np.arange(len(world))
+    for t in range(scenario.rules.max_steps):
+        crowd, world = crowd_decisions(world, scenario.policies)
+        ahead = replanning.steps_executed(t)
+        if ahead == 0:
+            future = limit_velocities(world, crowd) if driver.privileged else None
+            obs = observe(world, rows, future, {} if keep_logs else None)
+            steps = replanning.steps_to_plan(t)
+            commands = driver.decide(obs)[:, None] if steps == 1 else driver.decide_ahead(obs, steps)
+            states.log(rows, t, obs.logs or {})
+        after, check = step(world, commands[:, ahead], crowd, scenario.renewal)
+        states.add(rows, t, commands[:, ahead], after, check)
+        running = check.outcome == Outcome.RUNNING
+        if shares is not None:
+            shares.add(rows, after, running)
+        if not running.all():
+            after, rows, commands = after.take(running), rows[running], commands[running]
+        if not len(rows):
+            break
+        world = after
+    return states.trace(cases.split, alone, scenario.blocks(cases))
+
+
+def _walk_alone(
+    scenario: Scenario, world: World
+) -> tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]]:
+    """Where the pedestrians would walk if the vehicle were not there, in metres, and their numbers as persons."""
+    world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
+    positions, persons = [world.position[:, 1:]], [world.person]
+    for _ in range(scenario.rules.max_steps):
+        crowd, world = crowd_decisions(world, scenario.policies)
+        world = walk(world, crowd, scenario.renewal)
+        positions.append(world.position[:, 1:])
+        persons.append(world.person)
+    return np.stack(positions, axis=1), np.stack(persons, axis=1)
+
+
+class _Shares:
+    """Tells how much of the episodes is done, which grows with time even while none has ended.
+
+    A running episode is expected to end when the vehicle has gone straight to its goal, or at the time limit.
+    """
+
+    def __init__(self, worlds: int, progress: Callable[[float], None]) -> None:
+        self.progress = progress
+        self.share = np.zeros(worlds)
+
+    def add(self, rows: Int[np.ndarray, "running"], after: World, running: Bool[np.ndarray, "running"]) -> None:
+        """Tell what a step added.
+
+        Args:
+            rows: The worlds that were running in it.
+            after: The worlds after it.
+            running: Whether each of them is still running.
+        """
+        seconds_left = norm(goals_on_way(after)[:, 0] - after.position[:, 0]) / after.preferred_speed[:, 0]
+        expected = np.minimum(after.step + seconds_left / after.rules.dt, after.rules.max_steps)
+        share = np.where(running, np.maximum(after.step / expected, self.share[rows]), 1.0)
+        self.progress(float((share - self.share[rows]).sum()))
+        self.share[rows] = share
+
+
+_OF_PEOPLE = ("goal", "radius", "present", "person")
+"""What changes in an episode only where people come, leave, or change their goals."""
+
+
+class _States:
+    """Collects the arrays of a trace while worlds leave the batch.
+
+    Args:
+        start: The worlds at their start.
+        changing: Whether people may come, leave, or change their goals.
+        grouped: Whether they may walk in groups.
+    """
+
+    def __init__(self, start: World, changing: bool, grouped: bool) -> None:
+        worlds, agents = start.radius.shape
+        steps = start.rules.max_steps
+        self.start = start
+        self.steps = np.zeros(worlds, np.int64)
+        self.states = {
+            "position": np.full((worlds, steps + 1, agents, 2), np.nan),
+            "velocity": np.full((worlds, steps + 1, agents, 2), np.nan),
+            "heading": np.full((worlds, steps + 1), np.nan),
+        }
+        self.checks = {name: np.full((worlds, steps), np.nan) for name in ("gap", "wall_gap")}
+        self.outcome = np.zeros(worlds, np.int64)
+        self.command = np.full((worlds, steps, 2), np.nan)
+        self.logs: dict[str, np.ndarray] = {}
+        self.changing = changing
+        self.people = {name: self._always(getattr(start, name)) for name in (*_OF_PEOPLE, *["group"] * grouped)}
+        if changing:
+            self.people = {name: array.copy() for name, array in self.people.items()}
+        for name, array in self.states.items():
+            array[:, 0] = getattr(start, name)
+        self.perceived: Float[np.ndarray, "world time pedestrian 2"] | None = None
+        self.age: Float[np.ndarray, "world time pedestrian"] | None = None
+        if not start.rules.sensor.sees_all:
+            self.perceived = np.full((worlds, steps + 1, agents - 1, 2), np.nan)
+            self.age = np.full((worlds, steps + 1, agents - 1), np.inf)
+            self._perceive(np.arange(worlds), 0, start)
+
+    def _perceive(self, rows: Int[np.ndarray, "running"], t: int, world: World) -> None:
+        """Keep what the vehicles see in state `t` of the worlds in these rows."""
+        if self.perceived is not None and self.age is not None:
+            self.age[rows, t] = age = ages(world)
+            self.perceived[rows, t] = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
+
+    def add(
+        self,
+        rows: Int[np.ndarray, "running"],
+        t: int,
+        command: Float[np.ndarray, "running 2"],
+        after: World,
+        check: StepCheck,
+    ) -> None:
+        """Keep a step.
+
+        Args:
+            rows: The worlds that were running in it.
+            t: Its number, from 0.
+            command: What the planner asked for, in m/s.
+            after: The worlds after it.
+            check: What its check found.
+        """
+        for name, array in (self.states | (self.people if self.changing else {})).items():
+            array[rows, t + 1] = getattr(after, name)
+        for name, array in self.checks.items():
+            array[rows, t] = getattr(check, name)
+        self.command[rows, t] = command
+        self.outcome[rows] = check.outcome
+        self.steps[rows] = t + 1
+        self._perceive(rows, t + 1, after)
+
+    def log(self, rows: Int[np.ndarray, "running"], t: int, logs: Mapping[str, np.ndarray]) -> None:
+        """Keep what the planner logs.
+
+        Args:
+            rows: The worlds that are running.
+            t: The number of the step, from 0.
+            logs: By name, one entry for each of these worlds.
+
+        Raises:
+            InputError: A log has another shape than before.
+            LogsTooLarge: See there.
+        """
+        for name, values in logs.items():
+            shape = (len(self.outcome), self.command.shape[1], *values.shape[1:])
+            if name not in self.logs:
+                self.logs[name] = self._empty_log(shape)
+            if self.logs[name].shape != shape:
+                raise InputError(
+                    f"the log {name} has shape {list(values.shape[1:])} per world in step {t}, "
+                    f"but had {list(self.logs[name].shape[2:])} before"
+                )
+            with np.errstate(over="ignore"):
+                self.logs[name][rows, t] = values
+
+    def _empty_log(self, shape: tuple[int, ...]) -> np.ndarray:
+        # Curves keep all digits; points and lines are drawn in float32.
+        dtype = np.dtype(np.float64 if len(shape) <= 3 else np.float32)
+        size = math.prod(shape) * dtype.itemsize + sum(log.nbytes for log in self.logs.values())
+        worlds = shape[0]
+        if size > LOG_MEMORY and worlds > 1:
+            raise LogsTooLarge(max(1, int(worlds * LOG_MEMORY / size)))
+        return np.full(shape, np.nan, dtype)
+
+    def trace(
+        self,
+        split: str,
+        alone: tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]] | None,
+        block: Int[np.ndarray, "world"] | None,
+    ) -> Trace:
+        """The trace of all episodes.
+
+        Args:
+            split: The split of the cases.
+            alone: Where the pedestrians would walk without the vehicle, in metres, and their numbers as persons.
+            block: See `Trace`.
+        """
+        if self.changing:  # the last state is repeated beyond an episode's end
+            row, time = np.arange(len(self.steps))[:, None], np.arange(self.command.shape[1] + 1)
+            last = np.minimum(time, self.steps[:, None])
+            self.people = {name: array[row, last] for name, array in self.people.items()}
+        for name in ("position", "velocity"):
+            self.states[name][~self.people["present"]] = np.nan
+        undisturbed = None
+        if alone is not None:
+            undisturbed, persons = alone
+            # Somebody else there cannot be compared.
+            gone = np.isnan(self.states["position"][:, :, 1:]).any(axis=3)
+            undisturbed[gone | (persons != self.people["person"])] = np.nan
+        return Trace(
+            split=split,
+            case=self.start.case,
+            outcome=self.outcome,
+            steps=self.steps,
+            **self.states,
+            **self.checks,
+            command=self.command,
+            preferred_speed=self.start.preferred_speed,
+            seen=self._seen(),
+            **self.people,
+            route=self.start.route[:, 0],
+            obstacles=self.start.obstacles,
+            rules=self.start.rules,
+            undisturbed=undisturbed,
+            perceived=self.perceived,
+            age=self.age,
+            block=block,
+            logs=self.logs,
+        )
+
+    def _seen(self) -> Bool[np.ndarray, "world time pedestrian"]:
+        """Whom the vehicles saw; in the last state, also after it."""
+        if self.age is None:
+            return self.people["present"][:, :, 1:]
+        last = np.minimum(np.arange(self.age.shape[1]), self.steps[:, None])
+        late = (self.start.rules.sensor.delay + 0.5) * self.start.rules.dt
+        return np.asarray(np.take_along_axis(self.age, last[..., None], axis=1) < late)
+
+    def _always(self, array: np.ndarray) -> np.ndarray:
+        """An array `[world, ...]` that does not change in an episode, as `[world, time, ...]`; it takes no memory."""
+        return np.broadcast_to(array[:, None], (len(array), self.start.rules.max_steps + 1, *array.shape[1:]))

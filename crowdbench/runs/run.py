@@ -1,0 +1,202 @@
+"""A run that is loaded, and the loop that makes it, or a part of its cases, in a directory."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from llvmlite.binding import get_host_cpu_name
+
+from crowdbench.core.types import Trace
+from crowdbench.metrics import METRICS, UNDISTURBED, Metric
+from crowdbench.planners.driver import Driver
+from crowdbench.runs.manifest import code
+from crowdbench.runs.recording import open_recorder, units_of
+from crowdbench.runs.results import Episodes, planner_label, to_json
+from crowdbench.runs.rollout import LogsTooLarge, rollout
+from crowdbench.runs.spec import RunSpec
+from crowdbench.runs.store import write_run
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.defaults import WITH_EPISODES
+from crowdbench.utils.directory import new_directory
+from crowdbench.utils.errors import Interrupted
+from crowdbench.utils.interrupts import Interrupts
+
+MEMORY = 256e6
+"""Bytes that the traces of a batch may take: long or crowded episodes run in smaller batches.
+
+What planners log counts apart: see `rollout.LOG_MEMORY`.
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that is loaded.
+
+    Attributes:
+        spec: What was asked for.
+        driver: Asks the planner for commands.
+        scenario: The scenario of the cases.
+        metrics: What is measured, by name.
+        origin: Where planner, scenario and metrics come from, for the manifest.
+        details: What else `result.json` says of the planner: its files, and what an isolated one has used.
+    """
+
+    spec: RunSpec
+    driver: Driver
+    scenario: Scenario
+    metrics: Mapping[str, Metric]
+    origin: Mapping[str, Any] = field(default_factory=dict)
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    def drive(self, part: Cases, directory: Path, progress: Callable[[float], None] | None = None) -> None:
+        """Drive some of the cases, measure and record them, and write the directory of a run of these cases.
+
+        Args:
+            part: The cases.
+            directory: The directory, which is replaced if it exists.
+            progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+        Raises:
+            InputError: The planner or a plug-in breaks its contract.
+            NotWritten: The directory cannot be written.
+            Interrupted: Somebody interrupted the run. Where the cases were all driven already, the part was written.
+        """
+        start = time.perf_counter()
+        self.driver.seconds = 0.0
+        with Interrupts() as interrupts, new_directory(directory, overwrite=True) as folder:
+            measured: list[Episodes] = []
+            people = self.scenario.crowd.number[1]
+            with open_recorder(self.spec.record, folder, self.spec.cases, people, self.header) as recorder:
+                for trace in self._traces(part, interrupts, progress):
+                    measured.append(Episodes.of(trace, self.metrics))
+                    recorder.add(trace, measured[-1])
+                    del trace  # two traces at a time would take twice the memory
+            episodes = Episodes.join(measured)
+            result = self._result(part, episodes, recorder.number, time.perf_counter() - start)
+            write_run(folder, episodes, result, self._manifest())
+        if interrupts.asked and part != self.spec.cases:
+            raise Interrupted
+
+    def _traces(
+        self, cases: Cases, interrupts: Interrupts, progress: Callable[[float], None] | None
+    ) -> Iterator[Trace]:
+        """The traces of all cases, batch by batch, in smaller ones where the planner's logs would take too much."""
+        with_episodes = self.spec.record in WITH_EPISODES
+        of_others = any(name in UNDISTURBED or name not in METRICS for name in self.metrics)
+        start, batch = cases.start, fit_batch(self.spec.batch, self.scenario)
+        while start < cases.stop:
+            seconds = self.driver.seconds
+            try:
+                with interrupts.let_through():
+                    trace = rollout(
+                        self.driver,
+                        self.scenario,
+                        Cases(cases.split, start, min(start + batch, cases.stop)),
+                        replanning=self.spec.replanning,
+                        keep_logs=with_episodes,
+                        undisturbed=with_episodes or of_others,
+                        progress=progress,
+                    )
+            except LogsTooLarge as error:
+                batch, self.driver.seconds = error.fitting, seconds
+                continue
+            start += len(trace)
+            yield trace
+            del trace
+
+    @property
+    def label(self) -> str:
+        """The planner's name with its settings, as shown to people."""
+        return planner_label(self.driver.name, self.spec.options, self.spec.replanning.settings)
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """What a recording says of the run that it is from."""
+        return {
+            "planner": self.label,
+            "scenario": self.scenario.name,
+            "scenario_digest": self.scenario.digest,
+            "cases": len(self.spec.cases),
+            "options": self.spec.options,
+            "units": units_of(self.metrics),
+            "identity": hashlib.sha256(json.dumps(self.depends, sort_keys=True).encode()).hexdigest()[:8],
+            "all_decisions": self.spec.record == "all",
+        }
+
+    @property
+    def depends(self) -> dict[str, Any]:
+        """All that the figures depend on."""
+        planner = {"planner": self.driver.name, "privileged": self.driver.privileged, "facts": self.driver.facts}
+        # What an isolated planner has used differs from run to run.
+        about = {key: value for key, value in self._about().items() if key != "isolation"}
+        return {**planner, **self._request(), **about, "scenario": self.scenario.digest, "code": code()}
+
+    def _observing(self) -> dict[str, Any]:
+        """When the planner observes, as results say it."""
+        return {"replan_every": self.spec.replanning.every, **self.spec.replanning.settings}
+
+    def _request(self) -> dict[str, Any]:
+        """What a manifest says of what was asked for."""
+        cases = {"cases": str(self.spec.cases), "metrics": list(self.metrics)}
+        limits = {"record": self.spec.record, "decision_limit": self.driver.decision_limit}
+        return {**cases, **self._observing(), **limits, **self.origin}
+
+    def _about(self) -> dict[str, Any]:
+        """What results and manifests say of planner and scenario beside their names."""
+        return {"options": self.spec.options, **self.details, "overrides": self.spec.changes}
+
+    def _result(self, cases: Cases, episodes: Episodes, recorded: int, seconds: float) -> dict[str, Any]:
+        """The contents of `result.json`."""
+        return {
+            "planner": self.driver.name,
+            "privileged": self.driver.privileged,
+            "planner_facts": self.driver.facts,
+            **self._observing(),
+            **self._about(),
+            "scenario": {"name": self.scenario.name, "digest": self.scenario.digest, **self.scenario.table},
+            "cases": str(cases),
+            "recorded": recorded,
+            "outcomes": episodes.counts(),
+            "metrics": to_json(episodes.summary()),
+            **episodes.blocks,
+            "rates": episodes.rates,
+            "timing": {
+                "decision_ms_per_step": 1e3 * self.driver.seconds / int(episodes.steps.sum()),
+                "seconds": seconds,
+            },
+            "versions": read_versions(),
+        }
+
+    def _manifest(self) -> dict[str, Any]:
+        """What `manifest.json` says beside the digests of the run's files."""
+        torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
+        return {
+            "interrupted": False,
+            "asked": {**self._request(), "options": self.spec.options, "overrides": self.spec.changes},
+            "planner_files": self.details.get("planner_files", {}),
+            "versions": read_versions() | torch,
+        }
+
+
+def read_versions() -> dict[str, str]:
+    """What the last bits of a result depend on: versions of packages, and the kind of the machine."""
+    packages = {name: importlib.metadata.version(name) for name in ("crowdbench", "numpy", "numba", "scipy")}
+    machine = f"{platform.system()} {platform.machine()} {get_host_cpu_name()}"
+    return {"python": platform.python_version(), **packages, "machine": machine}
+
+
+def fit_batch(batch: int, scenario: Scenario) -> int:
+    """How many cases run in lock-step: fewer than asked where their traces would take too much memory."""
+    # Positions and velocities of every state, and as much again for what metrics make of them.
+    each = 8 * 2 * 4 * (scenario.rules.max_steps + 1) * scenario.max_agents
+    return max(1, min(batch, int(MEMORY / each)))

@@ -1,0 +1,311 @@
+"""A run made part by part: what is finished is kept, and several processes share the work.
+
+The parts of a run `runs/a` lie in `runs/a.parts-<digest of what was asked for>`, a directory each, until they are
+merged into `runs/a`. Whoever makes a part holds its lock, so that nobody makes it twice at a time. The same command,
+given again or somewhere else, makes what is still missing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import glob
+import hashlib
+import itertools
+import json
+import re
+import secrets
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from filelock import Timeout
+
+from crowdbench.runs.manifest import MANIFEST, check_files
+from crowdbench.runs.merge import merge
+from crowdbench.runs.run import Run
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils import files
+from crowdbench.utils.directory import check_free, new_directory, parent_of
+from crowdbench.utils.errors import InputError, NotWritten
+
+ENDING = ".parts-"
+
+REQUEST = "request.json"
+"""What the parts of a folder are parts of, with all that their figures depend on."""
+
+PATIENCE = 0.5
+"""Seconds between two looks at parts that other processes are making."""
+
+Drive = Callable[[Cases, Path], None]
+"""Makes the run of some cases in a directory, or raises and leaves a directory that is not complete."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One of several equal shares of some work, of which each is done by another process; written `2/8`.
+
+    Attributes:
+        number: Which one, from 1 on.
+        count: How many there are.
+    """
+
+    number: int = 1
+    count: int = 1
+
+    @classmethod
+    def parse(cls, text: str) -> Shard:
+        """Read `2/8`. Raises InputError where the text has another form, or there is no such shard."""
+        match = re.fullmatch("([0-9]{1,9})/([0-9]{1,9})", text)
+        if match and 1 <= int(match[1]) <= int(match[2]):
+            return cls(int(match[1]), int(match[2]))
+        raise InputError(f"{text!r} is no shard: write 2/8 for the second of eight")
+
+    def select(self, work: Sequence[T]) -> Sequence[T]:
+        """Its share of the parts of a run, or of the runs of a study."""
+        return work[self.number - 1 :: self.count]
+
+    def rotate(self, by: int) -> Shard:
+        """Another share of the same number of shares, so that those of several short runs are spread evenly."""
+        return Shard((self.number - 1 + by) % self.count + 1, self.count)
+
+
+WHOLE = Shard()
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The parts of a run.
+
+    Attributes:
+        out: The directory of the run.
+        folder: The folder that has a directory for each of them until all are there.
+        request: The text of the file that says what they are parts of.
+        cases: Their cases, in order.
+    """
+
+    out: Path
+    folder: Path
+    request: str
+    cases: tuple[Cases, ...]
+
+    @classmethod
+    def of(cls, run: Run, out: Path) -> Parts:
+        """The parts of a run that is made in the directory `out`."""
+        cases, batch = run.spec.cases, run.spec.batch
+        request = json.dumps({**run.depends, "cases": str(cases), "batch": batch}, indent=2, sort_keys=True) + "\n"
+        folder = out.with_name(f"{out.name}{ENDING}{hashlib.sha256(request.encode()).hexdigest()[:8]}")
+        return cls(out, folder, request, tuple(cases.batches(batch)))
+
+    def directory(self, part: Cases) -> Path:
+        """Where a part lies."""
+        return self.folder / _name(part)
+
+    def list_finished(self) -> list[Cases]:
+        """The parts that are there."""
+        return [part for part in self.cases if is_finished(self.directory(part))]
+
+    @contextlib.contextmanager
+    def open(self) -> Iterator[None]:
+        """Make the folder, and remove it again if it stays empty. Raises NotWritten where it cannot be written."""
+        with contextlib.ExitStack() as stack:
+            try:
+                stack.enter_context(parent_of(self.out))
+                self.folder.mkdir(exist_ok=True)
+                with files.whole(self.folder / REQUEST) as partial:
+                    partial.write_text(self.request, encoding="utf-8")
+            except OSError as error:
+                raise NotWritten(f"{self.out} cannot be written: {error.strerror or error}") from None
+            stack.callback(self._close)
+            yield
+
+    @contextlib.contextmanager
+    def report_kept(self) -> Iterator[None]:
+        """Say in an InputError, and after an interrupt, what is kept."""
+        try:
+            yield
+        except (KeyboardInterrupt, InputError) as error:
+            cases = sum(map(len, self.list_finished()))
+            if not cases:
+                raise
+            kept = f"{cases} of {sum(map(len, self.cases))} cases are kept in {self.folder}"
+            by_hand = f"`crowdbench merge {self.folder} --out DIR` makes a run of them"
+            goes_on = f"the same command goes on with them, and {by_hand}"
+            raise type(error)(f"{str(error) or 'interrupted'}: {kept}; {goes_on}") from error
+
+    def _close(self) -> None:
+        is_empty = self.folder.exists() and not any(each.is_dir() for each in self.folder.iterdir())
+        if is_empty and _is_idle(self.folder):
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def claim(self, part: Cases) -> Iterator[bool]:
+        """Hold the lock of a part.
+
+        Yields:
+            Whether it has to be made; not where another process has made it, or has put all parts together.
+
+        Raises:
+            Timeout: Another process is making it.
+        """
+        with files.hold_lock(self.folder / f".{_name(part)}.making", 0):
+            yield (self.folder / REQUEST).exists() and not is_finished(self.directory(part))
+
+    def put_together(self, overwrite: bool) -> None:
+        """Merge them, unless another process has done it, and remove them, and those of earlier tries."""
+        directories = [self.directory(part) for part in self.cases]
+        lock = self.folder.with_name(f".{self.folder.name}.merging")
+        with files.hold_lock(lock):
+            if is_finished(directories[0]):
+                if len(directories) == 1:
+                    with new_directory(self.out, overwrite) as directory:
+                        shutil.copytree(directories[0], directory, dirs_exist_ok=True)
+                else:
+                    merge(directories, self.out, overwrite)
+                for tried in self.out.parent.glob(f"{glob.escape(self.out.name)}{ENDING}{'[0-9a-f]' * 8}"):
+                    # What a longer run has kept outlives a shorter one of its name.
+                    is_worthless = len(directories) > 1 or not any(tried.glob(f"*/{MANIFEST}"))
+                    if tried == self.folder or (is_worthless and _is_idle(tried)):
+                        _remove(tried)
+            lock.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """What is there of a run.
+
+    Attributes:
+        folder: The folder of its parts, which is gone once all are there.
+        cases: How many of its cases are there.
+        is_whole: Whether all are, and the run is in its directory.
+    """
+
+    folder: Path
+    cases: int
+    is_whole: bool
+
+
+def make_run(
+    run: Run,
+    out: Path,
+    *,
+    shard: Shard = WHOLE,
+    overwrite: bool = False,
+    wait: bool = True,
+    drive: Drive | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> RunStatus:
+    """Make a run, or a shard of it, going on from what is there. The run is put together once all parts are there.
+
+    Args:
+        run: The run.
+        out: Its directory.
+        shard: Which parts to make.
+        overwrite: Whether an earlier run in its directory is replaced.
+        wait: Whether to wait for parts that other processes are making.
+        drive: Makes a part, if not `Run.drive`.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Returns:
+        What is there now.
+
+    Raises:
+        InputError: The directory is taken, or as `Run.drive` raises it.
+        KeyboardInterrupt: Somebody interrupted it. The parts that are finished are kept.
+    """
+    check_free(out, overwrite)
+    parts = Parts.of(run, out)
+    drive = drive or functools.partial(run.drive, progress=progress)
+    with parts.open(), parts.report_kept():
+        waiting = shard.select(parts.cases)
+        while waiting:
+            left = [part for part in waiting if not _make_part(parts, part, drive, progress)]
+            if not wait:
+                break
+            if len(left) == len(waiting):
+                time.sleep(PATIENCE)
+            waiting = left
+        if len(parts.list_finished()) == len(parts.cases):
+            parts.put_together(overwrite)
+        # Another process that has the same command may put the parts together, and remove the folder, at any time.
+        if not (parts.folder / REQUEST).exists():
+            shutil.rmtree(parts.folder, ignore_errors=True)  # locks are made with their folder
+            return RunStatus(parts.folder, len(run.spec.cases), is_whole=True)
+        return RunStatus(parts.folder, sum(map(len, parts.list_finished())), is_whole=False)
+
+
+def _make_part(parts: Parts, part: Cases, drive: Drive, progress: Callable[[float], None] | None) -> bool:
+    """Make a part, unless it is there; False where another process is making it."""
+    try:
+        with parts.claim(part) as is_missing:
+            if is_missing:
+                drive(part, parts.directory(part))
+            elif progress is not None:
+                progress(len(part))
+            return True
+    except Timeout:
+        return False
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder at once for other processes, which could put something into it while it is being removed."""
+    removed = folder.with_name(f".{folder.name}.merged-{secrets.token_hex(4)}")
+    folder.rename(removed)
+    shutil.rmtree(removed, ignore_errors=True)
+
+
+def _is_idle(folder: Path) -> bool:
+    """Whether nobody is making a part in a folder."""
+    try:
+        for lock in folder.glob(".*.making"):
+            with files.hold_lock(lock, 0):
+                pass
+    except (Timeout, OSError):
+        return False
+    return True
+
+
+def _name(part: Cases) -> str:
+    return f"{part.split}-{part.start}-{part.stop}"
+
+
+def is_finished(directory: Path) -> bool:
+    """Whether a run is there, to its last case. Raises InputError where its manifest is damaged."""
+    manifest = check_files(directory, ()) if (directory / MANIFEST).exists() else None
+    return manifest is not None and not manifest.interrupted
+
+
+def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
+    """The parts of a run that are there to their last case, up to the first one that is missing.
+
+    Args:
+        folders: Folders with parts of the same run, perhaps from several machines.
+
+    Returns:
+        Their directories in order, and whether they are all.
+
+    Raises:
+        InputError: A folder holds no parts, or they are of different runs.
+    """
+    requests = [_read_request(folder) for folder in folders]
+    for folder, request in zip(folders, requests, strict=True):
+        if request != requests[0]:
+            raise InputError(f"{folders[0]} and {folder} hold parts of different runs: their {REQUEST} differ")
+    parts = list(Cases.parse(requests[0]["cases"]).batches(requests[0]["batch"]))
+    there = [next(filter(is_finished, (folder / _name(part) for folder in folders)), None) for part in parts]
+    finished = [directory for directory in itertools.takewhile(bool, there) if directory]
+    return finished, len(finished) == len(parts)
+
+
+def _read_request(folder: Path) -> dict[str, Any]:
+    try:
+        request = files.read_json(folder / REQUEST)
+        list(Cases.parse(request["cases"]).batches(request["batch"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(f"{folder} is no folder with the parts of a run") from None
+    return dict(request)

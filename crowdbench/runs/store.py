@@ -1,0 +1,172 @@
+"""A run on disk: written, and read and checked: its files are those that it wrote, and they agree with each other."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crowdbench.core.types import Outcome, Rules
+from crowdbench.metrics import POOLED, is_rate
+from crowdbench.metrics.outcomes import COUNTED
+from crowdbench.metrics.summary import weighted_mean
+from crowdbench.runs import commands
+from crowdbench.runs.commands import COMMANDS, Commands
+from crowdbench.runs.manifest import Manifest, check_files, write_manifest
+from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, read_result, result_label
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import InputError
+
+if TYPE_CHECKING:
+    from crowdbench.record.contents import Recording
+
+
+def write_run(folder: Path, episodes: Episodes, result: Mapping[str, Any], about: Mapping[str, Any]) -> None:
+    """Write the files of a run beside its commands and its recording.
+
+    Args:
+        folder: The folder, which becomes the run's directory.
+        episodes: What was measured.
+        result: The contents of `result.json`.
+        about: What the manifest says, see `write_manifest`.
+    """
+    episodes.write(folder / EPISODES)
+    (folder / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    write_manifest(folder, about)
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A run on disk.
+
+    Attributes:
+        directory: Its directory.
+        result: The contents of `result.json`.
+        episodes: The table in `episodes.csv`.
+        manifest: The manifest, or None where the run has none, or a damaged one.
+        broken: The sentence on the first file that is not as the run wrote it, empty for a run that was checked.
+    """
+
+    directory: Path
+    result: dict[str, Any]
+    episodes: Episodes
+    manifest: Manifest | None
+    broken: str = ""
+
+    @classmethod
+    def read(cls, directory: Path) -> RunResult:
+        """Read a run and check it.
+
+        Raises:
+            InputError: A file is missing, cannot be read, is not the one that the run wrote, or contradicts another.
+        """
+        result = read_result(directory)
+        manifest = check_files(directory, (RESULT, EPISODES))
+        episodes = Episodes.read(directory / EPISODES)
+        for contradiction in CONTRADICTIONS:
+            if found := contradiction(result, episodes):
+                raise InputError(f"{directory / EPISODES} {found}; make the run again")
+        return cls(directory, result, episodes, manifest)
+
+    @classmethod
+    def read_unchecked(cls, directory: Path) -> RunResult:
+        """Read a run that a replay checks. Raises InputError where a file is missing or damaged."""
+        if not directory.is_dir():
+            raise InputError(f"{directory} is not the directory of a run, which --replay needs")
+        result, manifest, broken = read_result(directory), None, ""
+        try:
+            manifest = check_files(directory, (RESULT, EPISODES, COMMANDS, RECORDING))
+        except InputError as error:
+            broken = str(error)  # and the replay says what in the file is wrong
+        return cls(directory, result, Episodes.read(directory / EPISODES), manifest, broken)
+
+    @property
+    def cases(self) -> Cases:
+        """Its cases."""
+        return Cases.parse(self.result["cases"])
+
+    @property
+    def label(self) -> str:
+        """The planner's name with its settings, as shown to people."""
+        return result_label(self.result)
+
+    @functools.cached_property
+    def commands(self) -> Commands:
+        """The commands of its cases. Raises InputError where they were not kept, or the file is damaged."""
+        return commands.read(self.directory / COMMANDS)
+
+    @functools.cached_property
+    def recording(self) -> Recording | None:
+        """What is recorded, None where nothing is. Raises InputError where the file is damaged."""
+        if not (self.directory / RECORDING).exists():
+            return None
+        from crowdbench.record.contents import read
+
+        return read(self.directory / RECORDING)
+
+
+def _cases(result: Mapping[str, Any], episodes: Episodes) -> str:
+    cases = Cases.parse(result["cases"])
+    if len(episodes) != len(cases):
+        return f"has {len(episodes)} rows, but {RESULT} says cases {cases}"
+    if wrong := np.flatnonzero(episodes.case != cases.indices).tolist():
+        return f"has case {episodes.case[wrong[0]]} in the place of case {cases.start + wrong[0]}"
+    return ""
+
+
+def _steps(result: Mapping[str, Any], episodes: Episodes) -> str:
+    scenario = result["scenario"]
+    most = Rules(dt=scenario["dt"], time_limit=scenario["time_limit"]).max_steps
+    if wrong := np.flatnonzero((episodes.steps < 1) | (episodes.steps > most)).tolist():
+        return f"has {episodes.steps[wrong[0]]} steps in case {episodes.case[wrong[0]]}, which must be 1 to {most}"
+    return ""
+
+
+def _outcomes(result: Mapping[str, Any], episodes: Episodes) -> str:
+    for outcome in Outcome:
+        found, told = int((episodes.outcome == outcome).sum()), result["outcomes"].get(outcome.label, 0)
+        if found != told:
+            return f"has {found} episodes with the outcome {outcome.label}, but {RESULT} says {told}"
+    return ""
+
+
+def _rates(result: Mapping[str, Any], episodes: Episodes) -> str:
+    for name in COUNTED.keys() & episodes.columns.keys():
+        values = episodes.columns[name]
+        if not is_rate(values):
+            return f"has values in the column {name} that are not true or false"
+        if wrong := np.flatnonzero(values != np.isin(episodes.outcome, COUNTED[name])).tolist():
+            label = Outcome(int(episodes.outcome[wrong[0]])).label
+            return f"has another {name} than the outcome {label} means in case {episodes.case[wrong[0]]}"
+    return ""
+
+
+def _means(result: Mapping[str, Any], episodes: Episodes) -> str:
+    if differ := sorted(result["metrics"].keys() ^ episodes.columns.keys()):
+        return f"and {RESULT} have not the same metrics ({', '.join(differ)})"
+    for name, column in episodes.columns.items():
+        values = column.astype(float)
+        defined = ~np.isnan(values)
+        weights = episodes.steps * 1.0 if name in POOLED else np.ones(len(values))
+        n, told = int(defined.sum()), result["metrics"][name]
+        mean = float(weighted_mean(values[defined], weights[defined])) if n else None
+        if n != told["n"] or not _close(mean, told["mean"]):
+            return f"has {n} values of {name} with the mean {mean}, but {RESULT} says {told['n']} with {told['mean']}"
+    return ""
+
+
+def _close(mean: float | None, told: float | None) -> bool:
+    # Another version of NumPy may add in another order.
+    return mean is told is None or (
+        mean is not None and told is not None and math.isclose(mean, told, rel_tol=1e-9, abs_tol=1e-12)
+    )
+
+
+CONTRADICTIONS = (_cases, _steps, _outcomes, _rates, _means)
+"""Each says in which point a table of episodes contradicts its result or itself, or nothing."""

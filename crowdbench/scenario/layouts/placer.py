@@ -1,0 +1,190 @@
+"""Places the agents of a layout one after the other, where there is room."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from crowdbench.scenario.placement import Placement, pad_points
+from crowdbench.utils.errors import InputError
+
+CLEARANCE = 0.2
+"""Smallest distance in metres between the rims of two agents at the start."""
+
+WALL_CLEARANCE = 0.5
+"""Smallest distance in metres between a rim and a wall at starts and goals. Nearer to a wall, the border of a social
+force keeps pedestrians away from their goals."""
+
+TRIES = 10_000
+"""Number of draws for one pedestrian after which the layout counts as full."""
+
+ATTEMPTS = 10
+"""How often all pedestrians are placed anew where the layout is full: those before the last one may stand so that
+nobody else finds room, in a layout that has room for all."""
+
+_FEW = 16
+"""With fewer points it takes no longer to look at all than into cells."""
+
+Point = tuple[float, float]
+"""A point in metres."""
+
+Area = tuple[Point, Point]
+"""A rectangle: its smallest and its largest coordinates in metres."""
+
+Way = tuple[Area, Area]
+"""Where somebody starts, and where they go."""
+
+
+class Points:
+    """The starts of agents, or their goals, kept in cells, so that looking around one takes no longer among many.
+
+    Args:
+        radius: Radii in metres of all agents.
+    """
+
+    def __init__(self, radius: Sequence[float]) -> None:
+        self.radius = radius
+        self.all: list[Point] = []
+        # Two points that are too close to each other are in the same cell or in two that touch, whatever is rounded.
+        self._side = 1.001 * (2 * max(radius) + CLEARANCE)
+        self._cells: dict[tuple[int, int], list[int]] = {}
+        self._in_cells = 0
+
+    def __len__(self) -> int:
+        return len(self.all)
+
+    def append(self, point: Point) -> None:
+        """Add the point of the next agent, in metres."""
+        self.all.append(point)
+
+    def pop(self) -> None:
+        """Take the last point away."""
+        point = self.all.pop()
+        if self._in_cells > len(self.all):
+            self._in_cells -= 1
+            self._cells[self._cell(*point)].pop()
+
+    def is_clear(self, x: float, y: float) -> bool:
+        """Whether the next agent, at a point in metres, keeps `CLEARANCE` from the disc around each of the points."""
+        own = self.radius[len(self.all)] + CLEARANCE
+        for i in range(len(self.all)) if len(self.all) < _FEW else self._around(x, y):
+            px, py = self.all[i]
+            if math.hypot(x - px, y - py) < own + self.radius[i]:
+                return False
+        return True
+
+    def _around(self, x: float, y: float) -> Iterator[int]:
+        """Which points are in the cell of a position in metres, and in those that touch it."""
+        for i in range(self._in_cells, len(self.all)):
+            self._cells.setdefault(self._cell(*self.all[i]), []).append(i)
+        self._in_cells = len(self.all)
+        column, row = self._cell(x, y)
+        for near in itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1)):
+            yield from self._cells.get(near, ())
+
+    def _cell(self, x: float, y: float) -> tuple[int, int]:
+        return math.floor(x / self._side), math.floor(y / self._side)
+
+
+class Placer:
+    """Places agents, and knows whether a position is clear for the next one.
+
+    Args:
+        radius: Radii in metres of all agents, the vehicle first.
+        obstacles: The corners in metres of what stands around them: walls with two, solid polygons with more.
+    """
+
+    def __init__(self, radius: Float[np.ndarray, "agent"], obstacles: Sequence[Sequence[Point]] = ()) -> None:
+        self.radius: list[float] = radius.tolist()
+        self.obstacles = pad_points(obstacles) if obstacles else None
+        shapes = [shapely.LineString(each) if len(each) == 2 else shapely.Polygon(each) for each in obstacles]
+        self.walls = shapely.GeometryCollection(shapes) if shapes else None
+        self.start, self.goal = Points(self.radius), Points(self.radius)
+
+    def add(self, start: Point, goal: Point) -> None:
+        """Place the next agent: where it starts and where it goes, in metres."""
+        self.start.append(start)
+        self.goal.append(goal)
+
+    def pop(self) -> None:
+        """Take the last agent away."""
+        self.start.pop()
+        self.goal.pop()
+
+    def draw(self, rng: np.random.Generator, start: Area, goal: Area) -> bool:
+        """Place the next agent somewhere in an area, its goal in another one, clear of walls, starts and goals.
+
+        Args:
+            rng: The random stream of the case.
+            start: Where it starts.
+            goal: Where it goes.
+
+        Returns:
+            Whether there was room.
+        """
+        own_start = self._draw_point(rng, start, self.start)
+        own_goal = self._draw_point(rng, goal, self.goal)
+        if own_start is None or own_goal is None:
+            return False
+        self.add(own_start, own_goal)
+        return True
+
+    def fill_two_ways(self, rng: np.random.Generator, one: Way, other: Way, area: str, share: float = 0.5) -> Placement:
+        """Place all agents that are left on one of two ways; a `share` of them on the first. See `fill`."""
+        return self.fill(lambda: self.draw(rng, *(one if rng.random() < share else other)), area, "layout.width")
+
+    def fill(self, place_next: Callable[[], bool], area: str, key: str) -> Placement:
+        """Place all agents that are left.
+
+        Args:
+            place_next: Places the next agent, and says whether there was room.
+            area: Where that is, for the error.
+            key: The key of the scenario that would make more room.
+
+        Returns:
+            The placement of all agents.
+
+        Raises:
+            InputError: There is no room for an agent.
+        """
+        before, everybody = len(self.start), len(self.radius)
+        for _ in range(ATTEMPTS):
+            while len(self.start) < everybody and place_next():
+                pass
+            if len(self.start) == everybody:
+                return Placement(start=np.array(self.start.all), goal=np.array(self.goal.all), obstacles=self.obstacles)
+            missed = len(self.start)
+            while len(self.start) > before:
+                self.pop()
+        raise InputError(no_room(missed, everybody, area, key))
+
+    def _draw_point(self, rng: np.random.Generator, area: Area, others: Points) -> Point | None:
+        own = self.radius[len(self.start)]
+        for _ in range(TRIES):
+            x, y = rng.uniform(*area).tolist()
+            if others.is_clear(x, y) and not self._is_near_wall(x, y, own + WALL_CLEARANCE):
+                return x, y
+        return None
+
+    def _is_near_wall(self, x: float, y: float, distance: float) -> bool:
+        return self.walls is not None and bool(self.walls.dwithin(shapely.Point(x, y), distance))
+
+
+def no_room(agent: int, agents: int, area: str, key: str) -> str:
+    """What is said where a pedestrian finds no room.
+
+    Args:
+        agent: Which one, in the last attempt.
+        agents: How many agents there are.
+        area: Where they are placed.
+        key: The key of the scenario that would make more room.
+    """
+    return (
+        f"pedestrian {agent} of {agents - 1} finds no room on {area}, in {ATTEMPTS} attempts of {TRIES} draws: lower "
+        f"pedestrians.number or raise {key}"
+    )

@@ -1,0 +1,249 @@
+"""Layouts with walls: corridors, a corner, a doorway, streets that cross, a room with blocks in it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from crowdbench.scenario.layouts.placer import TRIES, Area, Placer, Point
+from crowdbench.scenario.placement import Placement
+from crowdbench.utils.errors import InputError
+
+BEYOND = 4.0
+"""Distance in metres from the vehicle's start and goal to the ends of a corridor or of streets that cross. Goals of
+pedestrians are beyond those of the vehicle, so that nobody stands in its way."""
+
+BEHIND = 2.0
+"""Distance in metres from the vehicle's start and goal to the wall of the room behind it, where there is a doorway."""
+
+MARGIN = 1.0
+"""In a room, distance in metres of the vehicle's start and goal from the walls, and of blocks from these two."""
+
+PASSAGE = 1.2
+"""Smallest distance in metres between blocks, and between blocks and walls."""
+
+SIDES = (0.5, 1.5)
+"""Length in metres of the sides of blocks."""
+
+WAY = 0.4
+"""In a room, goals of pedestrians are at least this share of its width away from their starts."""
+
+
+def corridor(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    width: float = 3.0,
+    distance: float = 4.0,
+) -> Placement:
+    """A corridor with pedestrians in both directions, who start ahead of the vehicle or behind it.
+
+    Args:
+        width: Width of the corridor [m].
+        distance: Distance of the vehicle's start and goal from the middle of the corridor [m].
+
+    Returns:
+        See `Layout`, also for the parameters that all layouts have.
+    """
+    side, end, arrival = width / 2, distance + BEYOND, distance + BEYOND / 4
+    placer = Placer(radius, [[(-side, -end), (-side, end)], [(side, -end), (side, end)]])
+    placer.add((0.0, -distance), (0.0, distance))
+    up = _band(side, -end, -distance / 4), _band(side, arrival, end)
+    down = _band(side, distance / 4, end), _band(side, -end, -arrival)
+    return placer.fill_two_ways(rng, up, down, f"one end of a corridor of {width:g} m")
+
+
+def traffic(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    width: float = 5.0,
+    distance: float = 4.0,
+    against: float = 0.5,
+) -> Placement:
+    """A long street between two walls, with pedestrians who walk along with the vehicle or against it.
+
+    Args:
+        width: Width of the street [m].
+        distance: Distance of the vehicle's start and goal from the middle of the street [m].
+        against: Share of the pedestrians who walk against the vehicle [1].
+
+    Returns:
+        See `Layout`, also for the parameters that all layouts have.
+
+    Raises:
+        InputError: `against` is above 1.
+    """
+    if against > 1.0:
+        raise InputError(f"layout.against is {against:g}, but must be a share from 0 to 1")
+    side, end, arrival = width / 2, distance + 2 * BEYOND, distance + BEYOND
+    placer = Placer(radius, [[(-side, -end), (-side, end)], [(side, -end), (side, end)]])
+    placer.add((0.0, -distance), (0.0, distance))
+    towards = _band(side, -distance / 2, arrival), _band(side, -end, -arrival)
+    along = _band(side, -distance - BEYOND, distance / 2), _band(side, arrival, end)
+    return placer.fill_two_ways(rng, towards, along, f"a street of {width:g} m", share=against)
+
+
+def doorway(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    door_width: float = 1.5,
+    width: float = 10.0,
+    distance: float = 4.0,
+) -> Placement:
+    """Two rooms with a door between them: the vehicle goes through it, and pedestrians from both sides.
+
+    Args:
+        door_width: Width of the door [m].
+        width: Width of the rooms [m].
+        distance: Distance of the vehicle's start and goal from the wall with the door [m].
+
+    Returns:
+        See `Layout`, also for the parameters that all layouts have.
+
+    Raises:
+        InputError: The door is wider than the wall.
+    """
+    if door_width >= width:
+        raise InputError(f"layout.door_width is {door_width:g} m, but must be below layout.width, {width:g} m")
+    side, back = width / 2, distance + BEHIND
+    doors = [[(-side, 0.0), (-door_width / 2, 0.0)], [(door_width / 2, 0.0), (side, 0.0)]]
+    placer = Placer(radius, doors + _walls([(-side, -back), (side, -back), (side, back), (-side, back)]))
+    placer.add((0.0, -distance), (0.0, distance))
+    # Goals are well behind the door, so that nobody stands in it.
+    up = _band(side, -back, -distance / 4), _band(side, distance / 2, back)
+    down = _band(side, distance / 4, back), _band(side, -back, -distance / 2)
+    return placer.fill_two_ways(rng, up, down, f"one side of a wall of {width:g} m")
+
+
+def blind_corner(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    width: float = 3.0,
+    distance: float = 5.0,
+) -> Placement:
+    """A corridor with a corner: the vehicle turns right, and pedestrians come around the corner both ways.
+
+    Args:
+        width: Width of the corridor [m].
+        distance: Distance of the vehicle's start and goal from the middle of the corner [m].
+
+    Returns:
+        See `Layout`, also for the parameters that all layouts have.
+    """
+    side, end, arrival = width / 2, distance + BEYOND, distance + BEYOND / 4
+    outer = [[(-side, -end), (-side, side)], [(-side, side), (end, side)]]
+    inner = [[(side, -end), (side, -side)], [(side, -side), (end, -side)]]
+    placer = Placer(radius, outer + inner)
+    placer.add((0.0, -distance), (distance, 0.0))
+    along = _band(side, -end, -side), ((arrival, -side), (end, side))
+    back = ((side, -side), (end, side)), _band(side, -end, -arrival)
+    return placer.fill_two_ways(rng, along, back, f"one side of the corner of a corridor of {width:g} m")
+
+
+def intersection(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    width: float = 4.0,
+    distance: float = 4.0,
+) -> Placement:
+    """Two streets cross between four blocks: the vehicle goes along one, pedestrians along both, both ways.
+
+    Args:
+        width: Width of the streets [m].
+        distance: Distance of the vehicle's start and goal from the middle of the intersection [m].
+
+    Returns:
+        See `Layout`, also for the parameters that all layouts have.
+    """
+    side, end, arrival = width / 2, distance + BEYOND, distance + BEYOND / 4
+    signs, block = ((1, 1), (-1, 1), (-1, -1), (1, -1)), ((side, side), (end, side), (end, end), (side, end))
+    placer = Placer(radius, [[(x * a, y * b) for a, b in block] for x, y in signs])
+    placer.add((0.0, -distance), (0.0, distance))
+    starts, goals = ([_arm(turn, side, near, end) for turn in range(4)] for near in (side, arrival))
+    ways = [(starts[arm], goals[(arm + 2) % 4]) for arm in range(4)]
+    return placer.fill(
+        lambda: placer.draw(rng, *ways[int(rng.integers(4))]), f"a street of {width:g} m", "layout.width"
+    )
+
+
+def room(
+    rng: np.random.Generator,
+    radius: Float[np.ndarray, "agent"],
+    preferred_speed: Float[np.ndarray, "agent"],
+    *,
+    width: float = 10.0,
+    blocks: int = 5,
+) -> Placement:
+    """A square room with blocks somewhere: the vehicle goes from bottom to top, pedestrians from anywhere to anywhere.
+
+    Args:
+        width: Width of the room [m].
+        blocks: Number of blocks [1].
+
+    Returns:
+        See `Layout`, also for the parameters that all layouts have.
+
+    Raises:
+        InputError: There is no room for a block.
+    """
+    side = width / 2
+    start, goal = (0.0, MARGIN - side), (0.0, side - MARGIN)
+    corners = [(-side, -side), (side, -side), (side, side), (-side, side)]
+    placer = Placer(radius, _walls(corners) + _draw_blocks(rng, side, blocks, shapely.MultiPoint([start, goal])))
+    placer.add(start, goal)
+
+    def place_next() -> bool:
+        for _ in range(100):
+            if not placer.draw(rng, (corners[0], corners[2]), (corners[0], corners[2])):
+                return False
+            if math.dist(placer.start.all[-1], placer.goal.all[-1]) >= WAY * width:
+                return True
+            placer.pop()
+        return False
+
+    return placer.fill(place_next, f"a room of {width:g} m", "layout.width")
+
+
+def _draw_blocks(rng: np.random.Generator, side: float, number: int, free: shapely.MultiPoint) -> list[list[Point]]:
+    """Rectangles apart from each other, the walls of a room, and points in it; `side` is half its width in metres."""
+    found: list[shapely.Polygon] = []
+    for _ in range(TRIES):
+        if len(found) == number:
+            break
+        size = rng.uniform(*SIDES, 2) / 2
+        reach = np.maximum(side - PASSAGE - size, 0.0)
+        middle = rng.uniform(-reach, reach)
+        block = shapely.box(*(middle - size), *(middle + size))
+        if block.distance(free) >= MARGIN and all(block.distance(other) >= PASSAGE for other in found):
+            found.append(block)
+    if len(found) < number:
+        raise InputError(f"block {len(found) + 1} of {number} finds no room: lower layout.blocks or raise layout.width")
+    return [list(block.exterior.coords)[:-1] for block in found]
+
+
+def _walls(corners: list[Point]) -> list[list[Point]]:
+    """The walls from corner to corner, all around."""
+    return [[one, other] for one, other in zip(corners, corners[1:] + corners[:1], strict=True)]
+
+
+def _band(side: float, low: float, high: float) -> Area:
+    """A piece of a corridor that leads upwards, from one height to another, in metres; `side` is half its width."""
+    return (-side, low), (side, high)
+
+
+def _arm(turn: int, side: float, near: float, far: float) -> Area:
+    """A piece of one of the four arms of an intersection: to the right, up, to the left, down."""
+    low, high = (near, far) if turn < 2 else (-far, -near)
+    return ((low, -side), (high, side)) if turn % 2 == 0 else _band(side, low, high)

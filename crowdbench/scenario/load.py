@@ -1,0 +1,326 @@
+"""Reads a scenario from a TOML table and says in one sentence what is wrong with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
+from crowdbench.core.types import Rules, Sensor
+from crowdbench.scenario.certified import LEFT_OUT, CasesBySplit, CertificateStatus, Certified
+from crowdbench.scenario.crowdnav_plus import CrowdNavPlusStarts
+from crowdbench.scenario.layouts.crossings import crowdnav_plus
+from crowdbench.scenario.placement import Layout, LayoutCall
+from crowdbench.scenario.population import Crowd, GoalChange, Population, Quantity
+from crowdbench.scenario.recorded import RECORDED, TrackedCrowd
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.scenario.schema import (
+    SHOWN,
+    SHOWN_IN,
+    GoalChangeSpec,
+    PedestriansSpec,
+    ScenarioSpec,
+    VehicleSpec,
+    layout_spec,
+    pedestrians_spec,
+    vehicle_spec,
+)
+from crowdbench.scenario.starts import LayoutStarts, Vehicle
+from crowdbench.scenario.tracks.scenes import Scene
+from crowdbench.sim.pedestrians import PedestrianPolicy, Recorded
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location, TomlTable, parse_table, read_toml
+
+MAX_STEPS = 100_000
+OF_TRACKS = ("number", "preferred_speed", "arrival", "goal_change", "groups")
+"""Keys of `[pedestrians]` that recorded tracks stand for."""
+
+
+class Loaders(NamedTuple):
+    """What finds the plug-ins and the recordings that a scenario names.
+
+    Attributes:
+        layout: Turns what a table says of a layout into its name, the layout, and the digest of its file, if any.
+        policy: The same for a pedestrian policy.
+        scene: Reads a scene by its name, whose files must have the given sha256.
+    """
+
+    layout: Callable[[str], tuple[str, Layout, str | None]]
+    policy: Callable[[str], tuple[str, PedestrianPolicy, str | None]]
+    scene: Callable[[str, Mapping[str, str]], Scene]
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """The TOML table of a file. Raises InputError where it cannot be read."""
+    return read_toml(path, "scenario")
+
+
+def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Scenario:
+    """Make a scenario from a table.
+
+    Args:
+        table: As read from a file, perhaps with changes.
+        name: What the scenario is called.
+        source: What its file is called, for errors.
+        load: Finds what the table names.
+
+    Raises:
+        InputError: A key is unknown, or a value is of the wrong type or impossible; `source` and the key are named.
+    """
+    file = Location(source)
+    top = parse_table(ScenarioSpec, table, file)
+    _refuse_limits_of_others(table.get("vehicle", {}), top.vehicle.dynamics, file.at("vehicle"))
+    vehicle = parse_table(vehicle_spec(top.vehicle.dynamics), table.get("vehicle", {}), file.at("vehicle"))
+    rules = _rules(top, vehicle, file.at("vehicle"))
+    # Not by `max_steps`, which a tiny dt makes infinite.
+    if top.time_limit - 1.0 > (MAX_STEPS - 1) * top.dt:
+        right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
+        raise file.at("dt").wrong(repr(top.dt), right)
+    if top.seed and top.crowdnav_cases:
+        raise InputError(
+            f"{source}: seed is {top.seed}, which changes no test case below crowdnav_cases = {top.crowdnav_cases}, "
+            "because these are drawn with CrowdNav's seeds: set crowdnav_cases = 0 too"
+        )
+    with file.at("layout", "generator").named():
+        generator, layout, layout_file = load.layout(top.layout.generator)
+        options_of_layout = layout_spec(layout)
+    layout_table = {**table.get("layout", {}), "generator": generator}
+    options = parse_table(options_of_layout, layout_table, file.at("layout")).complete()
+    policies = _policies(top.pedestrians.policy, load, file.at("pedestrians", "policy"))
+    tracks, tracks_table = _tracks(top, table, rules, load, file)
+    if tracks and tracks.has_cars and RECORDED not in policies:
+        policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # which moves the other cars
+    kind = pedestrians_spec({policy: each.policy.parameters for policy, each in policies.items()})
+    pedestrians = parse_table(kind, table.get("pedestrians", {}), file.at("pedestrians")).complete()
+    by_layout = LayoutStarts(
+        LayoutCall(layout, {option: value for option, value in options.items() if option != "generator"}),
+        top.crowdnav_cases,
+    )
+    is_crowdnav_plus = top.crowdnav_cases and layout is crowdnav_plus
+    complete = {**top.complete(), "layout": options, "vehicle": vehicle.complete(), "tracks": tracks_table}
+    complete["pedestrians"] = pedestrians | _write_policies(policies)
+    if layout_file:
+        options["generator_file"] = layout_file
+    if tracks:
+        complete["layout"] = {}
+        for key in OF_TRACKS:
+            del complete["pedestrians"][key]
+    else:
+        del complete["tracks"]
+    return Scenario(
+        name=name,
+        source=source,
+        rules=rules,
+        seed=top.seed,
+        vehicle=Vehicle(vehicle.radius, vehicle.preferred_speed),
+        crowd=Crowd(
+            tracks.number if tracks else top.pedestrians.number,
+            _population(pedestrians, policies, tracks),
+            groups={int(size): share for size, share in (top.pedestrians.groups or {}).items()},
+            arrival=top.pedestrians.arrival,
+            goal_change=_goal_change(top.pedestrians.goal_change, top.dt, file.at("pedestrians", "goal_change")),
+        ),
+        starts=tracks or (CrowdNavPlusStarts(by_layout) if is_crowdnav_plus else by_layout),
+        policies={policy: each.policy for policy, each in policies.items()},
+        table=complete,
+    )
+
+
+def _population(
+    pedestrians: Mapping[str, Any], policies: Mapping[str, _Policy], tracks: TrackedCrowd | None
+) -> Population:
+    """What pedestrians may be like, by the complete table `[pedestrians]`."""
+    return Population(
+        radius=Quantity(**pedestrians["radius"]),
+        preferred_speed=Quantity(tracks.top_speed) if tracks else Quantity(**pedestrians["preferred_speed"]),
+        shares={policy: each.share for policy, each in policies.items() if each.share},
+        standing=[policy for policy, each in policies.items() if each.policy.stands],
+        parameters={
+            policy: {
+                parameter: Quantity(**pedestrians[policy][parameter], whole=isinstance(default, int))
+                for parameter, default in each.policy.parameters.items()
+            }
+            for policy, each in policies.items()
+        },
+    )
+
+
+def _goal_change(spec: GoalChangeSpec | None, dt: float, location: Location) -> GoalChange | None:
+    """How goals change on the way. Raises InputError where the period is no multiple of `dt`."""
+    if spec is None:
+        return None
+    every = round(spec.period / dt)
+    if every < 1 or not math.isclose(every * dt, spec.period):
+        raise location.at("period").wrong(f"{spec.period:g}", f"a multiple of dt, {dt:g} s")
+    return GoalChange(every, spec.chance)
+
+
+def _tracks(
+    top: ScenarioSpec, table: Mapping[str, Any], rules: Rules, load: Loaders, file: Location
+) -> tuple[TrackedCrowd | None, dict[str, Any]]:
+    """The recorded people of a scenario, if any, and what a result says of them.
+
+    Raises InputError where a key says what the tracks say too, the policy of recorded people has none, or the scene
+    cannot be read.
+    """
+    if top.tracks is None:
+        if RECORDED in top.pedestrians.policy:
+            raise file.at("pedestrians", "policy").wrong(RECORDED, "another policy, or there must be a table [tracks]")
+        return None, {}
+    own: list[tuple[str, ...]] = [(key,) for key in ("layout", "crowdnav_cases") if table.get(key)]
+    own += [("pedestrians", key) for key in OF_TRACKS if key in table.get("pedestrians", {})]
+    if own:
+        right = "left out where there is a table [tracks], which says who starts where, how fast, and to where"
+        raise file.at(*own[0]).wrong("given", right)
+    with file.at("tracks").named():
+        scene = load.scene(top.tracks.scene, top.tracks.files)
+        crowd = TrackedCrowd.of(scene, top.tracks.distance, rules)
+    if crowd.has_cars and "distance" in table["tracks"]:
+        raise file.at("tracks", "distance").wrong("given", "left out where cars say where the vehicle starts and goes")
+    found = {"scene": scene.name, "files": dict(scene.files)}
+    return crowd, found if crowd.has_cars else found | {"distance": crowd.distance}
+
+
+def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: Location) -> None:
+    """Raise InputError where `[vehicle]` has a limit that only other dynamics have."""
+    known = {name: {field.name for field in dataclasses.fields(kind)} for name, kind in DYNAMICS.items()}
+    for key in table:
+        owners = [f'"{name}"' for name, limits in known.items() if key in limits]
+        if owners and key not in known[dynamics]:
+            right = f"left out where dynamics is {dynamics}: only {' and '.join(owners)} has it"
+            raise location.at(key).wrong("given", right)
+
+
+def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules:
+    """The rules of a scenario. Raises InputError where keys of its vehicle contradict each other or the crowd's."""
+    if top.pedestrians.sees_vehicle < 1.0 and not vehicle.visible:
+        raise location.at("visible").wrong("false", "true where the key pedestrians.sees_vehicle says how many see it")
+    limits = {key: value for key, value in vehicle.complete().items() if key not in VehicleSpec.model_fields}
+    with location.named():
+        dynamics = DYNAMICS[vehicle.dynamics](**{key: value for key, value in limits.items() if value is not None})
+    if isinstance(dynamics, Unicycle) and dynamics.max_angular_speed * top.dt > math.pi:
+        right = f"{math.pi / top.dt:.6g} rad/s at most: the vehicle may turn by half a circle in a step"
+        raise location.at("max_angular_speed").wrong(f"{dynamics.max_angular_speed:g}", right)
+    return Rules(
+        dt=top.dt,
+        time_limit=top.time_limit,
+        collision=top.collision,
+        visible=vehicle.visible,
+        sees_vehicle=top.pedestrians.sees_vehicle,
+        dynamics=dynamics,
+        goal_tolerance=vehicle.goal_tolerance,
+        body=_body(vehicle, dynamics, location),
+        sensor=_sensor(top),
+    )
+
+
+def _sensor(top: ScenarioSpec) -> Sensor:
+    """The sensor of a scenario; without `nearest` it shows the nearest `SHOWN` of more than `SHOWN_IN` pedestrians."""
+    sensor = Sensor.of_table(top.sensor.complete())
+    if sensor.nearest is None and top.pedestrians.number[1] > SHOWN_IN:
+        return dataclasses.replace(sensor, nearest=SHOWN)
+    return sensor
+
+
+def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
+    """The body of a vehicle, whose rear axle is as far behind the middle as the front axle is ahead of it."""
+    if vehicle.length is None:
+        return DISC
+    length, wheelbase = location.at("length"), dynamics.wheelbase if isinstance(dynamics, Bicycle) else 0.0
+    if isinstance(dynamics, Holonomic):
+        raise length.wrong(f"{vehicle.length:g}", 'left out where dynamics = "holonomic": such a vehicle is a disc')
+    if vehicle.length < 2.0 * vehicle.radius:
+        raise length.wrong(f"{vehicle.length:g}", f"{2.0 * vehicle.radius:g} or more, twice the radius")
+    if vehicle.length < wheelbase:
+        raise length.wrong(f"{vehicle.length:g}", f"{wheelbase:g} or more, the wheelbase")
+    return chain(vehicle.length, vehicle.radius, wheelbase / 2.0)
+
+
+def restore(table: Mapping[str, Any], source: str, load: Loaders) -> Scenario:
+    """Make the scenario of a run again, which draws the same cases to the last bit.
+
+    Args:
+        table: The table `scenario` of its `result.json`.
+        source: What that file is called, for errors.
+        load: Finds what the table names.
+
+    Raises:
+        InputError: As `parse` does, or what is left out are no rising numbers of cases by split.
+    """
+    crowd = {key: value for key, value in table["pedestrians"].items() if key != "policy_files"}
+    keys = {key: value for key, value in table.items() if key not in ("name", "digest", LEFT_OUT)}
+    layout = {key: value for key, value in table.get("layout", {}).items() if key != "generator_file"}
+    keys |= {"layout": layout, "pedestrians": crowd}
+    scenario = parse(keys, str(table.get("name", "")), source, load)
+    left_out = parse_table(
+        _LeftOut, {key: table[key] for key in (LEFT_OUT,) if key in table}, Location(source)
+    ).left_out
+    scenario = scenario.leave_out(left_out.complete())
+    shares = crowd.get("policy")
+    if isinstance(shares, Mapping) and len(shares) > 1 and math.isclose(sum(shares.values()), 1.0, abs_tol=1e-12):
+        # They have been divided by their sum: once more could change their last bits.
+        population = scenario.crowd.population
+        shares = {policy: float(shares[policy]) for policy in population.shares}
+        written = {**scenario.table, "pedestrians": {**scenario.table["pedestrians"], "policy": shares}}
+        population = dataclasses.replace(population, shares=shares)
+        return dataclasses.replace(
+            scenario, crowd=dataclasses.replace(scenario.crowd, population=population), table=written
+        )
+    return scenario
+
+
+def leave_out_uncertified(scenario: Scenario, spec: str, file: Path) -> Scenario:
+    """A scenario without the cases that have no certificate.
+
+    Args:
+        scenario: With all cases.
+        spec: Its name or its file, as a user gives it.
+        file: The file with the certified cases, for this digest or another one; there may be none.
+
+    Raises:
+        InputError: The file is not as `crowdbench certify` writes it.
+    """
+    certified = Certified.read(file)
+    if certified is None:
+        return scenario
+    status = CertificateStatus(spec, scenario.name, scenario.digest, file, certified)
+    return dataclasses.replace(scenario.leave_out(status.left_out), certificates=status)
+
+
+class _LeftOut(TomlTable):
+    """The part of a scenario's table that has the cases that are left out."""
+
+    left_out: CasesBySplit = CasesBySplit()
+
+
+@dataclass(frozen=True)
+class _Policy:
+    """A pedestrian policy of a crowd, the share of the pedestrians that follow it, and the digest of its file."""
+
+    policy: PedestrianPolicy
+    share: float
+    digest: str | None
+
+
+def _policies(shares: Mapping[str, float], load: Loaders, location: Location) -> dict[str, _Policy]:
+    """The policies by their names, in the order of these: who follows which must not depend on the file's order."""
+    policies: dict[str, _Policy] = {}
+    for spec, share in shares.items():
+        with location.named():
+            name, policy, digest = load.policy(spec)
+        if name in policies or name in PedestriansSpec.model_fields:
+            right = f"of policies that are not both called {name}, nor as another key here"
+            raise location.wrong(", ".join(shares), right)
+        policies[name] = _Policy(policy, share, digest)
+    return dict(sorted(policies.items()))
+
+
+def _write_policies(policies: Mapping[str, _Policy]) -> dict[str, Any]:
+    """What a result says of the policies: names, whatever the file calls them, and the digests of their files."""
+    shares = {name: policy.share for name, policy in policies.items() if policy.share}
+    files = {name: policy.digest for name, policy in policies.items() if policy.digest is not None}
+    return {"policy": shares if len(shares) > 1 else next(iter(shares))} | ({"policy_files": files} if files else {})

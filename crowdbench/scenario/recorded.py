@@ -1,0 +1,293 @@
+"""Crowds of recorded people: which window of time a case is, and who starts where in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core import rng
+from crowdbench.core.dynamics import reach
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import Rules, World
+from crowdbench.scenario.layouts.placer import CLEARANCE
+from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.population import Crowd, Traits
+from crowdbench.scenario.starts import Case, Start, Starts, Vehicle
+from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, split_windows, walked_paths
+from crowdbench.scenario.tracks.scenes import Scene
+from crowdbench.sim.presence import come_and_go
+from crowdbench.sim.simulator import Renewal
+from crowdbench.utils.errors import InputError
+
+RECORDED = "recorded"
+"""The name of the policy of those who walk as they were recorded."""
+
+SLOWEST = 1e-3
+"""Smallest preferred speed in m/s, that of people who stood."""
+
+_ROOM = 1.0 + 1e-9
+"""By what the largest speed of recorded people is multiplied, so that rounding does not slow them down."""
+
+CELL = 0.5
+"""Side of a cell in metres: space is free in a cell in which somebody has walked, and in the eight cells around it."""
+
+FARTHER = 2.0
+"""The goal is at most so much farther away than asked for, in metres."""
+
+CLEAR_TIME = 1.0
+"""Nobody comes near the vehicle's start in so many seconds, in which it cannot have got away."""
+
+MOST_BUSY = 0.5
+"""The largest part of the time in which somebody stands on the goal."""
+
+DRAWS = 20_000
+"""Number of pairs of a start and a goal that are tried."""
+
+
+class FreeSpace:
+    """Where the vehicle can start and go in a recorded scene, of which no map is known: where somebody has walked.
+
+    Args:
+        ways: The positions of each pedestrian in metres, one after the other in time.
+    """
+
+    def __init__(self, ways: Iterable[Float[np.ndarray, "_ 2"]]) -> None:
+        points = np.concatenate([_dense(way) for way in ways])
+        self.origin = points.min(axis=0) - 2.0 * CELL
+        cells = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
+        self.walked = cells
+        self.free = np.zeros(cells.max(axis=0) + 3, bool)
+        for dx in (-1, 0, 1):
+            for dy in (-1, 0, 1):
+                self.free[cells[:, 0] + dx, cells[:, 1] + dy] = True
+
+    def draw(
+        self,
+        stream: np.random.Generator,
+        distance: float,
+        radius: Float[np.ndarray, "agent"],
+        track: Float[np.ndarray, "time pedestrian 2"],
+        dt: float,
+    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+        """Draw start and goal of the vehicle, with free space on the straight way.
+
+        Args:
+            stream: The random stream to draw from.
+            distance: Their smallest distance in metres.
+            radius: Radii in metres, the vehicle's first.
+            track: Where the pedestrians are at each step, in metres; NaN who is not there.
+            dt: Length of a step in seconds.
+
+        Raises:
+            InputError: There is no room.
+        """
+        cells = self.walked[stream.integers(len(self.walked), size=(DRAWS, 2))]
+        points = self.origin + CELL * (cells + stream.uniform(size=cells.shape))
+        far = norm(points[:, 1] - points[:, 0])
+        reach = radius[0] + radius[1:]
+        soon = track[: int(np.ceil(CLEAR_TIME / dt)) + 1]
+        for start, goal in points[(far >= distance) & (far <= distance + FARTHER)]:
+            if (
+                self._is_free(start, goal)
+                and not _near(start, soon, reach + CLEARANCE).any()
+                and _near(goal, track, reach).mean() <= MOST_BUSY
+            ):
+                return start, goal
+        raise InputError(
+            f"there is no room for the vehicle to start with a goal {distance:g} m away: lower tracks.distance"
+        )
+
+    def _is_free(self, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"]) -> bool:
+        along = np.linspace(0.0, 1.0, int(np.ceil(2.0 * math.dist(start, goal) / CELL)) + 1)[:, None]
+        x, y = ((start + along * (goal - start) - self.origin) / CELL).astype(np.int64).T
+        return bool(self.free[x, y].all())
+
+
+def _near(
+    place: Float[np.ndarray, "2"], track: Float[np.ndarray, "time pedestrian 2"], reach: Float[np.ndarray, "pedestrian"]
+) -> Bool[np.ndarray, "time"]:
+    """At which times somebody is nearer to a place than `reach`, in metres."""
+    return np.asarray((norm(track - place) < reach).any(axis=1))
+
+
+def _dense(way: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
+    """A way with points that are no farther apart than half a cell."""
+    if len(way) < 2:
+        return way
+    parts = np.maximum(np.ceil(norm(np.diff(way, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
+    at = np.concatenate([i + np.arange(n) / n for i, n in enumerate(parts.tolist())])
+    points = np.stack([np.interp(at, np.arange(len(way)), way[:, axis]) for axis in (0, 1)], axis=1)
+    return np.concatenate([points, way[-1:]])
+
+
+@dataclass(frozen=True)
+class TrackedCrowd(Starts):
+    """The people of a scene, as a scenario has them.
+
+    Attributes:
+        scene: The name of the scene.
+        distance: Smallest distance in metres from the vehicle's start to its goal, where no car gives them.
+        windows: The windows by split.
+        free_space: The free space of each recording by its name.
+        has_cars: Whether the vehicle takes the place of a recorded car, and other cars are there.
+    """
+
+    scene: str
+    distance: float
+    windows: Mapping[str, Sequence[Excerpt]]
+    free_space: Mapping[str, FreeSpace]
+    has_cars: bool
+
+    @classmethod
+    def of(cls, scene: Scene, distance: float, rules: Rules) -> TrackedCrowd:
+        """Cut a scene into the windows of a scenario, each as long as an episode that times out.
+
+        Args:
+            scene: The scene.
+            distance: See there.
+            rules: The rules of the scenario.
+
+        Raises:
+            InputError: No recording is as long as an episode may be.
+        """
+        found = cut_windows(scene, rules.max_steps, rules.dt)
+        if not found:
+            raise InputError(
+                f"no recording of the scene {scene.name} holds people for the {rules.max_steps * rules.dt:g} s that an "
+                "episode may take: lower time_limit"
+            )
+        has_cars = any(recording.cars for recording in scene.recordings)
+        free = {} if has_cars else {each.tracks.name: FreeSpace(walked_paths(each.tracks)) for each in scene.recordings}
+        return cls(scene.name, distance, split_windows(found), free, has_cars)
+
+    @property
+    def number(self) -> tuple[int, int]:
+        """The smallest and the largest number of people and discs of cars in a window."""
+        numbers = [len(window.radius) for window in self._all]
+        return min(numbers), max(numbers)
+
+    @property
+    def top_speed(self) -> float:
+        """The largest speed of anybody in a window, in m/s."""
+        return max(SLOWEST, *(_ROOM * float(window.top_speed.max()) for window in self._all))
+
+    @property
+    def largest_radius(self) -> float:
+        """The largest radius in metres of a disc of a car; 0 where there are no cars."""
+        return max(float(np.max(window.radius, initial=0.0, where=window.radius > 0.0)) for window in self._all)
+
+    @property
+    def extent(self) -> float:
+        """The largest coordinate in metres of anybody, or of their goal."""
+        each = (part for window in self._all for part in (window.track, window.goal))
+        return max(float(np.nanmax(np.abs(part))) for part in each)
+
+    @property
+    def _all(self) -> list[Excerpt]:
+        return [window for windows in self.windows.values() for window in windows]
+
+    def most_cases(self, split: str) -> int | None:
+        """How many cases a split has at most; None where the windows start again with other draws."""
+        return len(self.windows[split]) if self.has_cars and split != "train" else None
+
+    def window(self, split: str, case: int) -> Excerpt:
+        """The window of a case: they follow each other, and start again after the last one with other draws.
+
+        Raises InputError where the split has no windows. Where the vehicle takes the place of a car, so that nothing is
+        drawn, it has no more cases than windows; only training repeats them.
+        """
+        windows = self.windows[split]
+        most = self.most_cases(split)
+        if not windows or (most is not None and case >= most):
+            numbers = ", ".join(f"{name}:{len(each)}" for name, each in self.windows.items())
+            raise InputError(
+                f"there is no case {split}:{case}: the scene {self.scene} has no more windows of time than {numbers}"
+            )
+        return windows[case % len(windows)]
+
+    def blocks(self, split: str, cases: Int[np.ndarray, "world"]) -> Int[np.ndarray, "world"]:
+        """The block of time of each case, of which no two share a moment.
+
+        Args:
+            split: The split of the cases.
+            cases: Their numbers.
+        """
+        return np.array([self.window(split, case).block for case in cases.tolist()], np.int64)
+
+    def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
+        """See `Starts`. Who comes later starts where they come."""
+        window, population = self.window(case.split, case.number), crowd.population
+        traits = population.draw(rng.generator(case.key, "crowd"), len(window.radius))
+        traits = take_recorded(window, traits, list(population.parameters))
+        radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
+        with case.name_errors():
+            placement = self._place(window, rng.generator(case.key, "places"), radius, rules)
+        return Start(traits, placement, np.full(len(window.radius), -1))
+
+    def renewal(self, crowd: Crowd) -> Renewal:
+        """See `Starts`: people come and go as they were recorded."""
+        return come_and_go
+
+    def _place(
+        self, window: Excerpt, stream: np.random.Generator, radius: Float[np.ndarray, "agent"], rules: Rules
+    ) -> Placement:
+        """Starts and goals, and the recorded ways. Raises InputError where there is no room for the vehicle."""
+        if window.driven is None:
+            start, goal = self.free_space[window.recording].draw(stream, self.distance, radius, window.track, rules.dt)
+        else:
+            middle = (rules.body[0] + rules.body[-1]) / 2.0  # how far that of the body is ahead of its position
+            offset = middle * np.array([np.cos(window.driven.heading), np.sin(window.driven.heading)])
+            start, goal = window.driven.start - offset, window.driven.goal - offset
+        people = np.arange(len(window.radius))
+        first = np.isfinite(window.track[..., 0]).argmax(axis=0)
+        route = np.concatenate([np.full((1, *window.route.shape[1:]), np.nan), window.route])
+        return Placement(
+            np.concatenate([start[None], window.track[first, people]]),
+            np.concatenate([goal[None], window.goal]),
+            route,
+        )
+
+    def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
+        """The worlds with tracks, velocities, and those present who are there at the start; see `Starts`."""
+        windows = [self.window(case.split, case.number) for case in cases]
+        track = np.full((len(world), world.rules.max_steps + 1, *world.person.shape[1:], 2), np.nan)
+        recorded = np.zeros((*world.person.shape, 2))
+        velocity, heading, present = world.velocity.copy(), world.heading.copy(), world.present.copy()
+        present[:, 1:] = False
+        for w, window in enumerate(windows):
+            n = len(window.radius)
+            track[w, :, :n], recorded[w, :n] = window.track, window.velocity
+            if window.driven is not None:
+                heading[w] = window.driven.heading
+                speed = min(window.driven.speed, world.preferred_speed[w, 0])
+                velocity[w, 0] = speed * np.array([np.cos(heading[w]), np.sin(heading[w])])
+        world = come_and_go(
+            world.replace(track=track, velocity=velocity, heading=heading, present=present), np.ones(len(world), bool)
+        )
+        velocity[:, 1:] = np.where(world.present[:, 1:, None], recorded, 0.0)
+        return world.replace(velocity=velocity)
+
+
+def take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
+    """Pedestrians with what a window tells of them: their speeds, and which of them are parts of cars.
+
+    Args:
+        window: The window.
+        traits: What was drawn for each.
+        policies: The names of the policies, as `traits.policy` counts them.
+
+    Returns:
+        The same with the preferred speeds that tracks need, or the mean ones of those who react. Cars are recorded.
+    """
+    recorded = policies.index(RECORDED) if RECORDED in policies else -1
+    is_car = ~np.isnan(window.radius)
+    policy = np.where(is_car, recorded, traits.policy)
+    return traits._replace(
+        radius=np.where(is_car, window.radius, traits.radius),
+        preferred_speed=np.maximum(np.where(policy == recorded, _ROOM * window.top_speed, window.mean_speed), SLOWEST),
+        policy=policy,
+    )

@@ -1,0 +1,185 @@
+"""How a layout draws a person or a goal again, while others walk."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Float, Int
+
+from crowdbench.core.dynamics import reach
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import World
+from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
+from crowdbench.scenario.place_agents import add_routes, check_shape
+from crowdbench.scenario.placement import Layout, Placement, split_corners
+from crowdbench.scenario.visibility_graph import edges_of, nearest_on
+from crowdbench.utils.errors import InputError, plugin_errors
+
+TRIES = 20
+"""Draws for one person after which it waits for the next step. A draw among walls takes milliseconds."""
+
+SHORTEST_WAY = 1.0
+"""Distance in metres from a person to its new goal, at least."""
+
+Way = tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
+"""Start and goal in metres."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """Everybody in a world beside the one who is drawn, the vehicle first, and what stands there.
+
+    Attributes:
+        position: Centres in metres.
+        goal: In metres.
+        radius: In metres; the vehicle's is around its whole body.
+        preferred_speed: In m/s.
+        obstacles: Polygons in metres, NaN beyond the last corner of each.
+    """
+
+    position: Float[np.ndarray, "other 2"]
+    goal: Float[np.ndarray, "other 2"]
+    radius: Float[np.ndarray, "other"]
+    preferred_speed: Float[np.ndarray, "other"]
+    obstacles: Float[np.ndarray, "polygon corner 2"]
+
+    @classmethod
+    def of(cls, world: World, row: int, without: Int[np.ndarray, "agent"]) -> Room:
+        """The room in one of several worlds, without some of its agents."""
+        others = world.present[row].copy()
+        others[without] = False
+        radius = world.radius[row].copy()
+        radius[0] += reach(world.rules.body)
+        others[0] = True
+        return cls(
+            position=world.position[row, others],
+            goal=world.goal[row, others],
+            radius=radius[others],
+            preferred_speed=world.preferred_speed[row, others],
+            obstacles=world.obstacles[row],
+        )
+
+    def is_clear(
+        self, point: Float[np.ndarray, "2"], radius: float, clearance: float = CLEARANCE, walls: float = WALL_CLEARANCE
+    ) -> bool:
+        """Whether a disc at a point keeps its distance from all positions and goals, and from walls.
+
+        Args:
+            point: In metres.
+            radius: Of the disc, in metres.
+            clearance: Smallest distance in metres between rims.
+            walls: Smallest distance in metres between the rim and a wall.
+        """
+        ways = np.concatenate([self.position, self.goal]) - point
+        if (norm(ways) < np.tile(self.radius, 2) + (radius + clearance)).any():
+            return False
+        return not len(self.obstacles) or self._is_outside(point, radius + walls)
+
+    def _is_outside(self, point: Float[np.ndarray, "2"], keep: float) -> bool:
+        """Whether a point in metres is in no obstacle and keeps a distance in metres from all."""
+        edges = edges_of(self.obstacles)
+        if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < keep:
+            return False
+        solid = [shapely.Polygon(each) for each in split_corners(self.obstacles) if len(each) > 2]
+        return not any(shapely.contains_xy(each, *point) for each in solid)
+
+    def way(self, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], radius: float) -> np.ndarray | None:
+        """The waypoints `[waypoint, 2]` in metres of a disc's shortest way, None where no way leads to the goal."""
+        if not np.isfinite(self.obstacles).any():
+            return np.empty((0, 2))
+        placement = Placement(start[None], goal[None], obstacles=self.obstacles)
+        try:
+            route = add_routes(placement, np.array([radius])).route
+        except InputError:
+            return None
+        assert route is not None  # there are obstacles
+        return route[0]
+
+
+Respawn = Callable[..., Way | None]
+"""A function `(rng, room, radius, preferred_speed, position, **options) -> (start, goal)` that draws one person again.
+
+- `rng` is the random stream for this person and step, the only source of random numbers.
+- `room` is a `Room`, from whose people start and goal keep a distance.
+- `radius` and `preferred_speed` are the person's, in metres and in m/s.
+- `position` is where the person is, in metres, who only gets another goal; None for somebody new.
+- The options are those of the layout.
+
+It returns None where it finds no room; the person walks on then, and is drawn again in the next step."""
+
+
+class LayoutWithRespawn:
+    """A layout that says itself how people and goals are drawn again; others place a crowd of one again and again.
+
+    Args:
+        layout: Places the agents at the start.
+        again: Draws one of them again.
+    """
+
+    def __init__(self, layout: Layout, again: Respawn) -> None:
+        self.again = again
+        functools.update_wrapper(self, layout)  # so that it shows the layout's options and docstring
+
+    def __call__(self, *args: Any, **options: Any) -> Placement:
+        """The placement by the layout."""
+        placement: Placement = self.__wrapped__(*args, **options)  # type: ignore[attr-defined]  # by update_wrapper
+        return placement
+
+
+def find_respawn(layout: Layout) -> Respawn:
+    """How a layout draws people again."""
+    return layout.again if isinstance(layout, LayoutWithRespawn) else functools.partial(_respawn_by_layout, layout)
+
+
+def _respawn_by_layout(
+    layout: Layout,
+    rng: np.random.Generator,
+    room: Room,
+    radius: float,
+    preferred_speed: float,
+    position: Float[np.ndarray, "2"] | None,
+    **options: Any,
+) -> Way | None:
+    """Have a layout place the vehicle and one pedestrian until the latter is clear of all; see `Respawn`."""
+    both = np.array([room.radius[0], radius]), np.array([room.preferred_speed[0], preferred_speed])
+    for _ in range(TRIES):
+        placement = check_shape(layout(rng, *both, **options), 2)
+        start, goal = placement.start[1] if position is None else position, placement.goal[1]
+        is_far = position is None or math.dist(start, goal) >= SHORTEST_WAY
+        if is_far and (position is not None or room.is_clear(start, radius)) and room.is_clear(goal, radius):
+            return start, goal
+    return None
+
+
+def draw_again(again: Respawn, *arguments: Any, **options: Any) -> Way | None:
+    """What is drawn, checked.
+
+    Args:
+        again: Draws a person, see `Respawn`.
+        *arguments: Its arguments.
+        **options: The options of the layout.
+
+    Raises:
+        InputError: It raises, or returns neither None nor two points.
+    """
+    with plugin_errors("the layout raised"):
+        answer = again(*arguments, **options)
+    if answer is None:
+        return None
+    if not isinstance(answer, tuple) or len(answer) != 2 or not all(map(_is_point, answer)):
+        raise InputError(
+            f"the layout drew {answer!r} again instead of a start and a goal, two points in metres, or None"
+        )
+    start, goal = (np.asarray(point, np.float64) for point in answer)
+    return start, goal
+
+
+def _is_point(point: object) -> bool:
+    array = np.asarray(point)
+    return array.shape == (2,) and array.dtype.kind in "fi" and bool(np.isfinite(array).all())

@@ -1,0 +1,112 @@
+"""Clips of DUT: tracks of pedestrians and of cars among them (Yang et al. 2019).
+
+Of each clip there are `<clip>_traj_ped_filtered.csv`, `<clip>_traj_veh_filtered.csv` and
+`<clip>_ratio_pixel2meter.txt`. Positions are pixels of the image, whose y points down.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+from jaxtyping import Float
+
+from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError, describe_error
+
+FRAMES_PER_SECOND = 23.98
+
+PEDESTRIANS, CARS, RATIO = "_traj_ped_filtered.csv", "_traj_veh_filtered.csv", "_ratio_pixel2meter.txt"
+"""What the names of a clip's files end with."""
+
+_CORNERS = ("fl", "fr", "rr", "rl")
+"""Front left to rear left, as columns `x_fl`, `y_fl`, ... name them."""
+
+
+@dataclass(frozen=True)
+class Car:
+    """A recorded car.
+
+    Attributes:
+        time: The times of its positions in seconds, as `Tracks` count them.
+        position: Where its middle was, in metres.
+        heading: In which direction it faced, in radians, without jumps of a whole turn.
+        length: Its length in metres.
+        width: Its width in metres.
+    """
+
+    time: Float[np.ndarray, "row"]
+    position: Float[np.ndarray, "row 2"]
+    heading: Float[np.ndarray, "row"]
+    length: float
+    width: float
+
+
+def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
+    """The pedestrians and the cars of a clip. Raises InputError where a file cannot be read or has another format."""
+    ratio = _ratio(folder / f"{clip}{RATIO}")
+    people = _columns(folder / f"{clip}{PEDESTRIANS}", ("id", "frame", "x_est", "y_est"))
+    order = np.lexsort((people["frame"], people["id"]))
+    tracks = Tracks(
+        clip,
+        people["frame"][order].astype(np.int64) * FRAME_STEP,
+        people["id"][order].astype(np.int64),
+        _metres(people, "x_est", "y_est", ratio)[order],
+        1.0 / FRAMES_PER_SECOND,
+    )
+    corners = [f"{axis}_{corner}" for corner in _CORNERS for axis in "xy"]
+    cars = _columns(folder / f"{clip}{CARS}", ("id", "frame", "x_est", "y_est", *corners))
+    return tracks, [_car(cars, cars["id"] == number, ratio) for number in np.unique(cars["id"])]
+
+
+def _car(table: dict[str, np.ndarray], rows: np.ndarray, ratio: float) -> Car:
+    own = {name: values[rows] for name, values in table.items()}
+    own = {name: values[np.argsort(own["frame"], kind="stable")] for name, values in own.items()}
+    corner = {name: _metres(own, f"x_{name}", f"y_{name}", ratio) for name in _CORNERS}
+    front, rear = (corner["fl"] + corner["fr"]) / 2.0, (corner["rl"] + corner["rr"]) / 2.0
+    ahead, across = front - rear, corner["fl"] - corner["fr"]
+    return Car(
+        time=own["frame"] / FRAMES_PER_SECOND,
+        position=_metres(own, "x_est", "y_est", ratio),
+        heading=np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])),
+        length=float(np.median(np.hypot(*ahead.T))),
+        width=float(np.median(np.hypot(*across.T))),
+    )
+
+
+def _metres(table: dict[str, np.ndarray], x: str, y: str, ratio: float) -> Float[np.ndarray, "row 2"]:
+    return np.stack([table[x], -table[y]], axis=1) / ratio
+
+
+def _ratio(path: Path) -> float:
+    """Pixels per metre."""
+    try:
+        found = float(files.read_text(path))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    except ValueError:  # no number, or no text
+        found = math.nan
+    if not 0.0 < found < 1e6:
+        raise InputError(f"{path} must hold one number, the pixels of a metre")
+    return found
+
+
+def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Columns of a table with a header, as numbers."""
+    options = pa.csv.ConvertOptions(include_columns=names, column_types=dict.fromkeys(names, pa.float64()))
+    try:
+        files.check_regular(path)
+        table = pa.csv.read_csv(path, convert_options=options)
+    except (OSError, pa.ArrowException, KeyError) as error:
+        raise InputError(
+            f"{path} is not a table of DUT, with numbers as {', '.join(names)}: {describe_error(error)}"
+        ) from None
+    found = {name: table.column(name).to_numpy() for name in names}
+    if not len(table) or not all(np.isfinite(values).all() for values in found.values()):
+        raise InputError(f"{path} must have a finite number in {', '.join(names)} of each row, and a row or more")
+    return found

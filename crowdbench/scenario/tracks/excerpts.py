@@ -1,0 +1,267 @@
+"""Excerpts: windows of time of a scene, in steps of a simulation, and which of them belong to which split."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.scenario.placement import pad_points
+from crowdbench.scenario.tracks.dut import Car
+from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
+from crowdbench.scenario.tracks.scenes import Recording, Scene
+
+TRAIN_SHARE, VAL_SHARE = 0.4, 0.1
+"""The part of a scene's blocks, from the first one on, that is for training, and the part after it for validation."""
+
+PACE = 0.75
+"""The vehicle's goal is where the recorded car was after this share of the window."""
+
+LEAST_WAY = 5.0
+"""Smallest distance in metres from a recorded car's start to its goal: slower cars wait or are parked."""
+
+DISCS = 3
+"""Number of discs that stand for a car that is not the vehicle."""
+
+SPACING = 2.0
+"""Waypoints on a recorded way are this far apart, in metres."""
+
+_ROUNDING = 1e-6
+"""Tolerance of times in seconds."""
+
+
+@dataclass(frozen=True)
+class MovingDisc:
+    """A disc that moves: a pedestrian, or a part of a car.
+
+    Attributes:
+        time: The times of its positions in seconds.
+        position: In metres.
+        radius: In metres; NaN for a pedestrian, whose radius no recording tells.
+    """
+
+    time: Float[np.ndarray, "row"]
+    position: Float[np.ndarray, "row 2"]
+    radius: float = math.nan
+
+    def is_there(self, time: Float[np.ndarray, "time"]) -> bool:
+        """Whether it was there at any of these times in seconds."""
+        return bool(((time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)).any())
+
+    def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time 2"]:
+        """Where it was, between its recorded positions on the straight line; NaN before the first and after the last.
+
+        Args:
+            time: When, in seconds.
+
+        Returns:
+            Positions in metres.
+        """
+        outside = (time < self.time[0] - _ROUNDING) | (time > self.time[-1] + _ROUNDING)
+        found = np.stack([np.interp(time, self.time, self.position[:, axis]) for axis in (0, 1)], axis=1)
+        found[outside] = np.nan
+        return found
+
+
+@dataclass(frozen=True)
+class CarMotion:
+    """How a recorded car moves where the vehicle takes its place.
+
+    Attributes:
+        start: Where its middle was at the start, in metres.
+        goal: Where it was after `PACE` of the window, in metres.
+        heading: In which direction it faced at the start, in radians.
+        speed: Its speed at the start in m/s.
+    """
+
+    start: Float[np.ndarray, "2"]
+    goal: Float[np.ndarray, "2"]
+    heading: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class Excerpt:
+    """A window of time of a recording, as a case needs it.
+
+    Attributes:
+        recording: The name of the recording.
+        first: When it starts, in seconds as the recording counts them.
+        block: The number of its block in the scene: a window of its own, or a clip with cars.
+        track: Where everybody was at each step, in metres; NaN who was not there.
+        velocity: Everybody's velocity in m/s at the first step, from the one before; 0 of who is not there yet.
+        radius: Radii in metres; NaN for pedestrians.
+        goal: Where everybody's track ends, be it after the window, in metres.
+        route: Waypoints on everybody's way there, in metres, NaN after the last one.
+        mean_speed: Everybody's mean speed on this way in m/s.
+        top_speed: Everybody's largest speed in m/s.
+        driven: The car whose place the vehicle takes; None where there are no cars.
+    """
+
+    recording: str
+    first: float
+    block: int
+    track: Float[np.ndarray, "time agent 2"]
+    velocity: Float[np.ndarray, "agent 2"]
+    radius: Float[np.ndarray, "agent"]
+    goal: Float[np.ndarray, "agent 2"]
+    route: Float[np.ndarray, "agent waypoint 2"]
+    mean_speed: Float[np.ndarray, "agent"]
+    top_speed: Float[np.ndarray, "agent"]
+    driven: CarMotion | None
+
+
+def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
+    """The windows of a scene in which somebody walks, one after the other.
+
+    Without cars, windows follow each other without a gap. With cars, a window starts when a car comes, and others
+    follow it while the car drives. No window is longer than what was recorded.
+
+    Args:
+        scene: The scene.
+        steps: The number of steps of a window.
+        dt: The length of a step in seconds.
+
+    Returns:
+        The excerpts in the order of the recordings and of time.
+    """
+    found: list[Excerpt] = []
+    for recording in scene.recordings:
+        everybody = list(_people(recording.tracks))
+        own: list[Excerpt] = []
+        for first, car in _windows(recording, steps * dt):
+            times = first + dt * np.arange(-1, steps + 1)
+            people = [each for each in everybody if each.is_there(times[1:])]
+            others = [disc for other in recording.cars if other is not car for disc in _discs(other)]
+            others = [disc for disc in others if disc.is_there(times[1:])]
+            if people:
+                driven = _follow_car(car, first, first + PACE * steps * dt)
+                block = len(own) if car is None else 0
+                own.append(_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
+        first_block = found[-1].block + 1 if found else 0
+        found += [dataclasses.replace(each, block=each.block + first_block) for each in own]
+    return found
+
+
+def split_windows(found: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
+    """Split windows in time: the first blocks are for training, the next ones for validation, the last half for tests.
+
+    Args:
+        found: The windows of a scene, as `cut_windows` gives them.
+
+    Returns:
+        The windows by split.
+    """
+    blocks = found[-1].block + 1 if found else 0
+    train, val = math.floor(TRAIN_SHARE * blocks), math.floor((TRAIN_SHARE + VAL_SHARE) * blocks)
+    return {
+        "train": [each for each in found if each.block < train],
+        "val": [each for each in found if train <= each.block < val],
+        "test": [each for each in found if each.block >= val],
+    }
+
+
+def walked_paths(tracks: Tracks) -> list[Float[np.ndarray, "_ 2"]]:
+    """The positions of each pedestrian in metres, in the order of time."""
+    return [each.position for each in _people(tracks)]
+
+
+def times_of(tracks: Tracks) -> Float[np.ndarray, "row"]:
+    """The time of each annotation in seconds."""
+    return tracks.frame / FRAME_STEP * tracks.dt
+
+
+def _people(tracks: Tracks) -> Iterator[MovingDisc]:
+    bounds = np.flatnonzero(np.diff(tracks.pedestrian)) + 1
+    for rows in np.split(np.arange(len(tracks.frame)), bounds):
+        yield MovingDisc(times_of(tracks)[rows], tracks.position[rows])
+
+
+def _discs(car: Car) -> Iterator[MovingDisc]:
+    """A car as discs of half its width, one after the other along its axis."""
+    direction = np.stack([np.cos(car.heading), np.sin(car.heading)], axis=1)
+    reach = (car.length - car.width) / 2.0
+    for ahead in np.linspace(-reach, reach, DISCS):
+        yield MovingDisc(car.time, car.position + ahead * direction, car.width / 2.0)
+
+
+def _windows(recording: Recording, length: float) -> list[tuple[float, Car | None]]:
+    """When windows of this length in seconds start, in the order of time, and the car that drives in each, if any."""
+    time = times_of(recording.tracks)
+    start, end = float(time.min()), float(time.max())
+    if not recording.cars:
+        number = math.floor((end - start) / length + _ROUNDING)
+        return [(start + each * length, None) for each in range(number)]
+    end = max(end, *(float(car.time[-1]) for car in recording.cars))
+    windows: list[tuple[float, Car | None]] = []
+    for car in recording.cars:
+        for each in itertools.count():
+            first = float(car.time[0]) + each * length
+            if first >= car.time[-1] or first + length > end + _ROUNDING:
+                break
+            driven = _follow_car(car, first, first + PACE * length)
+            if driven and math.dist(driven.start, driven.goal) >= LEAST_WAY:
+                windows.append((first, car))
+    return sorted(windows, key=lambda window: window[0])
+
+
+def _follow_car(car: Car | None, first: float, end: float) -> CarMotion | None:
+    """How a car moves from one time to another, in seconds, or to the last at which it is there."""
+    if car is None:
+        return None
+    middle = MovingDisc(car.time, car.position)
+    start, goal = middle.at(np.array([first, min(end, float(car.time[-1]))]))
+    # Over a quarter of a second: the difference of two frames is mostly noise.
+    soon = min(first + 0.25, float(car.time[-1]))
+    way = middle.at(np.array([soon]))[0] - start
+    speed = float(np.hypot(*way)) / (soon - first) if soon > first else 0.0
+    return CarMotion(start, goal, float(np.interp(first, car.time, car.heading)), speed)
+
+
+def _excerpt(
+    name: str, block: int, times: Float[np.ndarray, "states"], everybody: Sequence[MovingDisc], driven: CarMotion | None
+) -> Excerpt:
+    """The excerpt of a window with those who are there; `times` has the step before the first one too, in seconds."""
+    dt = times[1] - times[0]
+    track = np.stack([each.at(times) for each in everybody], axis=1)
+    ways = [_way(each, at[1:], times[1:]) for each, at in zip(everybody, track.swapaxes(0, 1), strict=True)]
+    moves = np.diff(track[1:], axis=0)
+    # From the step before, or to the one after for who comes then.
+    before, after = track[1] - track[0], track[2] - track[1]
+    velocity = np.nan_to_num(np.where(np.isfinite(before), before, after)) / dt
+    top = np.nanmax(np.hypot(moves[..., 0], moves[..., 1]), axis=0, initial=0.0) / dt
+    return Excerpt(
+        recording=name,
+        first=float(times[1]),
+        block=block,
+        track=track[1:],
+        velocity=velocity,
+        radius=np.array([each.radius for each in everybody]),
+        goal=np.stack([each.position[-1] for each in everybody]),
+        route=pad_points([way for way, _ in ways]),
+        mean_speed=np.array([speed for _, speed in ways]),
+        top_speed=np.maximum(top, np.hypot(*velocity.T)),
+        driven=driven,
+    )
+
+
+def _way(
+    each: MovingDisc, track: Float[np.ndarray, "time 2"], times: Float[np.ndarray, "time"]
+) -> tuple[Float[np.ndarray, "waypoint 2"], float]:
+    """Waypoints from the first step in which somebody is there to the end of the track, and the mean speed, in m/s.
+
+    `track` has where they were in metres at the `times` of the steps in seconds.
+    """
+    first = int(np.isfinite(track[:, 0]).argmax())
+    later = each.time > times[first]
+    points = np.concatenate([track[first][None], each.position[later]])
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    duration = each.time[-1] - times[first]
+    marks = np.arange(SPACING, lengths[-1] - SPACING / 2.0, SPACING)
+    waypoints = np.stack([np.interp(marks, lengths, points[:, axis]) for axis in (0, 1)], axis=1)
+    return waypoints, float(lengths[-1] / duration) if duration > _ROUNDING else 0.0

@@ -1,0 +1,103 @@
+"""Scenes: recordings of one place, read from a folder, whose files must be those that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from crowdbench.scenario.tracks.dut import CARS, PEDESTRIANS, RATIO, Car, read_clip
+from crowdbench.scenario.tracks.eth_ucy import SCENES, Tracks, read_tracks
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
+
+DUT_SCENES = {"dut": "", "intersection": "intersection", "roundabout": "roundabout"}
+"""The clips of DUT by the place, and both places as one scene: how the names of their files start."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A stretch of time in which a place was recorded: the tracks of its pedestrians, and its cars."""
+
+    tracks: Tracks
+    cars: tuple[Car, ...] = ()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The recordings of one place.
+
+    Attributes:
+        name: What the place is called.
+        recordings: Its recordings.
+        files: The sha256 of each of their files, by name.
+    """
+
+    name: str
+    recordings: tuple[Recording, ...]
+    files: Mapping[str, str]
+
+
+def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Scene:
+    """Read the recordings of a place, and check that the files are those that are known.
+
+    Args:
+        name: A scene of ETH/UCY (`eth`, `hotel`, `univ`, `zara1`, `zara2`) or of DUT (`intersection`, `roundabout`, or
+            `dut` for both), or the name of a file `<name>.txt` of one's own, in the format of ETH/UCY.
+        folder: Where the files are; None where nobody has said it.
+        pinned: The sha256 that files must have, by name. Those of ETH/UCY and DUT are known.
+
+    Returns:
+        The scene.
+
+    Raises:
+        InputError: There is no folder, or a file is missing, another one than it should be, or of another format.
+    """
+    if folder is None:
+        raise InputError(f"the scene {name} consists of recorded tracks: give the folder that holds them, --data DIR")
+    if not folder.is_dir():
+        raise InputError(f"there is no folder {folder} with the recorded tracks of the scene {name}")
+    known = _known_files(name)
+    found = {file: _digest(folder / file, name) for file in known or [f"{name}.txt"]}
+    for file, digest in found.items():
+        wanted = pinned.get(file, known.get(file, digest))
+        if digest != wanted:
+            raise InputError(
+                f"{folder / file} is damaged or another version: its sha256 is {digest[:16]}..., but that of the scene "
+                f"{name} must be {wanted[:16]}..."
+            )
+    if name in DUT_SCENES:
+        clips = [file.removesuffix(CARS) for file in known if file.endswith(CARS)]
+        read = (read_clip(folder, clip) for clip in clips)
+        recordings = tuple(Recording(tracks, tuple(cars)) for tracks, cars in read)
+    else:
+        recordings = tuple(Recording(read_tracks(folder / file)) for file in found)
+    return Scene(name, recordings, found)
+
+
+def _known_files(scene: str) -> dict[str, str]:
+    """The sha256 of the files of a scene of ETH/UCY or DUT, by name; none of another scene."""
+    if scene in SCENES:
+        listed = _sums("eth_ucy")
+        return {f"{file}.txt": listed[f"{file}.txt"] for file in SCENES[scene]}
+    if scene in DUT_SCENES:
+        listed = _sums("dut")
+        clips = [file.removesuffix(PEDESTRIANS) for file in listed if file.endswith(PEDESTRIANS)]
+        own = [clip for clip in sorted(clips) if clip.startswith(DUT_SCENES[scene])]
+        return {f"{clip}{end}": listed[f"{clip}{end}"] for clip in own for end in (PEDESTRIANS, CARS, RATIO)}
+    return {}
+
+
+def _sums(name: str) -> dict[str, str]:
+    """The sha256 of the files of a data set."""
+    lines = (Path(__file__).parent / f"{name}.sha256").read_text(encoding="utf-8").splitlines()
+    return {file: digest for digest, file in (line.split() for line in lines)}
+
+
+def _digest(path: Path, scene: str) -> str:
+    try:
+        return files.sha256(path)
+    except FileNotFoundError:
+        raise InputError(f"{path.parent} has no file {path.name}, which the scene {scene} needs") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None

@@ -1,0 +1,224 @@
+"""The shortest ways of discs around obstacles, over a visibility graph (Lozano-Pérez and Wesley 1979).
+
+A way keeps some clearance from every corner. Around each corner lies a regular polygon outside the circle that the
+centre of the disc must not enter; the vertices of these polygons are the nodes of the graph, and two nodes are joined
+where the straight line between them enters no such circle and crosses no wall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from crowdbench.core.geometry import norm
+from crowdbench.scenario.placement import pad_points, split_corners
+from crowdbench.utils.compiled import njit
+from crowdbench.utils.errors import InputError
+
+CLEARANCE = 0.2
+"""Distance in metres that a way keeps between an agent's rim and the corners of obstacles, where there is room."""
+
+LEAST_CLEARANCE = 0.02
+"""The same in a gap that is too narrow for more. Through a narrower gap leads no way."""
+
+SIDES = 16
+"""Sides of the polygon around a corner. A way half around a corner is longer than the arc by 1.3 %."""
+
+_TOLERANCE = 1e-6
+
+
+def find_routes(
+    start: Float[np.ndarray, "agent 2"],
+    goal: Float[np.ndarray, "agent 2"],
+    radius: Float[np.ndarray, "agent"],
+    obstacles: Float[np.ndarray, "polygon corner 2"],
+) -> Float[np.ndarray, "agent waypoint 2"]:
+    """The waypoints of each agent on its shortest way to its goal.
+
+    Args:
+        start: Where each agent starts, in metres.
+        goal: Where each agent is going, in metres.
+        radius: Radii in metres.
+        obstacles: Polygons in metres, NaN beyond the last corner of each; two corners are a wall.
+
+    Returns:
+        Waypoints in metres, NaN beyond the last one of an agent, which is before its goal.
+
+    Raises:
+        InputError: No way leads an agent to its goal.
+    """
+    edges, solid = edges_of(obstacles), [shapely.Polygon(each) for each in split_corners(obstacles) if len(each) > 2]
+    found: list[Float[np.ndarray, "waypoint 2"]] = [np.empty((0, 2))] * len(start)
+    for size in np.unique(radius):
+        corners = _find_corners(edges, solid, size)
+        agents = np.flatnonzero(radius == size)
+        direct = corners.free(start[agents], goal[agents])
+        agents = agents[~direct]
+        if len(agents):
+            for agent, way in zip(agents, _go_around(start[agents], goal[agents], corners), strict=True):
+                if way is None:
+                    who = "the vehicle" if agent == 0 else f"pedestrian {agent}"
+                    ends = (f"({x:.3g}, {y:.3g})" for x, y in (start[agent], goal[agent]))
+                    raise InputError(
+                        f"no way leads {who} from {' to its goal at '.join(ends)}: "
+                        f"it needs gaps of at least {2 * (size + LEAST_CLEARANCE):.3g} m"
+                    )
+                found[agent] = way
+    return pad_points(found)
+
+
+def edges_of(obstacles: Float[np.ndarray, "polygon corner 2"]) -> Float[np.ndarray, "edge 2 2"]:
+    """The edges of polygons, from corner to corner in metres; a wall is a single edge."""
+    edges = [np.empty((0, 2, 2))]
+    for corners in split_corners(obstacles):
+        closed = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        edges.append(closed[:1] if len(corners) == 2 else closed)
+    return np.concatenate(edges)
+
+
+def nearest_on(
+    edges: Float[np.ndarray, "edge 2 2"], points: Float[np.ndarray, "point 2"]
+) -> Float[np.ndarray, "point edge 2"]:
+    """The point of each edge that is nearest to each of the points.
+
+    Args:
+        edges: Both ends of each edge in metres.
+        points: Points in metres.
+
+    Returns:
+        In metres.
+    """
+    first, along = edges[:, 0], edges[:, 1] - edges[:, 0]
+    share = ((points[:, None] - first) * along).sum(2) / np.maximum((along**2).sum(1), np.finfo(float).tiny)
+    return first + np.clip(share, 0.0, 1.0)[..., None] * along
+
+
+@dataclass(frozen=True)
+class _Corners:
+    """The corners of all obstacles, as an agent of one size must avoid them.
+
+    Attributes:
+        edges: The edges of all obstacles.
+        point: Where the corners are, in metres.
+        keep: Distance in metres that the centre of the agent keeps from each.
+        angle: Direction in radians that a side of the polygon around each faces.
+        least: Distance in metres that waypoints keep from all edges.
+    """
+
+    edges: Float[np.ndarray, "edge 2 2"]
+    point: Float[np.ndarray, "corner 2"]
+    keep: Float[np.ndarray, "corner"]
+    angle: Float[np.ndarray, "corner"]
+    least: float
+
+    def free(self, one: Float[np.ndarray, "line 2"], other: Float[np.ndarray, "line 2"]) -> Bool[np.ndarray, "line"]:
+        """Whether the agent can go straight from one point to another.
+
+        An end that is nearer to a corner than agents keep from it must be reached all the same: then the way must not
+        come any nearer.
+        """
+        free = np.empty(len(one), bool)
+        _fill_free(one, other, self.point, self.keep - _TOLERANCE, self.edges, free)
+        return free
+
+    def nodes(self) -> Float[np.ndarray, "node 2"]:
+        """The vertices of the polygons around corners that the agent can reach."""
+        angle = self.angle[:, None] + (np.arange(SIDES) + 0.5) * (2 * np.pi / SIDES)
+        out = np.stack([np.cos(angle), np.sin(angle)], axis=2) * (self.keep / np.cos(np.pi / SIDES))[:, None, None]
+        point = (self.point[:, None] + out).reshape(-1, 2)
+        distance = norm(nearest_on(self.edges, point) - point[:, None]).min(axis=1)
+        return point[distance >= self.least - _TOLERANCE]
+
+
+def _find_corners(edges: Float[np.ndarray, "edge 2 2"], solid: Sequence[shapely.Polygon], radius: float) -> _Corners:
+    """The corners of obstacles with the distance that a disc of a radius in metres keeps from them."""
+    points = np.unique(edges.reshape(-1, 2), axis=0)
+    most = 2 * (radius + CLEARANCE)
+    nearest = nearest_on(edges, points)
+    offset = nearest - points[:, None]
+    distance = norm(offset)
+    corner, edge = np.nonzero((distance > _TOLERANCE) & (distance < most))
+    between = (points[corner] + nearest[corner, edge]) / 2
+    # What lies between two edges of the same polygon may be the polygon.
+    inside = norm(nearest_on(edges, between) - between[:, None]).min(axis=1, initial=np.inf) < _TOLERANCE
+    for polygon in solid:
+        inside |= shapely.contains_xy(polygon, between)
+    distance[corner[inside], edge[inside]] = np.inf
+    distance[distance <= _TOLERANCE] = np.inf
+    # The narrowest gap beside each corner, and its direction.
+    narrowest = distance.argmin(axis=1) if len(edges) else np.zeros(0, np.int64)
+    rows = np.arange(len(points))
+    gap = distance[rows, narrowest]
+    x, y = offset[rows, narrowest].T
+    keep = np.clip(np.minimum(gap, most) / 2, radius + LEAST_CLEARANCE, radius + CLEARANCE)
+    return _Corners(edges, points, keep, np.where(gap < most, np.arctan2(y, x), 0.0), radius + LEAST_CLEARANCE)
+
+
+def _go_around(
+    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], corners: _Corners
+) -> list[Float[np.ndarray, "waypoint 2"] | None]:
+    """The waypoints of agents of one size that cannot go straight, None for an agent without a way."""
+    node = corners.nodes()
+    n, agents = len(node), len(start)
+    point = np.concatenate([node, start, goal])
+    starts, goals = n + np.arange(agents), n + agents + np.arange(agents)
+    between = np.stack(np.triu_indices(n, 1), axis=1)
+    ends = np.stack(np.meshgrid(np.arange(n), np.r_[starts, goals]), axis=2).reshape(-1, 2)
+    lines = np.concatenate([between, ends])
+    lines = lines[corners.free(point[lines[:, 0]], point[lines[:, 1]])]
+    # Lines lead from nodes to goals and from starts to nodes, so that no way leads over somebody else's start or goal.
+    lines = np.concatenate([lines[~np.isin(lines[:, 1], starts)], lines[~np.isin(lines[:, 1], goals), ::-1]])
+    length = norm(point[lines[:, 1]] - point[lines[:, 0]])
+    graph = coo_array((length, tuple(lines.T)), shape=(len(point), len(point))).tocsr()
+    _, before = dijkstra(graph, indices=starts, return_predecessors=True)
+    return [_trace_back(point, before[agent], n + agent, n + agents + agent) for agent in range(agents)]
+
+
+def _trace_back(
+    point: Float[np.ndarray, "point 2"], before: Int[np.ndarray, "point"], start: int, goal: int
+) -> Float[np.ndarray, "waypoint 2"] | None:
+    """The points between a start and a goal, found backwards from the goal; None where it was not reached."""
+    way = []
+    at = before[goal]
+    while at != start:
+        if at < 0:
+            return None
+        way.append(point[at])
+        at = before[at]
+    return np.array(way[::-1]).reshape(-1, 2)
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _fill_free(one, other, corner, keep, edges, free):
+    """Fill `free`, as `_Corners.free` says; `keep` has the distance to keep from each corner in metres."""
+    for line in range(len(one)):
+        ax, ay = one[line]
+        x, y = other[line, 0] - ax, other[line, 1] - ay
+        length = x * x + y * y
+        free[line] = True
+        for k in range(len(corner)):
+            px, py = corner[k, 0] - ax, corner[k, 1] - ay
+            share = min(max((px * x + py * y) / length, 0.0), 1.0) if length > 0.0 else 0.0
+            to_start, to_end = px * px + py * py, (px - x) ** 2 + (py - y) ** 2
+            nearest = (px - share * x) ** 2 + (py - share * y) ** 2
+            # An end of the line itself is never too near.
+            if nearest < min(keep[k] * keep[k], to_start - _TOLERANCE, to_end - _TOLERANCE):
+                free[line] = False
+                break
+        for k in range(len(edges)):
+            if not free[line]:
+                break
+            px, py = edges[k, 0, 0] - ax, edges[k, 0, 1] - ay
+            qx, qy = edges[k, 1, 0] - ax, edges[k, 1, 1] - ay
+            ex, ey = qx - px, qy - py
+            parted = (x * py - y * px) * (x * qy - y * qx) < 0.0
+            if parted and (px * ey - py * ex) * ((px - x) * ey - (py - y) * ex) < 0.0:
+                free[line] = False

@@ -1,0 +1,252 @@
+"""The contract of pedestrian policies, and what checks their answers: type, shape and finite numbers."""
+
+from __future__ import annotations
+
+import abc
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar, no_type_check
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.types import World
+from crowdbench.utils.compiled import njit
+from crowdbench.utils.errors import InputError, plugin_errors
+
+Memory = Mapping[str, Any]
+"""What a policy remembers: arrays `[world, ...]` by name, in mappings that may be nested."""
+
+
+class PedestrianPolicy(abc.ABC):
+    """Moves pedestrians. A subclass lists its parameters in `parameters` and implements `velocities`.
+
+    A policy has no state and changes nothing: what it returns depends only on the world, or else a case would depend on
+    the cases that run beside it (`crowdbench check` finds that). It takes noise from
+    `crowdbench.core.rng.normal(world.key, purpose, world.step, ...)`. In the world that it is given, a vehicle that
+    pedestrians cannot see is not `present`. A policy that must remember something is a `PolicyWithMemory`.
+    """
+
+    parameters: ClassVar[Mapping[str, float]] = {}
+    """The parameters that a scenario can set, with their defaults."""
+
+    stands: ClassVar[bool] = False
+    """Whether its pedestrians stand all the time. A scenario places them somewhere on the way from start to goal."""
+
+    @abc.abstractmethod
+    def velocities(
+        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
+    ) -> Float[np.ndarray, "world pedestrian 2"]:
+        """The velocities that the pedestrians take next.
+
+        Args:
+            world: The worlds as they are now.
+            parameters: For each parameter a value per agent; column 0, the vehicle's, is not used.
+
+        Returns:
+            A velocity in m/s for every pedestrian. Those of pedestrians that another policy moves, or that are not
+            present, are ignored.
+        """
+
+
+class PolicyWithMemory(PedestrianPolicy):
+    """Moves pedestrians by what it remembers of them, which the world carries: it still keeps nothing in itself.
+
+    A pedestrian whose number in `world.person` is another than in the step before is somebody else, of whom nothing is
+    remembered yet. A policy with such pedestrians keeps their numbers in its memory to notice it.
+    """
+
+    @abc.abstractmethod
+    def memory(self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]) -> Memory:
+        """What is remembered at the start of the episodes.
+
+        Args:
+            world: The worlds at their start.
+            parameters: As for `velocities`.
+
+        Returns:
+            Arrays `[world, ...]`, whose other axes do not depend on how many worlds there are.
+        """
+
+    @abc.abstractmethod
+    def velocities(  # type: ignore[override]  # it is given and returns a memory too
+        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]], memory: Memory
+    ) -> tuple[Float[np.ndarray, "world pedestrian 2"], Memory]:
+        """The velocities that the pedestrians take next, and what is remembered after that.
+
+        Args:
+            world: The worlds as they are now.
+            parameters: For each parameter a value per agent; column 0, the vehicle's, is not used.
+            memory: What was returned in the step before. It must not be changed: return other arrays.
+
+        Returns:
+            A velocity in m/s for every pedestrian, as for any policy, and a memory with the same names, shapes and
+            types.
+        """
+
+
+def query_policy(
+    policy: PedestrianPolicy, name: str, world: World
+) -> tuple[Float[np.ndarray, "world pedestrian 2"], Memory | None]:
+    """Ask a policy for velocities, and check its answer.
+
+    Args:
+        policy: The policy.
+        name: What it is called in errors.
+        world: What it is shown.
+
+    Returns:
+        Velocities in m/s, and its memory after that, None without one.
+
+    Raises:
+        InputError: It raises, or what it returns is not what it must return.
+    """
+    velocity, memory = query_unchecked(policy, name, world)
+    after = None if memory is None else validate_memory(memory, world.memory[name], name)
+    return validate_finite(validate_shape(velocity, name, world), name, world), after
+
+
+def query_unchecked(policy: PedestrianPolicy, name: str, world: World) -> tuple[object, object]:
+    """As `query_policy`, but only the number of things that a policy with a memory answers is checked."""
+    with plugin_errors(f"pedestrian policy {name} raised"):
+        if not isinstance(policy, PolicyWithMemory):
+            return policy.velocities(world, world.parameters[name]), None
+        answer = policy.velocities(world, world.parameters[name], world.memory[name])
+    if not isinstance(answer, tuple) or len(answer) != 2 or answer[1] is None:
+        raise InputError(
+            f"pedestrian policy {name} has a memory and returned a {type(answer).__name__}, but must return a tuple "
+            "of two, its velocities and its memory"
+        )
+    return answer
+
+
+def init_memory(policy: PolicyWithMemory, name: str, world: World) -> Memory:
+    """What a policy remembers at the start.
+
+    Args:
+        policy: The policy.
+        name: What it is called in errors.
+        world: What it is shown.
+
+    Returns:
+        Its memory.
+
+    Raises:
+        InputError: It raises, or returns anything but arrays with a row per world.
+    """
+    with plugin_errors(f"pedestrian policy {name} raised"):
+        answer = policy.memory(world, world.parameters[name])
+    for path, array in memory_arrays(name, answer):
+        if array.shape[:1] != (len(world),):
+            raise InputError(
+                f"pedestrian policy {name} returned {path} of shape {array.shape} for {len(world)} worlds, but the "
+                "first axis must be the worlds"
+            )
+    return answer
+
+
+def validate_memory(answer: object, before: Memory, name: str) -> Memory:
+    """Check what a policy remembers after a step.
+
+    Args:
+        answer: What it returned.
+        before: What it was given.
+        name: What the policy is called in errors.
+
+    Returns:
+        Its memory.
+
+    Raises:
+        InputError: There are other arrays in it than before, or arrays of another shape or type.
+    """
+    found = {path: (array.shape, array.dtype) for path, array in memory_arrays(name, answer)}
+    expected = {path: (array.shape, array.dtype) for path, array in memory_arrays(name, before)}
+    for path in found | expected:
+        if found.get(path) != expected.get(path):
+            here, there = (
+                "nothing" if path not in each else f"{each[path][1]} of shape {each[path][0]}"
+                for each in (found, expected)
+            )
+            raise InputError(f"pedestrian policy {name} returned {here} as {path}, which was {there} before")
+    return answer  # type: ignore[return-value]  # `memory_arrays` has found a mapping
+
+
+def memory_arrays(name: str, memory: object, path: str = "memory") -> Iterator[tuple[str, np.ndarray]]:
+    """The arrays of a memory, each with the path to it.
+
+    Args:
+        name: What the policy is called in errors.
+        memory: What a policy returned as its memory, or a part of it.
+        path: What that is called.
+
+    Raises:
+        InputError: It holds something else than arrays and mappings.
+    """
+    if isinstance(memory, np.ndarray):
+        yield path, memory
+    elif isinstance(memory, Mapping):
+        for key, part in memory.items():
+            yield from memory_arrays(name, part, f"{path}[{key!r}]")
+    else:
+        raise InputError(
+            f"pedestrian policy {name} returned a {type(memory).__name__} as {path}, but a memory holds arrays by name"
+        )
+
+
+def validate_shape(answer: object, name: str, world: World) -> Float[np.ndarray, "world pedestrian 2"]:
+    """Check type and shape of what a policy returned.
+
+    Args:
+        answer: What `velocities` returned.
+        name: What the policy is called in errors.
+        world: What it was given.
+
+    Returns:
+        The velocities in m/s.
+
+    Raises:
+        InputError: It is no float64 array with a velocity per pedestrian.
+    """
+    expected = (len(world), world.position.shape[1] - 1, 2)
+    if isinstance(answer, np.ndarray) and answer.shape == expected and answer.dtype == np.float64:
+        return np.asarray(answer)  # a subclass may answer otherwise than its numbers
+    found = f"{answer.dtype} of shape {answer.shape}" if isinstance(answer, np.ndarray) else repr(answer)
+    raise InputError(f"pedestrian policy {name} returned {found}, but must return float64 of shape {expected}")
+
+
+def validate_finite(
+    velocity: Float[np.ndarray, "world pedestrian 2"], name: str, world: World
+) -> Float[np.ndarray, "world pedestrian 2"]:
+    """Check that velocities are finite.
+
+    Args:
+        velocity: What a policy returned, in m/s.
+        name: What the policy is called in errors.
+        world: What it was given.
+
+    Returns:
+        The velocities.
+
+    Raises:
+        InputError: That of a pedestrian who is present is not finite.
+    """
+    # A sum is finite only if all its terms are.
+    if not math.isfinite(_sum(np.ascontiguousarray(velocity))) and len(
+        wrong := np.argwhere(~np.isfinite(velocity).all(axis=2) & world.present[:, 1:])
+    ):
+        row, pedestrian = wrong[0]
+        raise InputError(
+            f"pedestrian policy {name} returned {velocity[row, pedestrian].tolist()} for pedestrian {pedestrian} "
+            f"of case {world.case[row]}, but a velocity must be finite"
+        )
+    return velocity
+
+
+@no_type_check
+@njit
+def _sum(array):
+    """The sum of all numbers. Compiled, because NumPy would take as long as a kernel for one world."""
+    total = 0.0
+    for number in array.flat:
+        total += number
+    return total

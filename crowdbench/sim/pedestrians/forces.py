@@ -1,0 +1,191 @@
+"""What the force models of pedestrians share: everybody's motion in sub-steps under forces. Compiled.
+
+A pedestrian accelerates towards its desired velocity within a relaxation time, and by the force of a model. The speed
+limit is the preferred speed, and over the last metre the desired speed decreases with the distance to the goal, as
+everywhere in crowdbench.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.sim.kernels import serial_and_parallel
+from crowdbench.utils.compiled import njit, prange
+
+SUB_STEP = 0.05
+"""Longest step of the integration, in seconds."""
+
+PARALLEL_PAIRS = 1000
+"""Batches with at least this many pairs of agents run on several threads, whose start takes 110 microseconds."""
+
+TINY = 1e-9
+"""Takes the place of 0 where a formula divides by a parameter."""
+
+
+class Walkers(NamedTuple):
+    """The agents of worlds, as kernels take them.
+
+    Attributes:
+        position: Centres in metres.
+        velocity: Velocities before the step in m/s.
+        goal: In metres.
+        radius: In metres.
+        preferred_speed: Preferred and largest speeds in m/s, above 0.
+        seen: Whether the agent acts on others.
+        moves: Whether the agent's velocity is computed; the others keep theirs in this step.
+    """
+
+    position: Float[np.ndarray, "world agent 2"]
+    velocity: Float[np.ndarray, "world agent 2"]
+    goal: Float[np.ndarray, "world agent 2"]
+    radius: Float[np.ndarray, "world agent"]
+    preferred_speed: Float[np.ndarray, "world agent"]
+    seen: Bool[np.ndarray, "world agent"]
+    moves: Bool[np.ndarray, "world agent"]
+
+
+def to_walkers(
+    position: Float[np.ndarray, "world agent 2"],
+    velocity: Float[np.ndarray, "world agent 2"],
+    goal: Float[np.ndarray, "world agent 2"],
+    radius: Float[np.ndarray, "world agent"],
+    preferred_speed: Float[np.ndarray, "world agent"],
+    seen: Bool[np.ndarray, "world agent"] | None = None,
+    moves: Bool[np.ndarray, "world agent"] | None = None,
+) -> Walkers:
+    """Agents as kernels take them; without `seen` or `moves` all are seen, or move."""
+    return Walkers(
+        np.ascontiguousarray(position),
+        np.ascontiguousarray(velocity),
+        np.ascontiguousarray(goal),
+        np.ascontiguousarray(radius),
+        np.maximum(preferred_speed, TINY),
+        np.ones(radius.shape, np.bool_) if seen is None else np.ascontiguousarray(seen),
+        np.ones(radius.shape, np.bool_) if moves is None else np.ascontiguousarray(moves),
+    )
+
+
+def fill_traits(
+    defaults: Mapping[str, float], given: Mapping[str, float | np.ndarray], shape: tuple[int, ...]
+) -> Float[np.ndarray, "world agent parameter"]:
+    """The parameters of each agent in one array, in the order of the defaults.
+
+    Args:
+        defaults: The parameters of a model.
+        given: A number, or an array `[world, agent]`, of those that are not the defaults.
+        shape: Numbers of worlds and agents.
+    """
+    traits = np.empty((*shape, len(defaults)))
+    for k, name in enumerate(defaults):
+        traits[..., k] = given[name] if name in given else defaults[name]
+    return traits
+
+
+def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Compile a model for one thread and for all.
+
+    Args:
+        force: A kernel that returns x and y of an acceleration in m/s^2, and the share of it that acts. It takes the
+            index of an agent; positions in metres and velocities in m/s of the agents of its world; its desired
+            velocity, x and y, and the ratio of its length to the preferred speed; radii in metres; who is seen; its
+            traits; the obstacles; the index of the world, and the noise and the groups of all worlds.
+
+    Returns:
+        The two kernels, which `integrate` calls.
+    """
+
+    @no_type_check
+    def loop(*arrays):
+        # Their fields one by one, because numba takes a microsecond to receive a NamedTuple.
+        walkers, traits, obstacles = Walkers(*arrays[:7]), arrays[7], arrays[8]
+        noise, group, time_step, sub_steps, out = arrays[9:]
+        worlds, agents = walkers.radius.shape
+        h = time_step / sub_steps
+        for w in prange(worlds):
+            x, v, new = walkers.position[w].copy(), walkers.velocity[w].copy(), walkers.velocity[w].copy()
+            goal, radius, seen, own, walls = (
+                walkers.goal[w],
+                walkers.radius[w],
+                walkers.seen[w],
+                traits[w],
+                obstacles[w],
+            )
+            for _ in range(sub_steps):
+                for i in range(agents):
+                    if not walkers.moves[w, i]:
+                        continue
+                    limit, tau = walkers.preferred_speed[w, i], max(own[i, 0], TINY)
+                    desired = desired_velocity(x[i], goal[i], limit)
+                    fx, fy, share = force(i, x, v, desired, radius, seen, own[i], walls, w, noise, group)
+                    # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a
+                    # relaxation time 5 % shorter.
+                    gain = 1.0 - math.exp(-h / tau)
+                    vx = v[i, 0] + gain * (desired[0] + tau * share * fx - v[i, 0])
+                    vy = v[i, 1] + gain * (desired[1] + tau * share * fy - v[i, 1])
+                    slower = limit / max(math.sqrt(vx * vx + vy * vy), limit)
+                    new[i, 0], new[i, 1] = slower * vx, slower * vy
+                for i in range(agents):
+                    v[i, 0], v[i, 1] = new[i, 0], new[i, 1]
+                    x[i, 0], x[i, 1] = x[i, 0] + h * v[i, 0], x[i, 1] + h * v[i, 1]
+            for i in range(agents):
+                if walkers.moves[w, i]:
+                    out[w, i, 0], out[w, i, 1] = v[i, 0], v[i, 1]
+
+    loop.__module__, loop.__name__ = force.py_func.__module__, f"{force.py_func.__name__}_loop"
+    loop.__qualname__ = loop.__name__
+    return serial_and_parallel(loop)
+
+
+def integrate(
+    model: tuple[Callable[..., Any], Callable[..., Any]],
+    walkers: Walkers,
+    traits: Float[np.ndarray, "world agent parameter"],
+    obstacles: Float[np.ndarray, "world polygon corner 2"] | None,
+    time_step: float,
+    sub_step: float,
+    noise: Float[np.ndarray, "world agent 2"] | None = None,
+    group: Int[np.ndarray, "world agent"] | None = None,
+) -> Float[np.ndarray, "world agent 2"]:
+    """The velocity that each agent has at the end of the step.
+
+    It is not the mean velocity of the step, because the next step starts from it: thus an agent that is alone gains
+    speed with exactly the relaxation time. Within the step all agents move at once, in equal sub-steps.
+
+    Args:
+        model: What `compile_model` has returned.
+        walkers: The agents.
+        traits: The parameters of each agent, the relaxation time in seconds first.
+        obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
+        time_step: Length of the step in seconds.
+        sub_step: Longest sub-step in seconds.
+        noise: What the model takes as noise.
+        group: The number of each agent's group, negative for those who walk alone; None where all do.
+
+    Returns:
+        Velocities in m/s; 0 for agents that do not move.
+    """
+    worlds, agents = walkers.radius.shape
+    out = np.zeros((worlds, agents, 2))
+    walls = np.empty((worlds, 0, 0, 2)) if obstacles is None else np.ascontiguousarray(obstacles)
+    compute = model[worlds * agents * agents >= PARALLEL_PAIRS]
+    compute(*walkers, traits, walls, noise, group, time_step, max(1, math.ceil(time_step / sub_step - 1e-9)), out)
+    return out
+
+
+@no_type_check
+@njit
+def desired_velocity(position, goal, preferred_speed):
+    """The desired velocity, as `geometry.toward_goal` computes it. Compiled.
+
+    `position` and `goal` are `[2]` in metres, the preferred speed is in m/s. Returns x and y of the velocity in m/s,
+    and the ratio of its length to the preferred speed.
+    """
+    x, y = goal[0] - position[0], goal[1] - position[1]
+    distance = math.sqrt(x * x + y * y)
+    scale = preferred_speed / max(distance, preferred_speed)
+    return scale * x, scale * y, scale * distance / preferred_speed

@@ -1,0 +1,271 @@
+"""The half-planes that obstacles allow an agent of ORCA (van den Berg et al. 2011), compiled.
+
+What an edge of a polygon forbids is computed as the library RVO2 does it (version 2.0.2): the velocities that lead to
+the edge within the time horizon are a truncated cone, and the half-plane is tangent to it at the point nearest to the
+agent's velocity. The agent alone is responsible for avoiding an edge, so that the half-plane moves by all of the
+distance and not by half of it. RVO2 looks through walls, and so does this.
+
+Corners are listed counter-clockwise around what is solid, so that an agent sees an edge from its right side. A polygon
+of two corners is a wall that is seen from both sides.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import no_type_check
+
+from crowdbench.sim.obstacles import number_of_corners
+from crowdbench.sim.pedestrians.linear_program import unit
+from crowdbench.utils.compiled import njit
+
+EDGE = 12
+"""Numbers about an edge: first corner x, y, second corner x, y, direction x, y, direction of the edge before it x, y,
+of the edge after it x, y, and whether its first and its second corner stand out (1) or are concave (0)."""
+
+_COVERED = 1e-5
+"""An edge is left out where it lies behind a half-plane by this much in m/s, as in RVO2."""
+
+
+@no_type_check
+@njit(error_model="numpy")
+def fill_edges(polygons, edges):
+    """Fill the table of edges of one world.
+
+    Args:
+        polygons (array): `[polygon, corner, 2]`, in metres, NaN after the last corner.
+        edges (array): `[edge, EDGE]`, filled.
+
+    Returns:
+        number (int): The number of edges.
+    """
+    number = 0
+    for polygon in polygons:
+        corners = number_of_corners(polygon)
+        for k in range(corners):
+            first, second = polygon[k], polygon[(k + 1) % corners]
+            before, after = polygon[(k - 1) % corners], polygon[(k + 2) % corners]
+            edge = edges[number]
+            edge[0], edge[1], edge[2], edge[3] = first[0], first[1], second[0], second[1]
+            edge[4], edge[5], _ = unit(second[0] - first[0], second[1] - first[1])
+            edge[6], edge[7], _ = unit(first[0] - before[0], first[1] - before[1])
+            edge[8], edge[9], _ = unit(after[0] - second[0], after[1] - second[1])
+            is_wall = corners == 2
+            edge[10] = 1.0 if is_wall or _left_of(before, first, second) >= 0.0 else 0.0
+            edge[11] = 1.0 if is_wall or _left_of(first, second, after) >= 0.0 else 0.0
+            number += 1
+    return number
+
+
+@no_type_check
+@njit(error_model="numpy", inline="always")
+def _left_of(a, b, c):
+    """How far c lies to the left of the line from a to b, times the distance of these."""
+    return (a[0] - c[0]) * (b[1] - a[1]) - (a[1] - c[1]) * (b[0] - a[0])
+
+
+@no_type_check
+@njit(error_model="numpy")
+def nearest_edges(edges, number, x, y, reach, order, distance):
+    """Find the edges that an agent sees from their right side, nearest first.
+
+    Args:
+        edges (array): `[edge, EDGE]`.
+        number (int): The number of edges.
+        x (float): Where the agent is, in metres.
+        y (float): Likewise.
+        reach (float): Edges are nearer than this, in metres.
+        order (array): `[edge]`, filled: indices of edges.
+        distance (array): `[edge]`, filled: squared distances in square metres.
+
+    Returns:
+        found (int): How many there are.
+    """
+    found = 0
+    for k in range(number):
+        ax, ay, bx, by = edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3]
+        dx, dy = bx - ax, by - ay
+        if dx * (y - ay) - dy * (x - ax) >= 0.0:
+            continue
+        along = ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy)
+        along = min(max(along, 0.0), 1.0)
+        ox, oy = ax + along * dx - x, ay + along * dy - y
+        squared = ox * ox + oy * oy
+        if squared >= reach * reach:
+            continue
+        slot = found
+        while slot > 0 and squared < distance[slot - 1]:
+            order[slot], distance[slot] = order[slot - 1], distance[slot - 1]
+            slot -= 1
+        order[slot], distance[slot] = k, squared
+        found += 1
+    return found
+
+
+@no_type_check
+@njit(error_model="numpy")
+def edge_half_planes(edges, order, found, x, y, vx, vy, radius, rate, lines):
+    """Write a line for each edge that is in an agent's way.
+
+    Args:
+        edges (array): `[edge, EDGE]`.
+        order (array): `[edge]`, indices of edges, nearest first.
+        found (int): How many of them.
+        x (float): Where the agent is, in metres.
+        y (float): Likewise.
+        vx (float): The agent's velocity in m/s.
+        vy (float): Likewise.
+        radius (float): The agent's radius in metres.
+        rate (float): 1 over the time horizon, in 1/s.
+        lines (array): `[line, 4]`, filled from the first line on.
+
+    Returns:
+        n (int): The number of lines.
+    """
+    n = 0
+    for index in range(found):
+        edge = edges[order[index]]
+        ax, ay, bx, by = edge[0] - x, edge[1] - y, edge[2] - x, edge[3] - y
+        if not _is_covered(lines, n, rate * ax, rate * ay, rate * bx, rate * by, rate * radius):
+            there, px, py, dx, dy = _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate)
+            if there:
+                lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = px, py, dx, dy
+                n += 1
+    return n
+
+
+@no_type_check
+@njit(error_model="numpy", inline="always")
+def _is_covered(lines, n, ax, ay, bx, by, margin):
+    """Whether both ends of an edge, in the velocity space, lie behind one of the lines by a margin."""
+    for k in range(n):
+        px, py, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
+        first = (ax - px) * dy - (ay - py) * dx - margin
+        second = (bx - px) * dy - (by - py) * dx - margin
+        if first >= -_COVERED and second >= -_COVERED:
+            return True
+    return False
+
+
+@no_type_check
+@njit(error_model="numpy", inline="always")
+def _legs(px, py, squared, radius):
+    """The directions of the two tangents from the agent to a disc around a corner: left x, y and right x, y."""
+    leg, scale = math.sqrt(squared - radius * radius), 1.0 / squared
+    left_x, left_y = (px * leg - py * radius) * scale, (px * radius + py * leg) * scale
+    right_x, right_y = (px * leg + py * radius) * scale, (py * leg - px * radius) * scale
+    return left_x, left_y, right_x, right_y
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _edge_half_plane(edge, ax, ay, bx, by, vx, vy, radius, rate):
+    """The line of one edge.
+
+    Args:
+        edge: `[EDGE]`.
+        ax, ay, bx, by: Its corners as the agent sees them, in metres.
+        vx, vy: The agent's velocity in m/s.
+        radius: The agent's radius in metres.
+        rate: 1 over the time horizon, in 1/s.
+
+    Returns:
+        Whether there is a line; its point and its direction.
+    """
+    ux, uy, is_first_convex, is_second_convex = edge[4], edge[5], edge[10] == 1.0, edge[11] == 1.0
+    ex, ey = bx - ax, by - ay
+    squared_a, squared_b, squared_radius = ax * ax + ay * ay, bx * bx + by * by, radius * radius
+    s = -(ax * ex + ay * ey) / (ex * ex + ey * ey)
+    ox, oy = ax + s * ex, ay + s * ey
+    squared_line = ox * ox + oy * oy
+
+    # An agent that touches the edge must not go on into it.
+    if s < 0.0 and squared_a <= squared_radius:
+        dx, dy, _ = unit(-ay, ax)
+        return is_first_convex, 0.0, 0.0, dx, dy
+    if s > 1.0 and squared_b <= squared_radius:
+        dx, dy, _ = unit(-by, bx)
+        return is_second_convex and bx * edge[9] - by * edge[8] >= 0.0, 0.0, 0.0, dx, dy
+    if 0.0 <= s < 1.0 and squared_line <= squared_radius:
+        return True, 0.0, 0.0, -ux, -uy
+
+    # Where the edge is seen from its end, both legs of the cone are those of one corner.
+    one = False
+    before_x, before_y, after_x, after_y = edge[6], edge[7], edge[8], edge[9]
+    if s < 0.0 and squared_line <= squared_radius:
+        if not is_first_convex:
+            return False, 0.0, 0.0, 1.0, 0.0
+        one, bx, by, is_second_convex = True, ax, ay, True
+        after_x, after_y = ux, uy
+        left_x, left_y, right_x, right_y = _legs(ax, ay, squared_a, radius)
+    elif s > 1.0 and squared_line <= squared_radius:
+        if not is_second_convex:
+            return False, 0.0, 0.0, 1.0, 0.0
+        one, ax, ay, is_first_convex = True, bx, by, True
+        before_x, before_y, ux, uy = ux, uy, after_x, after_y
+        left_x, left_y, right_x, right_y = _legs(bx, by, squared_b, radius)
+    else:
+        left_x, left_y, right_x, right_y = -ux, -uy, ux, uy
+        if is_first_convex:
+            left_x, left_y, _, _ = _legs(ax, ay, squared_a, radius)
+        if is_second_convex:
+            _, _, right_x, right_y = _legs(bx, by, squared_b, radius)
+
+    # A leg that points into the neighbouring edge is replaced by that edge, whose own line does the rest.
+    foreign_left = is_first_convex and left_y * before_x - left_x * before_y >= 0.0
+    if foreign_left:
+        left_x, left_y = -before_x, -before_y
+    foreign_right = is_second_convex and right_x * after_y - right_y * after_x <= 0.0
+    if foreign_right:
+        right_x, right_y = after_x, after_y
+
+    return _tangent(
+        vx, vy, ax, ay, bx, by, one, ux, uy, left_x, left_y, right_x, right_y, foreign_left, foreign_right, radius, rate
+    )
+
+
+@no_type_check
+@njit(error_model="numpy", inline="always")
+def _tangent(
+    vx, vy, ax, ay, bx, by, one, ux, uy, left_x, left_y, right_x, right_y, foreign_left, foreign_right, radius, rate
+):
+    """The line that is tangent to a truncated cone at the point nearest to a velocity.
+
+    That point is on a round end, on the cut-off line, or on a leg.
+
+    Args:
+        vx, vy: The velocity in m/s.
+        ax, ay, bx, by: The corners of the edge as the agent sees them, in metres.
+        one: Whether they are the same one.
+        ux, uy: The direction of the cut-off line.
+        left_x, left_y: The direction of the left leg.
+        right_x, right_y: The direction of the right leg.
+        foreign_left, foreign_right: Whether a leg is a neighbouring edge.
+        radius: The agent's radius in metres.
+        rate: 1 over the time horizon, in 1/s.
+
+    Returns:
+        Whether there is a line, which is not so on a foreign leg; its point and its direction.
+    """
+    ax, ay, bx, by, margin = rate * ax, rate * ay, rate * bx, rate * by, radius * rate
+    ex, ey = bx - ax, by - ay
+    t = 0.5 if one else ((vx - ax) * ex + (vy - ay) * ey) / (ex * ex + ey * ey)
+    on_left = (vx - ax) * left_x + (vy - ay) * left_y
+    on_right = (vx - bx) * right_x + (vy - by) * right_y
+    if (t < 0.0 and on_left < 0.0) or (one and on_left < 0.0 and on_right < 0.0):
+        wx, wy, _ = unit(vx - ax, vy - ay)
+        return True, ax + margin * wx, ay + margin * wy, wy, -wx
+    if t > 1.0 and on_right < 0.0:
+        wx, wy, _ = unit(vx - bx, vy - by)
+        return True, bx + margin * wx, by + margin * wy, wy, -wx
+    to_cut, to_left, to_right = math.inf, math.inf, math.inf
+    if 0.0 <= t <= 1.0 and not one:
+        to_cut = (vx - ax - t * ex) ** 2 + (vy - ay - t * ey) ** 2
+    if on_left >= 0.0:
+        to_left = (vx - ax - on_left * left_x) ** 2 + (vy - ay - on_left * left_y) ** 2
+    if on_right >= 0.0:
+        to_right = (vx - bx - on_right * right_x) ** 2 + (vy - by - on_right * right_y) ** 2
+    if to_cut <= to_left and to_cut <= to_right:
+        return True, ax + margin * uy, ay - margin * ux, -ux, -uy
+    if to_left <= to_right:
+        return not foreign_left, ax - margin * left_y, ay + margin * left_x, left_x, left_y
+    return not foreign_right, bx + margin * right_y, by - margin * right_x, -right_x, -right_y

@@ -1,0 +1,99 @@
+"""The folder that keeps the runs of a study: each has a directory there, named after all that its figures depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from crowdbench.runs.manifest import MANIFEST, code
+from crowdbench.runs.results import EPISODES, RESULT, Episodes
+from crowdbench.runs.run import Run
+from crowdbench.runs.shards import WHOLE, Shard, make_run
+from crowdbench.runs.spec import directory_name
+from crowdbench.runs.store import RunResult
+
+
+def run_directory(run: Run, out: Path) -> Path:
+    """The directory of a run in the folder `out`: its name has a part for people, and a digest.
+
+    Of what a plug-in's file imports, the files in its folder count.
+    """
+    text = json.dumps(
+        {
+            "planner": run.driver.name,
+            "planner_files": run.details["planner_files"],
+            "planner_facts": run.driver.facts,
+            "options": run.spec.options,
+            "scenario": run.scenario.digest,
+            "cases": str(run.spec.cases),
+            "replanning": run.spec.replanning.settings,
+            "crowdbench": code(),
+            "versions": {name: importlib.metadata.version(name) for name in ("numba", "numpy", "torch")},
+        },
+        sort_keys=True,
+    )
+    name = directory_name(run.driver.name, run.scenario.name, run.spec)
+    return out / f"{name[:180]}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
+def describe_run(run: Run) -> str:
+    """What a run is, for people."""
+    return f"{run.label} on {describe_scenario(run)}, cases {run.spec.cases}"
+
+
+def describe_scenario(run: Run) -> str:
+    """The scenario of a run and what is changed in it, for people."""
+    return run.scenario.name + "".join(f", {key}={value}" for key, value in run.spec.overrides.items())
+
+
+def is_made(run: Run, out: Path) -> bool:
+    """Whether a run is in the folder, to the last case, and can be checked.
+
+    Raises InputError where its directory holds something else, or other files than it wrote.
+    """
+    directory = run_directory(run, out)
+    if not (directory / RESULT).exists() and not (directory / MANIFEST).exists():
+        return False
+    found = RunResult.read(directory)
+    return found.manifest is not None and found.cases == run.spec.cases
+
+
+def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None = None, *, wait: bool = True) -> bool:
+    """Make a run that is not in the folder. After an interrupt its finished parts are kept, and it goes on with them.
+
+    Args:
+        run: The run.
+        out: The folder.
+        progress: As `make_run` calls it.
+        wait: Whether to wait for other processes that are making parts of it.
+
+    Returns:
+        Whether it is there.
+
+    Raises:
+        InputError: As `make_run` does.
+        KeyboardInterrupt: Somebody interrupted it.
+    """
+    if is_made(run, out):  # another process may have made it meanwhile
+        return True
+    return make_run(run, run_directory(run, out), overwrite=True, wait=wait, progress=progress).is_whole
+
+
+def read_episodes(run: Run, out: Path) -> Episodes:
+    """The episodes of a run in the folder. Raises InputError where it is not there."""
+    return Episodes.read(run_directory(run, out) / EPISODES)
+
+
+def missing_runs(runs: Iterable[Run], out: Path, shard: Shard = WHOLE) -> list[Run]:
+    """The runs that are not in the folder, each once.
+
+    Args:
+        runs: The runs that are needed, some perhaps twice.
+        out: The folder.
+        shard: Which share of the runs is looked at. It is the same whichever of them are there.
+    """
+    each = list({run_directory(run, out): run for run in runs}.values())
+    return [run for run in shard.select(each) if not is_made(run, out)]

@@ -1,0 +1,302 @@
+"""`[[tables]]`: planners on the same cases, each with one network or several, beside what others report of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crowdbench.metrics.summary import Estimate, wilson
+from crowdbench.runs.load import load_run
+from crowdbench.runs.results import Episodes, planner_label
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import Replanning, RunSpec
+from crowdbench.study.claims import NOTES as CLAIM_NOTES
+from crowdbench.study.claims import Assessment, assess, check_claim, claims_table
+from crowdbench.study.folder import read_episodes
+from crowdbench.study.intervals import mean_over_networks
+from crowdbench.study.measures import PLANNER_MEASURES, PRIVILEGED, SUCCESS, TIME, Measure, with_mark
+from crowdbench.study.schema import PlannersSpec, RowSpec
+from crowdbench.utils.tables import Grid, markdown
+from crowdbench.utils.toml import Location
+
+NOTES = (
+    "Figures are means over the networks of a row, which all drive the same cases. Their 95 % intervals are for other "
+    "networks and other cases: Student's t over the networks and over the cases, joined as in Banerjee (Sankhyā 22, "
+    "1960, 357-358). Success of a single network has Wilson's score interval instead, and so has success of several "
+    "networks where each of them solves every case, or no case. All figures but success are over the cases that are "
+    "solved."
+)
+ALONE = "The networks of a row differ only in the seed of their training."
+
+
+@dataclass(frozen=True)
+class PlannerRow:
+    """A planner, and the runs of its row.
+
+    Attributes:
+        label: What the table calls the planner.
+        weights: The weights of its networks, or its seeds; none for a planner without a choice of them.
+        reported: What others report, by metric.
+        runs: A run with each of the weights, or the one run without any.
+        variant: Runs under the table's variant, with all the weights or the first; none where there is no variant.
+        second_reading: The run with the first weights on the cases of the second reading, if the row has one.
+    """
+
+    label: str
+    weights: list[str]
+    reported: dict[str, float]
+    runs: list[Run]
+    variant: list[Run]
+    second_reading: Run | None
+
+    @classmethod
+    def of(cls, row: RowSpec, table: PlannersSpec, location: Location) -> PlannerRow:
+        """Plan the runs of a row; raises InputError as `PlannersTable.of` does."""
+        if "weights" in row.options:
+            raise location.at("options").wrong(repr(row.options), "without weights: they have a key of their own")
+        if row.seeds and row.weights:
+            raise location.at("seeds").wrong(repr(row.seeds), "left out where there are weights, which have their own")
+        choices: list[dict[str, Any]] = [{"weights": name} for name in row.weights]
+        choices += [{"seed": seed} for seed in row.seeds]
+        choices = choices or [{}]
+        replanning = Replanning(table.replan_every, table.look_first)
+        base = RunSpec(row.planner, table.scenario, table.cases, replanning=replanning, record="none")
+
+        def load(choices: Sequence[Mapping[str, Any]], **changes: Any) -> list[Run]:
+            return [load_run(replace(base, options={**row.options, **choice}, **changes)) for choice in choices]
+
+        variant: list[Run] = []
+        with location.named():
+            runs = load(choices)
+            if table.variant:
+                of_variant = choices if table.variant.networks == "all" else choices[:1]
+                variant = load(of_variant, overrides=table.variant.overrides)
+            second = load(choices[:1], cases=row.second_reading)[0] if row.second_reading else None
+        if row.second_reading and set(row.second_reading.indices) & set(table.cases.indices):
+            right = f"cases that are not among {table.cases}, those of the table"
+            raise location.at("second_reading").wrong(str(row.second_reading), right)
+        label = row.label or planner_label(runs[0].driver.name, row.options)
+        names = row.weights or [f"seed {seed}" for seed in row.seeds]
+        return cls(label, names, row.reported.model_dump(exclude_none=True), runs, variant, second)
+
+    @property
+    def networks(self) -> list[str]:
+        """The network of each run: its weights, their digest where they are the planner's own, or "" without any."""
+        return self.weights or [self.runs[0].driver.facts.get("weights", "")]
+
+    @property
+    def all_runs(self) -> list[Run]:
+        """All runs that the row needs."""
+        return [*self.runs, *self.variant, *([self.second_reading] if self.second_reading else [])]
+
+    def episodes(self, out: Path) -> dict[str, Episodes]:
+        """What `runs` left in the folder `out`, by their networks."""
+        return {name: read_episodes(run, out) for name, run in zip(self.networks, self.runs, strict=True)}
+
+    def fill(self, episodes: Mapping[str, Episodes], measures: Sequence[str], out: Path) -> FilledPlannerRow:
+        """The row with its figures.
+
+        Args:
+            episodes: What `episodes` gives.
+            measures: Metrics of `PLANNER_MEASURES` to show.
+            out: The folder that holds the runs.
+        """
+        runs, variant = list(episodes.values()), [read_episodes(run, out) for run in self.variant]
+        second = None
+        if self.second_reading is not None:
+            both = runs[0], read_episodes(self.second_reading, out)
+            figures = [{each.metric: _estimate(each, [run]) for each in (SUCCESS, TIME)} for run in both]
+            second = SecondReading(str(self.second_reading.spec.cases), *figures)
+        return FilledPlannerRow(
+            planner=self.label,
+            privileged=self.runs[0].driver.privileged,
+            weights=self.weights,
+            networks=sum(map(bool, self.networks)),
+            reported=self.reported,
+            measured={metric: _estimate(PLANNER_MEASURES[metric], runs) for metric in measures},
+            success_rates=SUCCESS.of(runs).mean(axis=1).tolist(),
+            variant_success_rate=_estimate(SUCCESS, variant) if variant else None,
+            second_reading=second,
+        )
+
+
+@dataclass(frozen=True)
+class PlannersTable:
+    """Planners on the same cases, and the runs of each."""
+
+    spec: PlannersSpec
+    rows: list[PlannerRow]
+
+    @classmethod
+    def of(cls, spec: PlannersSpec, location: Location) -> PlannersTable:
+        """Plan the runs of a table.
+
+        Args:
+            spec: What the file says of the table.
+            location: Where in the file.
+
+        Raises:
+            InputError: A planner, its weights or the scenario do not exist, two rows have the same label, or a claim is
+                about no two rows that can be compared.
+        """
+        rows = [PlannerRow.of(row, spec, location.at("rows", i)) for i, row in enumerate(spec.rows)]
+        networks = {row.label: row.networks for row in rows}
+        if len(networks) < len(rows):
+            raise location.at("rows").wrong(", ".join(row.label for row in rows), "rows of different labels")
+        for i, claim in enumerate(spec.claims):
+            check_claim(claim, networks, location.at("claims", i))
+        return cls(spec, rows)
+
+    @property
+    def runs(self) -> list[Run]:
+        """All runs that it needs, some perhaps twice."""
+        return [run for row in self.rows for run in row.all_runs]
+
+    def fill(self, out: Path) -> FilledPlannersTable:
+        """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
+        episodes = {row.label: row.episodes(out) for row in self.rows}
+        run, variant = self.rows[0].runs[0], self.spec.variant
+        of_first = " (first network)" if variant and variant.networks == "first" else ""
+        return FilledPlannersTable(
+            title=self.spec.title,
+            scenario=run.scenario.name,
+            replanning=run.spec.replanning.settings,
+            cases=str(self.spec.cases),
+            variant=variant.title + of_first if variant else "",
+            rows=[row.fill(episodes[row.label], self.spec.measures, out) for row in self.rows],
+            claims=[assess(claim, episodes) for claim in self.spec.claims],
+        )
+
+
+@dataclass(frozen=True)
+class SecondReading:
+    """Success rate and navigation time of the first network of a row alone, on the table's cases and on others.
+
+    Attributes:
+        cases: The other cases.
+        first: What it does on the table's cases, by metric.
+        second: What it does on the other cases.
+    """
+
+    cases: str
+    first: dict[str, Estimate]
+    second: dict[str, Estimate]
+
+
+@dataclass(frozen=True)
+class FilledPlannerRow:
+    """A row with its figures.
+
+    Attributes:
+        planner: What the table calls the planner.
+        privileged: Whether the planner uses what no vehicle could know.
+        weights: The weights of its networks, where it was given any.
+        networks: Number of its networks; 0 for a planner without any.
+        reported: What others report, by metric.
+        measured: What the networks do, by metric.
+        success_rates: The success rate of each network.
+        variant_success_rate: The success rate under the table's variant.
+        second_reading: What the first network does on other cases, if the row has them.
+    """
+
+    planner: str
+    privileged: bool
+    weights: list[str]
+    networks: int
+    reported: dict[str, float]
+    measured: dict[str, Estimate]
+    success_rates: list[float]
+    variant_success_rate: Estimate | None
+    second_reading: SecondReading | None
+
+    @property
+    def name(self) -> str:
+        """The planner, with an asterisk where it is privileged."""
+        return with_mark(self.planner, self.privileged)
+
+
+@dataclass(frozen=True)
+class FilledPlannersTable:
+    """A table of planners with its figures. Its fields are what `--format json` prints."""
+
+    title: str
+    scenario: str
+    replanning: dict[str, int]
+    cases: str
+    variant: str
+    rows: list[FilledPlannerRow]
+    claims: list[Assessment]
+
+    def markdown(self) -> str:
+        """The table as GitHub shows it, under its heading."""
+        (planners,) = self.grids()
+        every = "".join(f", {key}={value}" for key, value in self.replanning.items())
+        on = f"On {self.scenario}{every}, cases {self.cases}."
+        parts = [f"## {self.title}", on, markdown(planners.header, planners.rows)]
+        if each := [_each_network(row) for row in self.rows if len(row.weights) > 1]:
+            parts += ["Success of each network:", "\n".join(each)]
+        again = [_both_readings(row, row.second_reading, self.cases) for row in self.rows if row.second_reading]
+        if again:
+            parts += ["Second reading, of the first network on other cases:", "\n".join(again)]
+        return "\n\n".join([*parts, claims_table(self.claims)] if self.claims else parts)
+
+    def grids(self) -> list[Grid]:
+        """The one part of it that has a row for each planner."""
+        columns = [
+            ["planner", *(row.name for row in self.rows)],
+            ["networks", *(str(row.networks) if row.networks else "" for row in self.rows)],
+        ]
+        for metric in self.rows[0].measured:
+            measure = PLANNER_MEASURES[metric]
+            if any(metric in row.reported for row in self.rows):
+                reported = [measure.reported(row.reported.get(metric)) for row in self.rows]
+                columns.append([f"{measure.word}, reported", *reported])
+            columns.append([measure.word, *(measure.estimate(row.measured[metric]) for row in self.rows)])
+        if self.variant:
+            rates = [row.variant_success_rate for row in self.rows]
+            columns.append([f"success, {self.variant}", *(SUCCESS.estimate(rate) for rate in rates if rate)])
+        header, *rows = zip(*columns, strict=True)
+        return [Grid(self.title, header, rows, self.rows)]
+
+    def notes(self) -> list[str]:
+        """What a page says below its tables, once for all that say the same."""
+        notes = {
+            NOTES: True,
+            ALONE: any(len(row.weights) > 1 for row in self.rows),
+            PRIVILEGED: any(row.privileged for row in self.rows),
+            CLAIM_NOTES: bool(self.claims),
+        }
+        return [note for note, applies in notes.items() if applies]
+
+
+def _each_network(row: FilledPlannerRow) -> str:
+    """A line with the success of each network."""
+    each = zip(row.weights, row.success_rates, strict=True)
+    return f"- {row.name}: " + ", ".join(f"{weights} {SUCCESS.number(rate)}" for weights, rate in each)
+
+
+def _both_readings(row: FilledPlannerRow, reading: SecondReading, cases: str) -> str:
+    """A line with the second reading beside the first one on `cases`."""
+    second, first = (
+        " in ".join(each.estimate(found[each.metric]) for each in (SUCCESS, TIME))
+        for found in (reading.second, reading.first)
+    )
+    network = f" with {row.weights[0]}" if row.weights else ""
+    return f"- {row.name}{network}: {second} on {reading.cases}; {first} on {cases}"
+
+
+def _estimate(measure: Measure, runs: Sequence[Episodes]) -> Estimate:
+    """A measure over several networks; all but success is over the cases that are solved."""
+    solved = SUCCESS.of(runs).astype(bool)
+    if measure is not SUCCESS:
+        return mean_over_networks(np.where(solved, measure.of(runs), np.nan))
+    # Where all values are the same, the interval would have no width. The networks drive the same cases, and count as
+    # one then: the interval is rather too wide than too narrow.
+    if solved.all() or not solved.any() or len(solved) == 1:
+        return wilson(solved[0])
+    found = mean_over_networks(SUCCESS.of(runs))
+    return replace(found, low=max(found.low, 0.0), high=min(found.high, 1.0))

@@ -1,0 +1,114 @@
+"""A study: the tables that a TOML file asks for, the runs that they need, and the page that they are printed on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from crowdbench.runs.run import Run
+from crowdbench.study.crowds import CrowdsTable, FilledCrowdsTable
+from crowdbench.study.planners import FilledPlannersTable, PlannersTable
+from crowdbench.study.schema import StudySpec
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import printed_by
+from crowdbench.utils.toml import Location, parse_table, read_toml
+
+FilledTable = FilledPlannersTable | FilledCrowdsTable
+
+REPRODUCTION = Path(__file__).with_name("reproduce.toml")
+"""The tables of Li et al. (2020) and more."""
+
+QUICK = (
+    "A quick look: the first network of each row alone, on few cases. Intervals are wide, and a single network has no "
+    "verdict on a claim: the full command has five."
+)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a file asks for.
+
+    Attributes:
+        name: The file's name without its ending.
+        description: What the study is about, in Markdown; it stands at the top of the page.
+        tables: Its tables, with the runs that they need.
+        sources: The full references of what its page leans on, in Markdown.
+    """
+
+    name: str
+    description: str
+    tables: Sequence[PlannersTable | CrowdsTable]
+    sources: list[str]
+
+    @property
+    def runs(self) -> list[Run]:
+        """All runs that its tables need, some perhaps twice."""
+        return [run for table in self.tables for run in table.runs]
+
+    def fill(self, out: Path) -> list[FilledTable]:
+        """Its tables with the figures of the runs in the folder `out`.
+
+        Raises InputError where one of the runs is not there.
+        """
+        return [table.fill(out) for table in self.tables]
+
+    def page(self, tables: Sequence[FilledTable], command: str) -> str:
+        """The study's page in Markdown: its filled tables, then their notes, then the references.
+
+        Args:
+            tables: What `fill` gives.
+            command: The command that prints the page, without the name of the program.
+        """
+        head = [printed_by(command), *([self.description] if self.description else [])]
+        notes = dict.fromkeys(note for table in tables for note in table.notes())
+        return "\n\n".join([*head, *(table.markdown() for table in tables), *notes, *self.sources])
+
+
+def read_study(path: Path, data: Path | None = None) -> Study:
+    """Read the study that a file describes.
+
+    Args:
+        path: The file.
+        data: The folder with the recorded tracks that its scenarios need.
+
+    Raises:
+        InputError: It cannot be read, or something in it is wrong; the file and the key are named. That includes
+            planners, weights and scenarios that do not exist, so that nobody learns of them hours later.
+    """
+    return _load(_read(path), path, data)
+
+
+def read_reproduction(number: int | None, quick: bool) -> Study:
+    """The study of `REPRODUCTION`, or a part of it.
+
+    Args:
+        number: Which of the paper's tables is wanted, both readings of it where there are two; None for all.
+        quick: Whether the tables are for a quick look.
+
+    Raises:
+        InputError: As `read_study` does.
+    """
+    spec = _read(REPRODUCTION)
+    tables = [table for table in spec.tables if number is None or re.match(rf"Table {number}\b", table.title)]
+    if quick:
+        spec = spec.model_copy(update={"description": QUICK})
+        tables = [table.quick_look() for table in tables]
+    return _load(spec.model_copy(update={"tables": tables}), REPRODUCTION)
+
+
+def _read(path: Path) -> StudySpec:
+    return parse_table(StudySpec, read_toml(path, "study"), Location(path.name))
+
+
+def _load(spec: StudySpec, path: Path, data: Path | None = None) -> Study:
+    """Load the planners and scenarios of a study."""
+    file = Location(path.name)
+    tables: list[PlannersTable | CrowdsTable] = [
+        *(PlannersTable.of(table, file.at("tables", i)) for i, table in enumerate(spec.tables)),
+        *(CrowdsTable.of(table, file.at("crowds", i), data) for i, table in enumerate(spec.crowds)),
+    ]
+    if not tables:
+        raise InputError(f"{path.name} has no table: a study needs [[tables]] or [[crowds]]")
+    return Study(path.stem, spec.description, tables, spec.sources)

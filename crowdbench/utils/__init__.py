@@ -1,0 +1,1 @@
+"""Small tools that know nothing of crowds: files, errors, interrupts, tables, compiled code."""

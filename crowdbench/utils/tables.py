@@ -1,0 +1,120 @@
+"""How tables are written: as Markdown, LaTeX, CSV or JSON."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+
+class Format(StrEnum):
+    """How a table is written."""
+
+    MARKDOWN = "markdown"
+    LATEX = "latex"
+    CSV = "csv"
+    JSON = "json"
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table.
+
+    Attributes:
+        title: What it is of.
+        header: The headings of its columns.
+        rows: Its cells, as people read them.
+        records: What is in each row, as programs read it: dataclasses, or values by name.
+        align: How commands align each column where they print it for people: `l` for left, `r` for right.
+    """
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    records: Sequence[Any] = ()
+    align: str = ""
+
+
+def printed_by(command: str) -> str:
+    """The first line of a page that `crowdbench COMMAND` prints, for those who would mend the page by hand."""
+    return f"Printed by `crowdbench {command}`. Do not edit this page: the command writes it anew."
+
+
+def format_tables(grids: Sequence[Grid], kind: Format) -> str:
+    """Tables as a text.
+
+    In Markdown and LaTeX the titles stand above the tables where there are several, in CSV in the first column.
+    """
+    if kind is Format.JSON:
+        records = {grid.title: plain(list(grid.records)) for grid in grids}
+        return json.dumps(records if len(grids) > 1 else plain(list(grids[0].records)), indent=2)
+    if kind is Format.CSV:
+        titled = [({"table": grid.title} if len(grids) > 1 else {}, one) for grid in grids for one in grid.records]
+        return _csv([{**title, **flatten(plain(one))} for title, one in titled])
+    write, title = (markdown, "### ") if kind is Format.MARKDOWN else (_latex, "% ")
+    texts = [write(grid.header, grid.rows) for grid in grids]
+    if len(grids) == 1:
+        return texts[0]
+    return "\n\n".join(f"{title}{grid.title}\n\n{text}" for grid, text in zip(grids, texts, strict=True))
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown.
+
+    Args:
+        header: The headings of the columns.
+        rows: The cells of each row.
+    """
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
+
+
+def plain(value: Any) -> Any:
+    """A dataclass and what is in it as JSON knows it: undefined numbers become null."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _latex(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """With the rules of the package booktabs."""
+    first, *others = (" & ".join(map(_escaped, cells)) + r" \\" for cells in (header, *rows))
+    lines = [rf"\begin{{tabular}}{{l{'r' * (len(header) - 1)}}}", r"\toprule", first, r"\midrule", *others]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
+
+
+def _escaped(text: str) -> str:
+    """A text as LaTeX writes it."""
+    return re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text))
+
+
+def _csv(records: Sequence[Mapping[str, Any]]) -> str:
+    """A row for each record, a column for each name that any of them has."""
+    text = io.StringIO()
+    names = dict.fromkeys(name for record in records for name in record)
+    writer = csv.DictWriter(text, list(names), lineterminator="\n")
+    writer.writeheader()
+    for record in records:
+        writer.writerow(
+            {name: json.dumps(value) if isinstance(value, list) else value for name, value in record.items()}
+        )
+    return text.getvalue().rstrip("\n")
+
+
+def flatten(record: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """The values of a record, which may hold others, by their dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in record.items():
+        flat |= flatten(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+    return flat

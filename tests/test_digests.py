@@ -1,0 +1,283 @@
+"""Digests of scenarios and boards: they stay, also when a key with a default comes later, and tell what differs."""
+
+import dataclasses
+import json
+
+import pytest
+
+from crowdbench.boards import schema as board_schema
+from crowdbench.boards.board import read_boards
+from crowdbench.catalog import PEDESTRIANS, load_policy, load_scenario, scenarios, simulated_scenarios
+from crowdbench.scenario import schema
+from crowdbench.scenario.digest import BUILT_IN, compute_digest
+from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.layouts.crossings import circle_crossing
+from crowdbench.sim.pedestrians import ORCA, StopAndGo
+from crowdbench.utils.toml import number, table
+
+
+def flat(table, prefix=""):
+    """The values of a scenario's table by their dotted keys; a Gaussian is one value."""
+    values = {}
+    for key, value in table.items():
+        is_table = isinstance(value, dict) and "mean" not in value and key != "policy"
+        values |= flat(value, f"{prefix}{key}.") if is_table else {f"{prefix}{key}": value}
+    return values
+
+
+def all_defaults(changes):
+    """A scenario in which every key but these has its default."""
+    return load_scenario("circle_crossing_mixed", {"pedestrians.number": 5, **changes})
+
+
+DEFAULTS = {key: value for key, value in flat(all_defaults({}).table).items() if key != "description"}
+
+OTHERS = {
+    "collision": "crowdnav",
+    "dt": 0.2,
+    "layout.generator": "square_crossing",
+    "vehicle.visible": True,
+    "vehicle.dynamics": "unicycle",
+    "vehicle.goal_tolerance": 0.5,
+    "vehicle.max_acceleration": 2.0,
+    "sensor.range": 5.0,
+    "sensor.field_of_view": 90.0,
+    "sensor.occlusion": True,
+    "sensor.missed": 0.5,
+    "sensor.nearest": 7,
+    "sensor.lidar": {"beams": 9, "range": 3.0},
+    "pedestrians.number": [4, 6],
+    "pedestrians.policy": {"orca": 0.5, "social_force": 0.5},
+    "pedestrians.groups": {"1": 0.5, "2": 0.5},
+    "pedestrians.arrival": "stop",
+    "pedestrians.goal_change": {"period": 5.0, "chance": 0.5},
+}
+
+
+def other(key):
+    """Another value than the default."""
+    if key in OTHERS:
+        return OTHERS[key]
+    value = DEFAULTS[key]
+    return {**value, "std": 1e-9, "high": value["high"] + 0.25} if isinstance(value, dict) else value + 1
+
+
+@pytest.mark.parametrize("key", DEFAULTS)
+def test_a_default_that_is_written_out_changes_no_digest(key):
+    assert all_defaults({key: DEFAULTS[key]}).digest == all_defaults({}).digest
+
+
+def test_every_other_value_than_a_default_has_a_digest_of_its_own():
+    # A length belongs to vehicles on wheels, and a share of those who see the vehicle to a visible one.
+    elsewhere = {"vehicle.length", "pedestrians.sees_vehicle"}
+    changes = [{}, *({key: other(key)} for key in DEFAULTS if key not in elsewhere)]
+    changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
+    changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
+    changes.append({"vehicle.visible": True, "pedestrians.sees_vehicle": 0.5})
+    assert len(changes) == 42
+    assert len({all_defaults(change).digest for change in changes}) == len(changes)
+
+
+def test_a_results_table_has_the_digest_of_its_scenario_whatever_it_says_of_it():
+    for change in ({}, {"pedestrians.policy": {"orca": 2, "social_force": 1}}, {"pedestrians.number": [1, 3]}):
+        scenario = load_scenario("circle_crossing_5", change)
+        result = {"name": "mine", "digest": "of version 1", **scenario.table, "description": "another"}
+        assert compute_digest(json.loads(json.dumps(result))) == scenario.digest
+
+
+SCENARIOS = {
+    "blind_corner": "c037ed08131e",
+    "blind_corner_3": "6e63caff4d9b",
+    "blocks_12": "0978c361837f",
+    "car_12": "a94b74653774",
+    "circle_crossing_10": "99db7ad6d68a",
+    "circle_crossing_20": "e2a5890198b7",
+    "circle_crossing_20_wide": "e5da681cd148",
+    "circle_crossing_5": "62b37e5ddf61",
+    "circle_crossing_5_car": "b047cd55b71e",
+    "circle_crossing_5_gaussian": "158d2409960c",
+    "circle_crossing_5_social_force": "bb7bd7ef9d67",
+    "circle_crossing_5_unicycle": "87916ba303c1",
+    "circle_crossing_5_visible": "95bdfee2e846",
+    "circle_crossing_limited_sight": "dba52d1a2617",
+    "circle_crossing_mixed": "ba5dc8813c51",
+    "companions": "6eab92864111",
+    "corridor": "593019e6d69a",
+    "corridor_8": "a596b6ac844f",
+    "crowdnav_plus_20": "2f87b295e48b",
+    "crowdnav_plus_20_random": "a2c4d2eaa318",
+    "doorway": "117ab1cf4b4f",
+    "doorway_8": "90e07422567f",
+    "dut_reactive": "886f050c5994",
+    "dut_recorded": "598d0df1efcd",
+    "eth_reactive": "916015641165",
+    "eth_recorded": "d0a2398f0b72",
+    "groups_12": "5f38bbc05cbe",
+    "half_half_20": "0a43f27b8b0a",
+    "hotel_reactive": "4aa4fa621557",
+    "hotel_recorded": "22b48a28b1b6",
+    "intersection": "a6c6c1a6c0a8",
+    "intersection_16": "3c1546c1e1c3",
+    "noisy_10": "e975b4dc20c9",
+    "power_law_10": "f51afeb816b3",
+    "restless": "990aab580523",
+    "restless_20": "7f450e91e165",
+    "room": "c10cd0679e5e",
+    "square_crossing_5": "53f7c8ebd351",
+    "thousand": "c3a456a54a8b",
+    "traffic": "5c3615765887",
+    "unicycle_10": "039b6697c8c9",
+    "univ_reactive": "0e75aedc15a2",
+    "univ_recorded": "7e065089a0e2",
+    "zara1_reactive": "f966496675c2",
+    "zara1_recorded": "e932bb521f07",
+    "zara2_reactive": "91df46104631",
+    "zara2_recorded": "2573d9f6e021",
+}
+"""Those of the scenarios that ship; results and entries have them."""
+
+BOARDS = {
+    "blind_corner_3": "65994a93e056",
+    "blocks_12": "5c30f26ecc2c",
+    "car_12": "f94c98014fcc",
+    "circle_crossing_20": "d019620ddd97",
+    "circle_crossing_20_wide": "c7a6c1da4879",
+    "corridor_8": "8e0ff8525f2f",
+    "crowdnav_plus": "a3e51cbae47a",
+    "doorway_8": "533238591eb3",
+    "dut_reactive": "c9d598052e67",
+    "dut_recorded": "be4898d9c513",
+    "eight_at_once": "e34a90e2ab95",
+    "eth_ucy_reactive": "1ecd9e210ade",
+    "eth_ucy_recorded": "e7e048e1ce75",
+    "everywhere": "0ace8baffd7f",
+    "five": "e518880f555c",
+    "gaussian": "a5b1dbe85c39",
+    "groups_12": "bf439bf72b14",
+    "half_half_20": "93d97fe76d19",
+    "intersection_16": "2a8e9db02ddc",
+    "noisy_10": "c5289d8d6198",
+    "restless_20": "9b4c9da93df0",
+    "social_force": "c6cfc2ffb27f",
+    "square": "85083e16a340",
+    "ten": "e4e7088a93fd",
+    "unicycle_10": "0735386af154",
+    "visible": "bf7bfbcc65ec",
+}
+"""How those of the boards that ship begin; entries have them."""
+
+
+@pytest.fixture
+def shipped(shared):
+    """The digests of all scenarios that ship, as they are now."""
+    folders = {"dut": shared / "data" / "dut", "eth": shared / "data" / "eth_ucy"}
+
+    def find():
+        simulated = set(simulated_scenarios())
+        others = {name: folders["dut" if name.startswith("dut") else "eth"] for name, _ in scenarios()}
+        return {
+            name: load_scenario(name, data=None if name in simulated else folder).digest
+            for name, folder in others.items()
+        }
+
+    return find
+
+
+def test_the_digests_of_the_simulated_scenarios_stay():
+    """Where this fails because a default is another one, `crowdbench.scenario.digest.VERSION` must be raised."""
+    digests = {name: load_scenario(name).digest for name in simulated_scenarios()}
+    assert digests.items() <= SCENARIOS.items()
+    assert len(digests) == 35
+
+
+def test_the_digests_of_all_scenarios_stay(shipped):
+    assert shipped() == SCENARIOS
+
+
+def later_defaults(monkeypatch):
+    """Give every kind of table in a scenario's file a key that comes later, with a default."""
+
+    class LaterTracks(schema.TracksSpec):
+        speed: float = number(1.0, above=0.0, below=100.0)
+
+    class LaterVehicle(schema.VehicleSpec):
+        mass: float | None = number(None, above=0.0, below=1000.0)
+
+    class LaterGoalChange(schema.GoalChangeSpec):
+        jump: float = number(0.5, least=0.0, below=1.0)
+
+    class LaterPedestrians(schema.PedestriansSpec):
+        hurry: float = number(0.5, least=0.0, below=1.0)
+        goal_change: LaterGoalChange | None = None
+
+    class Later(schema.ScenarioSpec):
+        sight: float = number(10.0, above=0.0, below=100.0)
+        pedestrians: LaterPedestrians = table("pedestrians")
+        tracks: LaterTracks | None = None
+
+    def later(rng, radius, preferred_speed, *, circle_radius=4.0, perturbation=0.0, walls=0.0):
+        return circle_crossing(rng, radius, preferred_speed, circle_radius=circle_radius, perturbation=perturbation)
+
+    for module in ("load", "digest"):
+        monkeypatch.setattr(f"crowdbench.scenario.{module}.ScenarioSpec", Later)
+    monkeypatch.setattr("crowdbench.scenario.digest.GoalChangeSpec", LaterGoalChange)
+    for module in ("load", "schema"):
+        monkeypatch.setattr(f"crowdbench.scenario.{module}.VehicleSpec", LaterVehicle)
+        monkeypatch.setattr(f"crowdbench.scenario.{module}.PedestriansSpec", LaterPedestrians)
+    monkeypatch.setitem(LAYOUTS, "circle_crossing", later)
+    monkeypatch.setattr(ORCA, "parameters", {**ORCA.parameters, "patience": 1.0})
+    monkeypatch.setitem(BUILT_IN, "distracted", StopAndGo(ORCA()))  # which has the parameters of ORCA too
+
+
+def test_a_new_key_with_a_default_changes_no_digest_of_a_scenario(monkeypatch):
+    before = {name: load_scenario(name) for name in simulated_scenarios()}
+    later_defaults(monkeypatch)
+    after = {name: load_scenario(name) for name in simulated_scenarios()}
+    new = {"sight", "vehicle.mass", "pedestrians.hurry", "layout.walls", "pedestrians.orca.patience"}
+    assert new < set(flat(after["circle_crossing_5"].table))
+    assert {name: scenario.digest for name, scenario in after.items()}.items() <= SCENARIOS.items()
+    assert "pedestrians.goal_change.jump" in flat(after["restless"].table)
+    # The tables of results that are there already.
+    assert {name: compute_digest(scenario.table) for name, scenario in before.items()}.items() <= SCENARIOS.items()
+    for key in sorted(new):
+        assert load_scenario("circle_crossing_5", {key: 0.75}).digest != SCENARIOS["circle_crossing_5"]
+
+
+def test_a_new_key_with_a_default_changes_no_digest_with_recorded_people(monkeypatch, shipped):
+    later_defaults(monkeypatch)
+    assert shipped() == SCENARIOS
+
+
+def test_the_digests_of_the_boards_that_ship_stay():
+    assert {board.name: board.digest[:12] for board in read_boards()} == BOARDS
+
+
+def test_a_new_key_with_a_default_changes_no_digest_of_a_board(monkeypatch):
+    class LaterFlags(board_schema.FlagsSpec):
+        noise: float | None = number(None, above=0.0, below=100.0)
+
+    class Later(board_schema.BoardSpec):
+        weather: str = "dry"
+        flags: LaterFlags
+
+    monkeypatch.setattr("crowdbench.boards.board.BoardSpec", Later)
+    boards = {board.name: board for board in read_boards()}
+    assert {name: board.digest[:12] for name, board in boards.items()} == BOARDS
+    wet = boards["five"].spec.model_copy(update={"weather": "wet"})
+    assert dataclasses.replace(boards["five"], spec=wet).digest != boards["five"].digest
+
+
+def test_the_digest_knows_all_built_in_policies():
+    built_in = {path.stem: load_policy(path.stem)[1].parameters for path in PEDESTRIANS.folder.glob("*.py")}
+    assert {name: policy.parameters for name, policy in BUILT_IN.items()} == built_in
+
+
+def test_the_digest_changes_with_a_policys_file(tmp_path):
+    text = (PEDESTRIANS.folder / "orca.py").read_text()
+    digest = {}
+    for folder, comment in (("a", ""), ("b", ""), ("c", "# changed")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "crowd.py").write_text(text + comment)
+        (tmp_path / folder / "mine.toml").write_text("[pedestrians]\npolicy = 'crowd.py'\n")
+        digest[folder] = load_scenario(str(tmp_path / folder / "mine.toml")).digest
+    assert digest["a"] == digest["b"] != digest["c"]
