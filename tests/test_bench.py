@@ -108,15 +108,15 @@ def test_environments_of_many_worlds_are_compared(monkeypatch):
 
 
 def test_decisions_stand_beside_what_was_recorded_of_crowdnav():
-    measured = [*decisions.measure_sarl_batch(worlds=3, rounds=1), *decisions.measure_sarl_single(decisions=2)]
+    measured = list(decisions.measure_sarl(worlds=3, rounds=1, decisions=2))
     assert [one.crowdnav for one in measured] == [37.0, 67.0, 37.0, 67.0]
     assert all(one.value > 0 and one.unit == "ms" for one in measured)
 
 
 def test_a_batch_is_counted_per_world(monkeypatch):
     monkeypatch.setattr(decisions, "seconds", lambda work: 1.5)
-    assert [one.value for one in decisions.measure_sarl_batch(worlds=3, rounds=1)] == [500.0, 500.0]
-    assert [one.value for one in decisions.measure_sarl_single(decisions=2)] == [1500.0, 1500.0]
+    measured = decisions.measure_sarl(worlds=3, rounds=1, decisions=2)
+    assert [one.value for one in measured] == [500.0, 500.0, 1500.0, 1500.0]
 
 
 @pytest.mark.parametrize("pedestrians", [5, 10])
@@ -196,9 +196,8 @@ def test_a_run_of_sarl_sgan_kce_is_timed_with_its_memory(monkeypatch, few_future
 @pytest.mark.slow
 def test_decisions_under_futures_are_timed(few_futures):
     measured = [
-        *decisions.measure_sarl_sgan_kce_batch(worlds=2, rounds=1, **few_futures),
-        *decisions.measure_sarl_sgan_kce_single(decisions=2, **few_futures),
-        *decisions.measure_sarl_sgan_seq_batch(worlds=2, rounds=1, **few_futures),
+        *decisions.measure_sarl_sgan_kce(worlds=2, rounds=1, decisions=2, **few_futures),
+        *decisions.measure_sarl_sgan_seq(worlds=2, rounds=1, **few_futures),
     ]
     assert all(one.value > 0 and one.unit == "ms" for one in measured)
 
@@ -247,9 +246,11 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 
 
 def test_every_measurement_is_taken():
-    names = {measure.__name__ for measure in SUITE}
-    modules = (simulator, decisions, commands)
-    assert names == {name for module in modules for name in vars(module) if name.startswith("measure_")}
+    names = [measure.__name__.removeprefix("measure_") for measure in SUITE]
+    of_simulator = ["one_world", "many_worlds", "whole_step", "sight", "thousands", "environment", "vec_env"]
+    of_decisions = ["isolation", "sarl", "share_of_limit", "training", "sarl_sgan_kce", "sarl_sgan_seq"]
+    of_commands = ["start_up", "orca_runs", "sarl_runs", "sarl_sgan_kce_run"]
+    assert names == of_simulator + of_decisions + of_commands
 
 
 def test_works_that_are_compared_take_turns():

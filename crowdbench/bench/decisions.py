@@ -21,7 +21,6 @@ from crowdbench.core.types import Observation
 from crowdbench.isolation.planner import IsolatedPlanner
 from crowdbench.isolation.sandbox import level
 from crowdbench.networks.value import SARL
-from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
@@ -37,6 +36,8 @@ here."""
 
 SGAN_PEDESTRIANS = 5
 
+AT_ONCE = "{} worlds at once, per world"
+
 SEQUENCE = 8
 """Commands of a decision of SARL-SGAN-SEQ."""
 
@@ -46,89 +47,6 @@ mean exploration of the training."""
 
 QUICK_PLANNER = "orca"
 """A planner that decides fast, so that its share in the time is small and that of the pipes large."""
-
-
-def measure_sarl_batch(worlds: int = 500, rounds: int = 5) -> Iterator[Measurement]:
-    """Decisions of SARL-CVM for many worlds at once, per world.
-
-    Args:
-        worlds: Number of worlds.
-        rounds: How many times the decision is measured.
-    """
-    for pedestrians in CROWDNAV_SECONDS:
-        [took] = in_turns(rounds, functools.partial(seconds, sarl_decision(pedestrians, worlds)))
-        yield _sarl(f"{worlds} worlds at once, per world", took / worlds, pedestrians)
-
-
-def measure_sarl_single(decisions: int = 300) -> Iterator[Measurement]:
-    """Decisions of SARL-CVM for one world at a time.
-
-    Args:
-        decisions: Number of decisions, each in another world.
-    """
-    planner = ValuePlanner(ConstantVelocity(), SARL())
-    for pedestrians in CROWDNAV_SECONDS:
-        yield _sarl("one world", one_by_one(planner, observation(pedestrians, decisions)), pedestrians)
-
-
-def measure_share_of_limit(worlds: int = 500, size: int = 1024, rounds: int = 10) -> Iterator[Measurement]:
-    """The operations per second of a large matrix product, and which share of them a decision of SARL-CVM reaches.
-
-    A network consists of matrix products, so that none can be faster than the large one.
-
-    Args:
-        worlds: Number of worlds of the decision.
-        size: Rows and columns of the matrices.
-        rounds: How many times both are measured, by turns.
-    """
-    matrix = torch.rand(size, size)
-    works: list[Callable[[], object]] = [functools.partial(torch.mm, matrix, matrix), sarl_decision(5, worlds)]
-    took = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
-    limit, reached = (operations(work) / time / 1e9 for work, time in zip(works, took, strict=True))
-    yield Measurement(f"matrix product of {size} x {size} float32, the limit", limit, "GFLOP/s")
-    work = f"share of that limit: SARL decision, 5 pedestrians, {worlds} worlds"
-    yield Measurement(work, 100 * reached / limit, "%")
-
-
-def measure_sarl_sgan_kce_batch(worlds: int = 500, rounds: int = 5, **options: Any) -> Iterator[Measurement]:
-    """Decisions of SARL-SGAN-KCE for many worlds at once, per world.
-
-    Args:
-        worlds: Number of worlds.
-        rounds: How many times the decision is measured.
-        options: Options of the planner.
-    """
-    _, planner = load_planner("sarl_sgan_kce", options)
-    decide = functools.partial(planner.plan, observation(SGAN_PEDESTRIANS, worlds))
-    [took] = in_turns(rounds, functools.partial(seconds, decide))
-    yield _sarl_sgan("SARL-SGAN-KCE decision", f"{worlds} worlds at once, per world", took / worlds)
-
-
-def measure_sarl_sgan_kce_single(decisions: int = 100, **options: Any) -> Iterator[Measurement]:
-    """Decisions of SARL-SGAN-KCE for one world at a time.
-
-    Args:
-        decisions: Number of decisions, each in another world.
-        options: Options of the planner.
-    """
-    _, planner = load_planner("sarl_sgan_kce", options)
-    took = one_by_one(planner, observation(SGAN_PEDESTRIANS, decisions))
-    yield _sarl_sgan("SARL-SGAN-KCE decision", "one world", took)
-
-
-def measure_sarl_sgan_seq_batch(worlds: int = 500, rounds: int = 3, **options: Any) -> Iterator[Measurement]:
-    """Decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once, per world.
-
-    Args:
-        worlds: Number of worlds.
-        rounds: How many times the decision is measured.
-        options: Options of the planner.
-    """
-    _, planner = load_planner("sarl_sgan_seq", options)
-    decide = functools.partial(planner.plan_ahead, observation(SGAN_PEDESTRIANS, worlds), SEQUENCE)
-    [took] = in_turns(rounds, functools.partial(seconds, decide))
-    work = f"SARL-SGAN-SEQ decision of {SEQUENCE} commands"
-    yield _sarl_sgan(work, f"{worlds} worlds at once, per world", took / worlds)
 
 
 def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measurement]:
@@ -149,6 +67,40 @@ def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measuremen
     yield Measurement("more time with the vehicle in its own process", 100 * (there / here - 1), "%")
 
 
+def measure_sarl(worlds: int = 500, rounds: int = 5, decisions: int = 300) -> Iterator[Measurement]:
+    """Decisions of SARL-CVM, for many worlds at once and for one world at a time.
+
+    Args:
+        worlds: Number of worlds at once.
+        rounds: How many times the decision for all of them is measured.
+        decisions: Number of decisions for one world, each for another world.
+    """
+    decide = sarl_planner().plan
+    for pedestrians in CROWDNAV_SECONDS:
+        yield _sarl(AT_ONCE.format(worlds), at_once(decide, pedestrians, worlds, rounds), pedestrians)
+    for pedestrians in CROWDNAV_SECONDS:
+        yield _sarl("one world", one_by_one(decide, pedestrians, decisions), pedestrians)
+
+
+def measure_share_of_limit(worlds: int = 500, size: int = 1024, rounds: int = 10) -> Iterator[Measurement]:
+    """The operations per second of a large matrix product, and which share of them a decision of SARL-CVM reaches.
+
+    A network consists of matrix products, so that none can be faster than the large one.
+
+    Args:
+        worlds: Number of worlds of the decision.
+        size: Rows and columns of the matrices.
+        rounds: How many times both are measured, by turns.
+    """
+    matrix = torch.rand(size, size)
+    works: list[Callable[[], object]] = [functools.partial(torch.mm, matrix, matrix), sarl_decision(5, worlds)]
+    durations = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
+    limit, reached = (operations(work) / time / 1e9 for work, time in zip(works, durations, strict=True))
+    yield Measurement(f"matrix product of {size} x {size} float32, the limit", limit, "GFLOP/s")
+    work = f"share of that limit: SARL decision, 5 pedestrians, {worlds} worlds"
+    yield Measurement(work, 100 * reached / limit, "%")
+
+
 def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
     """The length of a training: its imitation, and as many rounds as it has of the mean length of a few.
 
@@ -158,36 +110,57 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
     training = method.Training(ValueRequest(network="sarl", episodes=episodes), "cpu")
     rounds = episodes / method.ROUND
     imitation = seconds(training.imitate)
-    driven = []
+    durations = []
     for part in PARTS:
         training.rounds = int(part * rounds)
-        driven.append(seconds(training.improve))
+        durations.append(seconds(training.improve))
     work = f"training of SARL, {episodes:,} episodes, estimated from imitation and {len(PARTS)} of {rounds:.0f} rounds"
-    yield Measurement(work, (imitation + rounds * mean(driven)) / 60, "min")
+    yield Measurement(work, (imitation + rounds * mean(durations)) / 60, "min")
+
+
+def measure_sarl_sgan_kce(
+    worlds: int = 500, rounds: int = 5, decisions: int = 100, **options: Any
+) -> Iterator[Measurement]:
+    """Decisions of SARL-SGAN-KCE, for many worlds at once and for one world at a time.
+
+    Args:
+        worlds: See `measure_sarl`, and so for the next two.
+        rounds: Number of measurements.
+        decisions: Number of decisions for one world.
+        options: Options of the planner.
+    """
+    decide, work = load_planner("sarl_sgan_kce", options)[1].plan, "SARL-SGAN-KCE decision"
+    yield _sarl_sgan(work, AT_ONCE.format(worlds), at_once(decide, SGAN_PEDESTRIANS, worlds, rounds))
+    yield _sarl_sgan(work, "one world", one_by_one(decide, SGAN_PEDESTRIANS, decisions))
+
+
+def measure_sarl_sgan_seq(worlds: int = 500, rounds: int = 3, **options: Any) -> Iterator[Measurement]:
+    """Decisions of SARL-SGAN-SEQ, of eight commands each, for many worlds at once; arguments as those above."""
+    decide = functools.partial(load_planner("sarl_sgan_seq", options)[1].plan_ahead, steps=SEQUENCE)
+    duration = at_once(decide, SGAN_PEDESTRIANS, worlds, rounds)
+    yield _sarl_sgan(f"SARL-SGAN-SEQ decision of {SEQUENCE} commands", AT_ONCE.format(worlds), duration)
 
 
 def sarl_decision(pedestrians: int, worlds: int) -> Callable[[], object]:
-    """A decision of SARL-CVM for many worlds at once.
-
-    Args:
-        pedestrians: Number of pedestrians in each world.
-        worlds: Number of worlds.
-
-    Returns:
-        A function that makes the decision.
-    """
-    planner = ValuePlanner(ConstantVelocity(), SARL())
-    return functools.partial(planner.plan, observation(pedestrians, worlds))
+    """A function that makes a decision of SARL-CVM for many worlds at once."""
+    return functools.partial(sarl_planner().plan, observation(pedestrians, worlds))
 
 
-def one_by_one(planner: Planner, obs: Observation) -> float:
-    """The median time in seconds of a decision for one world.
+def sarl_planner() -> ValuePlanner:
+    """SARL-CVM with random weights."""
+    return ValuePlanner(ConstantVelocity(), SARL())
 
-    Args:
-        planner: The planner.
-        obs: The worlds; the planner decides for each by itself.
-    """
-    works = [functools.partial(planner.plan, obs.take(slice(row, row + 1))) for row in range(len(obs))]
+
+def at_once(decide: Callable[[Observation], object], pedestrians: int, worlds: int, rounds: int) -> float:
+    """The time in seconds, per world, of a decision for many worlds; the median of several rounds."""
+    work = functools.partial(decide, observation(pedestrians, worlds))
+    return in_turns(rounds, functools.partial(seconds, work))[0] / worlds
+
+
+def one_by_one(decide: Callable[[Observation], object], pedestrians: int, worlds: int) -> float:
+    """The median time in seconds of a decision for one world."""
+    obs = observation(pedestrians, worlds)
+    works = [functools.partial(decide, obs.take(slice(row, row + 1))) for row in range(worlds)]
     return median(map(seconds, works))
 
 
@@ -209,10 +182,10 @@ def observation(pedestrians: int, worlds: int) -> Observation:
     return observe(scenario.worlds(Cases("test", 0, worlds)))
 
 
-def _sarl(where: str, took: float, pedestrians: int) -> Measurement:
+def _sarl(where: str, duration: float, pedestrians: int) -> Measurement:
     work = f"SARL decision, {pedestrians} pedestrians, {where}"
-    return Measurement(work, 1e3 * took, "ms", 1e3 * CROWDNAV_SECONDS[pedestrians])
+    return Measurement(work, 1e3 * duration, "ms", 1e3 * CROWDNAV_SECONDS[pedestrians])
 
 
-def _sarl_sgan(work: str, where: str, took: float) -> Measurement:
-    return Measurement(f"{work}, {SGAN_PEDESTRIANS} pedestrians, 20 futures, {where}", 1e3 * took, "ms")
+def _sarl_sgan(work: str, where: str, duration: float) -> Measurement:
+    return Measurement(f"{work}, {SGAN_PEDESTRIANS} pedestrians, 20 futures, {where}", 1e3 * duration, "ms")

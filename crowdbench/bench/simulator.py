@@ -58,12 +58,7 @@ SENSORS: Mapping[str, Mapping[str, Any]] = {
 
 VEC_ENV_ROUNDS = 7
 
-VEC_ENV_OPTIONS: dict[str, Any] = {
-    "reward": "progress",
-    "observation": "goal_frame",
-    "action": "goal_frame",
-    "nearest": 5,
-}
+VEC_OPTIONS: dict[str, Any] = {"reward": "progress", "observation": "goal_frame", "action": "goal_frame", "nearest": 5}
 
 
 def measure_one_world() -> Iterator[Measurement]:
@@ -84,6 +79,16 @@ def measure_whole_step() -> Iterator[Measurement]:
     yield _measure_time("a step of the simulator with its collision check, one world, 6 agents", ROUNDS, whole_step)
 
 
+def measure_sight() -> Iterator[Measurement]:
+    """A step with the observation before it, among ten pedestrians: with perfect and with limited sight."""
+    scenarios = [load_scenario(LIMITED_SIGHT, changes) for changes in SENSORS.values()]
+    for worlds, name, rounds in ((1, "one world", 30), (1000, "1,000 worlds, per world-step", 5)):
+        durations = in_turns(rounds, *(functools.partial(observed_steps, each, worlds) for each in scenarios))
+        for sensor, seconds in zip(SENSORS, durations, strict=True):
+            work = f"processor time of a step and its observation, 10 pedestrians, {name}: {sensor}"
+            yield Measurement(work, 1e6 * seconds, "us")
+
+
 def measure_thousands() -> Iterator[Measurement]:
     """The same in one world of thousands, per agent."""
     for agents in THOUSANDS:
@@ -94,17 +99,6 @@ def measure_thousands() -> Iterator[Measurement]:
 def measure_environment() -> Iterator[Measurement]:
     """A step of the PettingZoo environment."""
     yield _measure_time("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
-
-
-def measure_sight() -> Iterator[Measurement]:
-    """A step with the observation before it, among ten pedestrians: with perfect and with limited sight."""
-    scenarios = [load_scenario(LIMITED_SIGHT, changes) for changes in SENSORS.values()]
-    for worlds, name, rounds in ((1, "one world", 30), (1000, "1,000 worlds, per world-step", 5)):
-        took = in_turns(rounds, *(functools.partial(observed_steps, each, worlds) for each in scenarios))
-        for sensor, seconds in zip(SENSORS, took, strict=True):
-            yield Measurement(
-                f"processor time of a step and its observation, 10 pedestrians, {name}: {sensor}", 1e6 * seconds, "us"
-            )
 
 
 def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]:
@@ -127,8 +121,7 @@ def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]
 
 def _measure_time(work: str, rounds: int, seconds: Callable[[], float]) -> Measurement:
     """A measurement in microseconds of something that returns seconds."""
-    [took] = in_turns(rounds, seconds)
-    return Measurement(work, 1e6 * took, "us")
+    return Measurement(work, 1e6 * in_turns(rounds, seconds)[0], "us")
 
 
 def circle(agents: int, worlds: int) -> Float[np.ndarray, "world agent 2"]:
@@ -168,14 +161,19 @@ def many_worlds(start: Float[np.ndarray, "world agent 2"], steps: int) -> float:
 def whole_step() -> float:
     """Seconds per step of one world as in a rollout, in which the vehicle stands still."""
     scenario = load_scenario(SCENARIO)
-    return _stand_still(scenario, scenario.worlds(Cases("test", 0, 1)), STEPS)
+    return _drive(scenario, scenario.worlds(Cases("test", 0, 1)), STEPS)
+
+
+def observed_steps(scenario: Scenario, worlds: int) -> float:
+    """Seconds of processor time per step and world, in which the vehicle drives on and observes."""
+    start = scenario.worlds(Cases("test", 0, worlds))
+    return _drive(scenario, start, STEPS, time.process_time, speed=0.5, observes=True) / worlds
 
 
 def start_of_thousands(agents: int) -> tuple[Scenario, World]:
     """A scenario of so many agents, one on 4 square metres, and the start of a case."""
-    scenario = load_scenario(
-        "thousand", {"pedestrians.number": agents - 1, "layout.square_width": math.sqrt(agents / DENSITY)}
-    )
+    changes = {"pedestrians.number": agents - 1, "layout.square_width": math.sqrt(agents / DENSITY)}
+    scenario = load_scenario("thousand", changes)
     return scenario, scenario.worlds(Cases("test", 0, 1))
 
 
@@ -185,27 +183,25 @@ def thousands(start: tuple[Scenario, World]) -> float:
     Args:
         start: What `start_of_thousands` made.
     """
-    return _stand_still(*start, FEW_STEPS, time.process_time) / start[1].radius.size
+    return _drive(*start, FEW_STEPS, time.process_time) / start[1].radius.size
 
 
-def observed_steps(scenario: Scenario, worlds: int) -> float:
-    """Seconds of processor time per step and world, in which the vehicle drives on and observes."""
-    now = scenario.worlds(Cases("test", 0, worlds))
-    command = np.tile([0.0, 0.5], (worlds, 1))
-    begin = time.process_time()
-    for _ in range(STEPS):
-        crowd = crowd_velocities(now, scenario.policies)
-        observe(now)
-        now, _ = step(now, command, crowd)
-    return (time.process_time() - begin) / (STEPS * worlds)
-
-
-def _stand_still(scenario: Scenario, world: World, steps: int, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Seconds per step, by a clock, of one world as in a rollout, in which the vehicle stands still."""
-    standing = np.zeros((1, 2))
+def _drive(
+    scenario: Scenario,
+    world: World,
+    steps: int,
+    clock: Callable[[], float] = time.perf_counter,
+    speed: float = 0.0,
+    observes: bool = False,
+) -> float:
+    """Seconds per step, by a clock, of worlds in which the vehicle drives along y at a speed in m/s."""
+    command = np.tile([0.0, speed], (len(world), 1))
     begin = clock()
     for _ in range(steps):
-        world, _ = step(world, standing, crowd_velocities(world, scenario.policies))
+        crowd = crowd_velocities(world, scenario.policies)
+        if observes:
+            observe(world)
+        world, _ = step(world, command, crowd)
     return (clock() - begin) / steps
 
 
@@ -219,7 +215,7 @@ def environment(steps: int) -> float:
 
 def gymnasium_step(worlds: int, steps: int) -> float:
     """Seconds per vehicle and step of `gymnasium.make_vec`."""
-    envs = gymnasium.make_vec(VEHICLE, num_envs=worlds, scenario=SCENARIO, **VEC_ENV_OPTIONS)
+    envs = gymnasium.make_vec(VEHICLE, num_envs=worlds, scenario=SCENARIO, **VEC_OPTIONS)
     envs.reset(seed=0)
     return _repeat(functools.partial(envs.step, np.tile([0.5, 0.1], (worlds, 1))), steps) / worlds
 
@@ -228,7 +224,7 @@ def stable_baselines_step(worlds: int, steps: int) -> float:
     """Seconds per vehicle and step of `CrowdVecEnv`."""
     from crowdbench.envs.stable_baselines import CrowdVecEnv
 
-    envs = CrowdVecEnv(worlds, SCENARIO, **VEC_ENV_OPTIONS, cases=worlds)
+    envs = CrowdVecEnv(worlds, SCENARIO, **VEC_OPTIONS, cases=worlds)
     envs.reset()
     return _repeat(functools.partial(envs.step, np.tile([0.5, 0.1], (worlds, 1))), steps) / worlds
 
