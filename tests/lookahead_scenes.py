@@ -10,7 +10,7 @@ from test_joint_state import slow_joint_states
 
 from crowdbench.core.types import HISTORY, Observation, Outcome, Pedestrians, Vehicle
 from crowdbench.networks.value import NETWORKS, ValueNetwork, alone
-from crowdbench.planners.lookahead.kce import Limits
+from crowdbench.planners.kce import Limits
 from crowdbench.planners.scene import scene_of
 from crowdbench.predict import Prediction, Predictor
 

@@ -9,9 +9,9 @@ from lookahead_scenes import Forks, Nearer, assert_best, crowded, network, scene
 from crowdbench.core.dynamics.base import speeds_and_headings
 from crowdbench.core.types import Observation
 from crowdbench.networks.value import NETWORKS
+from crowdbench.planners.aggregate import AGGREGATES, mean_future
+from crowdbench.planners.kce import Exploration
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.aggregate import AGGREGATES, mean_future
-from crowdbench.planners.lookahead.kce import Exploration
 from crowdbench.planners.scene import Crowd
 from crowdbench.sim.sensor import observe
 
@@ -20,7 +20,7 @@ VALUES = np.array([[0.5, -0.25, 1.0], [0.1, 0.1, 0.4]])
 
 @pytest.mark.parametrize(("name", "expected"), [("mean", [1.25 / 3, 0.2]), ("worst", [-0.25, 0.1])])
 def test_values_under_several_futures_become_one(name, expected):
-    np.testing.assert_allclose(AGGREGATES[name].combine(VALUES), expected)
+    np.testing.assert_allclose(AGGREGATES[name].combine(VALUES, axis=1), expected)
 
 
 def by_hand(seen):

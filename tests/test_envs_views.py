@@ -15,9 +15,8 @@ from crowdbench.envs.observations import ego_views
 from crowdbench.envs.rewards import COLLISION, PROGRESS, CheckedReward, Step, crowdnav, load_reward, progress
 from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS
-from crowdbench.planners.policy.features import features, in_disc, to_world
-from crowdbench.planners.policy.network import Policy
-from crowdbench.planners.policy.planner import PolicyPlanner
+from crowdbench.planners.features import features, in_disc, to_world
+from crowdbench.planners.policy import Policy, PolicyPlanner
 from crowdbench.plugins.load import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe

@@ -10,8 +10,8 @@ from crowdbench import load_planner
 from crowdbench.core.dynamics.base import speeds_and_headings
 from crowdbench.core.types import Outcome
 from crowdbench.metrics import METRICS
+from crowdbench.planners.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.predict import ConstantVelocity
 from crowdbench.utils.errors import InputError
 

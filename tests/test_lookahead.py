@@ -22,8 +22,9 @@ from lookahead_scenes import (
 from crowdbench.core.dynamics.base import speeds_and_headings
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.value import NETWORKS
-from crowdbench.planners.lookahead import ValuePlanner, planner
-from crowdbench.planners.lookahead.aggregate import AGGREGATES
+from crowdbench.planners import lookahead
+from crowdbench.planners.aggregate import AGGREGATES
+from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity, Oracle
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import step
@@ -78,7 +79,7 @@ def test_chunks_change_no_value_and_bound_what_a_network_is_given(monkeypatch, c
     seen = scene(obs, Forks(3).predict(obs, 1))
     commands = speeds_and_headings(obs.vehicle.preferred_speed)
     whole = ValuePlanner(Forks(3), net).values(seen, commands)
-    monkeypatch.setattr(planner, "CHUNK", chunk)
+    monkeypatch.setattr(lookahead, "CHUNK", chunk)
     np.testing.assert_allclose(ValuePlanner(Forks(3), net).values(seen, commands), whole, rtol=0.0, atol=1e-5)
     ValuePlanner(Forks(3), near).values(seen, commands)
     one_command = 3 * 4

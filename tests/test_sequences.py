@@ -10,8 +10,8 @@ from crowdbench import InputError, load_planner
 from crowdbench.core.types import Outcome
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.sampling import CrossEntropy, SequencePlanner
-from crowdbench.planners.sampling.futures import try_sequences
 from crowdbench.planners.scene import scene_of
+from crowdbench.planners.trials import try_sequences
 from crowdbench.predict import ConstantVelocity
 
 

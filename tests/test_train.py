@@ -8,8 +8,8 @@ from crowdbench import InputError, load_network, load_scenario
 from crowdbench.core.dynamics.base import speeds_and_headings
 from crowdbench.networks.value import NETWORKS
 from crowdbench.networks.weights import digest, read_card
+from crowdbench.planners.kce import Limits
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.predict import ConstantVelocity
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe

@@ -9,7 +9,7 @@ import torch
 from crowdbench import InputError, load_planner, load_scenario
 from crowdbench.networks.weights import digest, weights_file
 from crowdbench.planners.driver import Driver
-from crowdbench.planners.policy.planner import load_policy
+from crowdbench.planners.policy import load_policy
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import driving, ppo

@@ -17,9 +17,9 @@ from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.metrics import spl
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.planners.lookahead.one_step import propagate_vehicle, try_commands
-from crowdbench.planners.sampling.planner import drive_sequences
+from crowdbench.planners.sampling import drive_sequences
 from crowdbench.planners.scene import scene_of
+from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction
 from crowdbench.record.contents import read
 from crowdbench.record.write import Recorder

@@ -6,7 +6,7 @@ for Autonomous Vehicles", IEEE ITSC 2020, arXiv:2011.11191. `docs/kce.md` has wh
 
 from functools import partial
 
-from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits
+from crowdbench.planners.kce import ChangeCost, Exploration, Limits
 from crowdbench.planners.sarl import sarl_planner
 
 planner = partial(

@@ -5,7 +5,7 @@
 
 from functools import partial
 
-from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits
+from crowdbench.planners.kce import ChangeCost, Exploration, Limits
 from crowdbench.planners.sarl import sarl_planner
 
 planner = partial(

@@ -4,8 +4,7 @@ The cross-entropy method: Rubinstein, "The Cross-Entropy Method for Combinatoria
 Methodology and Computing in Applied Probability 1, 1999.
 """
 
-from crowdbench.planners.sampling import CrossEntropy, SequencePlanner
-from crowdbench.planners.sampling.planner import SEARCH
+from crowdbench.planners.sampling import SEARCH, CrossEntropy, SequencePlanner
 from crowdbench.planners.sarl import sarl_planner
 
 

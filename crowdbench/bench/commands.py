@@ -84,14 +84,11 @@ def command(*arguments: str, **environment: str) -> tuple[float, float]:
     Raises:
         InputError: It fails.
     """
-    told = subprocess.run(
-        [sys.executable, "-I", "-S", time_and_memory.__file__, sys.executable, "-m", "crowdbench", *arguments],
-        capture_output=True,
-        env={**os.environ, **environment},
-        check=True,
-    )
-    seconds, memory, status = told.stdout.split()
+    measured = [sys.executable, "-m", "crowdbench", *arguments]
+    run = [sys.executable, "-I", "-S", time_and_memory.__file__, *measured]
+    process = subprocess.run(run, capture_output=True, env={**os.environ, **environment}, check=True)
+    seconds, memory, status = process.stdout.split()
     if int(status):
-        said = told.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        raise InputError(f"what is measured failed: crowdbench {' '.join(arguments)}: {said}")
+        error = process.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        raise InputError(f"what is measured failed: crowdbench {' '.join(arguments)}: {error}")
     return float(seconds), int(memory) * 1024.0

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from crowdbench.catalog import load_planner, load_scenario
@@ -125,9 +125,7 @@ class _HalfPrecision(ValueNetwork):
         self.name = network.name
         self.network = network
 
-    def crowd(
-        self, joint: Float[Tensor, "batch pedestrian 13"], present: Bool[Tensor, "batch pedestrian"]
-    ) -> tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]:
+    def crowd(self, joint: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
         """See `ValueNetwork`."""
         with torch.autocast("cpu", torch.bfloat16):
             value, attention = self.network.crowd(joint, present)
@@ -137,13 +135,7 @@ class _HalfPrecision(ValueNetwork):
 class _OnePassPerFuture(Generator):
     """A generator that computes each future in a pass of its own."""
 
-    def forward(
-        self,
-        history: Float[Tensor, "scene time pedestrian 2"],
-        present: Bool[Tensor, "scene pedestrian"],
-        noise: Float[Tensor, "scene mode noise"],
-        steps: int,
-    ) -> Float[Tensor, "mode row steps 2"]:
+    def forward(self, history: Tensor, present: Tensor, noise: Tensor, steps: int) -> Tensor:
         """See `Generator`."""
         one_pass = super().forward
         return torch.cat([one_pass(history, present, noise[:, [mode]], steps) for mode in range(noise.shape[1])])

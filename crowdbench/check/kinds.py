@@ -18,7 +18,7 @@ from crowdbench.check.planner import check_planner
 from crowdbench.check.policy import check_policy
 from crowdbench.check.predictor import check_predictor
 from crowdbench.check.result import CheckResult
-from crowdbench.metrics.load import METRIC, load_metric
+from crowdbench.metrics.load import METRIC
 from crowdbench.plugins.load import Kind, file_and_function, load_module
 from crowdbench.plugins.options import read_options
 from crowdbench.predict.load import PREDICTORS, load_predictor
@@ -127,8 +127,8 @@ def _check_predictor(request: CheckRequest) -> tuple[str, list[CheckResult]]:
 
 def _check_metric(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     request.refuse_options("metric")
-    name, _ = load_metric(request.plugin)
-    return name, check_metric(lambda: load_metric(request.plugin)[1], name, request.load_scenario(), request.cases)
+    name, _ = METRIC.find(request.plugin)
+    return name, check_metric(lambda: METRIC.find(request.plugin)[1], name, request.load_scenario(), request.cases)
 
 
 def _check_layout(request: CheckRequest) -> tuple[str, list[CheckResult]]:

@@ -2,7 +2,7 @@
 
 The first line of each docstring is what `crowdbench list metrics` shows; its unit stands in brackets.
 A metric with booleans is a rate. To add a metric, write its function in the module of its subject, and name it in
-`METRICS`.
+`SUBJECTS`.
 """
 
 from __future__ import annotations
@@ -59,88 +59,44 @@ from crowdbench.metrics.social import deflection, imposed_delay, imposed_detour,
 
 Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
 
-METRICS: dict[str, Metric] = {
-    metric.__name__: metric
-    for metric in (
-        success_rate,
-        collision_rate,
-        person_collision_rate,
-        wall_collision_rate,
-        timeout_rate,
-        navigation_time,
-        navigation_time_or_limit,
-        path_length,
-        success_path_length,
-        spl,
-        sct,
-        minimum_gap,
-        clearing_distance,
-        discomfort,
-        discomfort_frequency,
-        personal_space_compliance,
-        intimate_zone,
-        personal_zone,
-        social_zone,
-        intrusion_time_ratio,
-        social_distance,
-        group_intrusion,
-        social_work,
-        time_to_collision,
-        max_velocity_change,
-        max_acceleration,
-        mean_acceleration,
-        jerk,
-        max_turn,
-        cumulative_heading_change,
-        success_heading_change,
-        stopped_time,
-        success_stopped_time,
-        frozen_time,
-        failures_to_progress,
-        impact_speed,
-        struck_standing_rate,
-        struck_behind_rate,
-        hit_behind_rate,
-        discounted_return,
-        deflection,
-        imposed_delay,
-        imposed_detour,
-    )
+SUBJECTS: dict[str, tuple[Metric, ...]] = {
+    "end": (success_rate, collision_rate, person_collision_rate, wall_collision_rate, timeout_rate),
+    "time": (navigation_time, navigation_time_or_limit),
+    "path": (path_length, success_path_length, spl, sct),
+    "gap": (minimum_gap, clearing_distance, discomfort, discomfort_frequency, personal_space_compliance),
+    "zone": (intimate_zone, personal_zone, social_zone),
+    "intrusion": (intrusion_time_ratio, social_distance, group_intrusion, social_work, time_to_collision),
+    "acceleration": (max_velocity_change, max_acceleration, mean_acceleration, jerk),
+    "heading": (max_turn, cumulative_heading_change, success_heading_change),
+    "standstill": (stopped_time, success_stopped_time, frozen_time, failures_to_progress),
+    "contact": (impact_speed, struck_standing_rate, struck_behind_rate, hit_behind_rate),
+    "reward": (discounted_return,),
+    "cost to pedestrians": (deflection, imposed_delay, imposed_detour),
 }
+"""The built-in metrics by what they measure, in the order of tables and of columns."""
+
+METRICS: dict[str, Metric] = {metric.__name__: metric for metrics in SUBJECTS.values() for metric in metrics}
 """The built-in metrics by name."""
 
-OVER_ALL = frozenset(
-    {
-        "navigation_time_or_limit",
-        "spl",
-        "sct",
-        "discounted_return",
-        "frozen_time",
-        "failures_to_progress",
-        "impact_speed",
-    }
+
+def _names(*metrics: Metric) -> frozenset[str]:
+    return frozenset(metric.__name__ for metric in metrics)
+
+
+OVER_ALL = _names(
+    navigation_time_or_limit, spl, sct, discounted_return, frozen_time, failures_to_progress, impact_speed
 )
 """Metrics that count failures. Two planners are compared in all cases, not only in those that both solve."""
 
-MORE_IS_BETTER = frozenset(
-    {
-        "success_rate",
-        "spl",
-        "sct",
-        "minimum_gap",
-        "clearing_distance",
-        "personal_space_compliance",
-        "social_distance",
-        "time_to_collision",
-        "discounted_return",
-    }
+MORE_IS_BETTER = _names(success_rate, spl, sct, discounted_return) | _names(
+    minimum_gap, clearing_distance, personal_space_compliance, social_distance, time_to_collision
 )
 """Metrics whose smallest value is the worst; of the others it is the largest."""
 
-UNDISTURBED = frozenset({"deflection", "imposed_delay", "imposed_detour"})
+UNDISTURBED = _names(deflection, imposed_delay, imposed_detour)
 """Metrics that compare with the same case without the vehicle: the crowd is simulated a second time for them."""
 
-POOLED = frozenset({"discomfort_frequency"})
+POOLED = _names(discomfort_frequency)
 """Metrics that are averaged over the steps of all episodes, not over episodes."""
 
 

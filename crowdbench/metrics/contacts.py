@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from crowdbench.core.geometry import Discs, nearest_in_step, norm
 from crowdbench.core.types import Trace
@@ -19,19 +19,17 @@ BEHIND = np.cos(np.radians(45.0))
 
 
 class _Contacts(NamedTuple):
-    """Collisions with pedestrians.
+    """The collision with a pedestrian in each world; NaN where there was none.
 
     Attributes:
-        row: The world of each of them.
         normal: Direction from the vehicle to the pedestrian at the first contact, of length 1.
         vehicle: Velocity in m/s of that disc of the vehicle that was touched, in the step.
         pedestrian: Velocity of the pedestrian in m/s.
     """
 
-    row: Int[np.ndarray, "contact"]
-    normal: Float[np.ndarray, "contact 2"]
-    vehicle: Float[np.ndarray, "contact 2"]
-    pedestrian: Float[np.ndarray, "contact 2"]
+    normal: Float[np.ndarray, "world 2"]
+    vehicle: Float[np.ndarray, "world 2"]
+    pedestrian: Float[np.ndarray, "world 2"]
 
 
 def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
@@ -39,10 +37,8 @@ def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
 
     The pedestrian is the one who was nearest in the last step, in which both moved at constant velocity.
     """
-    found = _contacts(trace)
-    speed = np.full(len(trace), np.nan)
-    speed[found.row] = norm(found.pedestrian - found.vehicle)
-    return speed
+    contacts = _contacts(trace)
+    return norm(contacts.pedestrian - contacts.vehicle)
 
 
 def struck_standing_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
@@ -50,9 +46,8 @@ def struck_standing_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
     Slower than 0.05 m/s in the last step.
     """
-    found = _contacts(trace)
-    stood = norm(trace.velocity[found.row, trace.steps[found.row], 0]) < STANDSTILL
-    return _of_worlds(trace, found, stood & (norm(found.pedestrian) >= STANDSTILL))
+    stood = norm(trace.velocity[np.arange(len(trace)), trace.steps, 0]) < STANDSTILL
+    return stood & (norm(_contacts(trace).pedestrian) >= STANDSTILL)
 
 
 def struck_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
@@ -61,11 +56,10 @@ def struck_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     The pedestrian was within 45 degrees of straight behind the vehicle's disc that was touched, which did not move
     towards him.
     """
-    found = _contacts(trace)
-    heading = trace.heading[found.row, trace.steps[found.row]]
+    contacts = _contacts(trace)
+    heading = trace.heading[np.arange(len(trace)), trace.steps]
     faces = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    is_behind = dot(faces, found.normal) <= -BEHIND
-    return _of_worlds(trace, found, is_behind & (dot(found.vehicle, found.normal) <= 0.0))
+    return (dot(faces, contacts.normal) <= -BEHIND) & (dot(contacts.vehicle, contacts.normal) <= 0.0)
 
 
 def hit_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
@@ -73,17 +67,9 @@ def hit_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
     The pedestrian walked, at 0.05 m/s or more, and the vehicle was within 45 degrees of straight behind him.
     """
-    found = _contacts(trace)
-    pace = norm(found.pedestrian)
-    is_behind = dot(found.pedestrian, found.normal) >= BEHIND * pace
-    return _of_worlds(trace, found, is_behind & (pace >= STANDSTILL))
-
-
-def _of_worlds(trace: Trace, found: _Contacts, holds: Bool[np.ndarray, "contact"]) -> Bool[np.ndarray, "world"]:
-    """Whether something holds of the collision of each world; not where there is none."""
-    values = np.zeros(len(trace), bool)
-    values[found.row] = holds
-    return values
+    contacts = _contacts(trace)
+    speed = norm(contacts.pedestrian)
+    return (dot(contacts.pedestrian, contacts.normal) >= BEHIND * speed) & (speed >= STANDSTILL)
 
 
 def _contacts(trace: Trace) -> _Contacts:
@@ -96,20 +82,18 @@ def _contacts(trace: Trace) -> _Contacts:
     discs = position[:, :, :1] + body[:, None] * direction[:, :, None]
     radius = trace.radius[row, ends[:, 0]]
     person = trace.person[row[:, None], ends]
-    there = np.isfinite(position[:, :, 1:]).all(axis=(1, 3)) & (person[:, 0] == person[:, 1])
-    touched = _find_touched(discs, np.ascontiguousarray(position), np.ascontiguousarray(radius), there)
+    present = np.isfinite(position[:, :, 1:]).all(axis=(1, 3)) & (person[:, 0] == person[:, 1])
+    disc, agent = _find_touched(discs, np.ascontiguousarray(position), np.ascontiguousarray(radius), present).T
     each = np.arange(len(row))
-    disc, pedestrian = discs[each, :, touched[:, 0]], position[each, :, touched[:, 1]]
-    between, motion = pedestrian[:, 0] - disc[:, 0], np.diff(pedestrian - disc, axis=1)[:, 0]
-    reach = radius[:, 0] + radius[each, touched[:, 1]]
+    vehicle, pedestrian = discs[each, :, disc], position[each, :, agent]
+    between, motion = pedestrian[:, 0] - vehicle[:, 0], np.diff(pedestrian - vehicle, axis=1)[:, 0]
+    reach = radius[:, 0] + radius[each, agent]
     at_contact = between + _first_touch(between, motion, reach)[:, None] * motion
-    dt = trace.rules.dt
-    return _Contacts(
-        row,
-        at_contact / np.maximum(norm(at_contact), np.finfo(float).tiny)[:, None],
-        (disc[:, 1] - disc[:, 0]) / dt,
-        (pedestrian[:, 1] - pedestrian[:, 0]) / dt,
-    )
+    contacts = _Contacts(*np.full((3, len(trace), 2), np.nan))
+    contacts.normal[row] = at_contact / np.maximum(norm(at_contact), np.finfo(float).tiny)[:, None]
+    contacts.vehicle[row] = (vehicle[:, 1] - vehicle[:, 0]) / trace.rules.dt
+    contacts.pedestrian[row] = (pedestrian[:, 1] - pedestrian[:, 0]) / trace.rules.dt
+    return contacts
 
 
 def _first_touch(
@@ -127,14 +111,14 @@ def _first_touch(
 
 @no_type_check
 @njit
-def _find_touched(discs, position, radius, there):
+def _find_touched(discs, position, radius, present):
     """The disc and the pedestrian that came nearest to each other in a step.
 
     Args:
         discs: `[contact, 2, disc, 2]`, centres of the vehicle's discs before and after the step, in metres.
         position: `[contact, 2, agent, 2]`, positions before and after it, in metres.
         radius: `[contact, agent]`, in metres.
-        there: `[contact, pedestrian]`, who was there before and after it.
+        present: `[contact, pedestrian]`, who was there before and after it.
 
     Returns:
         `[contact, 2]`, the index of the disc, and that of the agent.
@@ -143,7 +127,7 @@ def _find_touched(discs, position, radius, there):
     agents = radius.shape[1]
     begin, motion, counts = np.empty((agents, 2)), np.empty((agents, 2)), np.zeros(agents, np.bool_)
     for w in range(len(discs)):
-        begin[:], motion[:], counts[1:] = position[w, 0], position[w, 1] - position[w, 0], there[w]
+        begin[:], motion[:], counts[1:] = position[w, 0], position[w, 1] - position[w, 0], present[w]
         least = np.inf
         for d in range(discs.shape[2]):
             begin[0], motion[0] = discs[w, 0, d], discs[w, 1, d] - discs[w, 0, d]

@@ -9,6 +9,8 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
 from crowdbench.metrics.sums import dot, total
 
+Pairs = Int[np.ndarray, "pair"]
+
 HALL_ZONES = {"intimate": 0.45, "personal": 1.2, "social": 3.6}
 """Outer bounds in metres of the zones of Hall (1966)."""
 
@@ -108,16 +110,10 @@ def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     if trace.group is None:
         return np.full(len(trace), np.nan)
     first = trace.group[:, 0]
-    within = np.zeros(trace.gap.shape, bool)
     # People who come in the places of a group are a group again.
     mates = ((first[:, :, None] == first[:, None]) & (first >= 0)[:, :, None]).any(axis=0)
     one, two = np.nonzero(mates & ~np.eye(len(mates), dtype=bool))
-    if len(one):
-        direction = np.stack([np.cos(trace.heading), np.sin(trace.heading)], axis=-1)
-        for ahead in trace.rules.body:
-            within |= _overlaps(
-                trace, trace.group[:, 1:], (trace.position[:, :, 0] + ahead * direction)[:, 1:, None], one, two
-            )
+    within = _find_within(trace, trace.group[:, 1:], one, two) if len(one) else np.zeros(trace.gap.shape, bool)
     return np.where((first >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
 
 
@@ -160,19 +156,14 @@ def _intrusions(trace: Trace) -> Float[np.ndarray, "world step"]:
     return np.where(nearest < INTRUSION_DISTANCE, nearest, np.inf)
 
 
-def _overlaps(
-    trace: Trace,
-    group: Int[np.ndarray, "world step pedestrian"],
-    centre: Float[np.ndarray, "world step 1 2"],
-    one: Int[np.ndarray, "pair"],
-    two: Int[np.ndarray, "pair"],
+def _find_within(
+    trace: Trace, group: Int[np.ndarray, "world step pedestrian"], one: Pairs, two: Pairs
 ) -> Bool[np.ndarray, "world step"]:
     """Whether a disc of the vehicle overlaps the hull of a group.
 
     Args:
         trace: The trace.
-        group: Their groups after each step, see `Trace`.
-        centre: The centre of the disc in metres after each step.
+        group: The groups after each step, see `Trace`.
         one: Indices of pedestrians, in order, each once for each other member of its group.
         two: Those members.
     """
@@ -187,12 +178,17 @@ def _overlaps(
 
     near = by_all(norm(b - a) <= HALL_ZONES["social"])
     together = near & by_all(near[:, :, of_two])
-    # The centre is within the hull if no line through it has all members on one side.
-    left, right = a - centre, b - centre
-    clockwise = left[..., 0] * right[..., 1] - left[..., 1] * right[..., 0] < 0.0
-    follows = np.logical_or.reduceat(mates & clockwise, starts, axis=2)
-    inside = together & follows & by_all(follows[:, :, of_two])
     length = np.maximum(dot(b - a, b - a), np.finfo(float).tiny)
-    share = np.clip(dot(centre - a, b - a) / length, 0.0, 1.0)
-    beside = norm(a + share[..., None] * (b - a) - centre) < trace.radius[:, 1:, :1]
-    return np.asarray(inside.any(axis=2) | (mates & beside & together[:, :, of_one]).any(axis=2))
+    direction = np.stack([np.cos(trace.heading), np.sin(trace.heading)], axis=-1)
+    within = np.zeros(trace.gap.shape, bool)
+    for ahead in trace.rules.body:
+        centre = (trace.position[:, :, 0] + ahead * direction)[:, 1:, None]
+        # The centre is within the hull if no line through it has all members on one side.
+        left, right = a - centre, b - centre
+        clockwise = left[..., 0] * right[..., 1] - left[..., 1] * right[..., 0] < 0.0
+        follows = np.logical_or.reduceat(mates & clockwise, starts, axis=2)
+        inside = together & follows & by_all(follows[:, :, of_two])
+        share = np.clip(dot(centre - a, b - a) / length, 0.0, 1.0)
+        beside = norm(a + share[..., None] * (b - a) - centre) < trace.radius[:, 1:, :1]
+        within |= inside.any(axis=2) | (mates & beside & together[:, :, of_one]).any(axis=2)
+    return within

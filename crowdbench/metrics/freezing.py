@@ -32,13 +32,11 @@ def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
     ahead = math.ceil(OPEN_TIME / trace.rules.dt - 1e-9)
     stands = norm(trace.velocity[:, 1:, 0]) < STANDSTILL
     row, t = np.nonzero(stands & (np.arange(stands.shape[1]) + ahead <= trace.steps[:, None]))
-    frozen = np.zeros(stands.shape, bool)
-    if not len(row):
-        return total(1.0 * frozen)
     way = goals_in_trace(trace)[row, t] - trace.position[row, t, 0]
     stride, body = trace.preferred_speed[row, 0] * trace.rules.dt, np.array(trace.rules.body)
     person, obstacles = np.ascontiguousarray(trace.person), np.ascontiguousarray(trace.obstacles)
     radius = trace.radius[row, t]
+    frozen = np.zeros(stands.shape, bool)
     frozen[row, t] = _find_open(row, t, way, stride, ahead, body, trace.position, radius, person, obstacles)
     return total(1.0 * frozen) * trace.rules.dt
 

@@ -34,26 +34,11 @@ def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
     for spec in specs:
         if file_and_function(spec)[0] is None:
             raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")
-        name, metric = load_metric(spec)
+        name, metric = METRIC.find(spec)
         if name in metrics or name in RESERVED:
             raise InputError(f"{spec}: a column {name} exists already: give the metric another name")
         metrics[name] = metric
     return metrics
-
-
-def load_metric(spec: str) -> tuple[str, Metric]:
-    """Find a metric.
-
-    Args:
-        spec: The name of a built-in metric, `file.py`, whose function is `metric`, or `file.py:function`.
-
-    Returns:
-        The metric's name, and the metric.
-
-    Raises:
-        InputError: There is no such function.
-    """
-    return METRIC.find(spec)
 
 
 LARGEST = 1e150
@@ -109,15 +94,14 @@ def check_shape(values: object, name: str, trace: Trace) -> Shaped[np.ndarray, "
     Raises:
         InputError: There is not one number or boolean per episode.
     """
-    if not isinstance(values, np.ndarray) or values.shape != (len(trace),) or values.dtype.kind not in "bfiu":
-        found = (
-            f"shape {list(values.shape)} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
-        )
+    array = values if isinstance(values, np.ndarray) else None
+    if array is None or array.shape != (len(trace),) or array.dtype.kind not in "bfiu":
+        found = type(values).__name__ if array is None else f"shape {list(array.shape)} of {array.dtype}"
         raise InputError(
             f"metric {name} returned {found}, but must return one number or boolean per episode, [{len(trace)}]"
         )
     with np.errstate(over="ignore"):  # where float64 holds less than the metric's type
-        return np.array(values, bool if values.dtype == bool else np.float64)
+        return np.array(array, bool if array.dtype == bool else np.float64)
 
 
 def check_bounds(values: Shaped[np.ndarray, "case"], name: str, trace: Trace) -> Shaped[np.ndarray, "case"]:

@@ -31,7 +31,11 @@ from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_decisions, limit_velocities, walk
 from crowdbench.utils.defaults import BATCH, HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError, plugin_errors
-from crowdbench.utils.numbers import is_integer
+from crowdbench.utils.numbers import is_integer, require
+
+Counted = Bool[np.ndarray, "world pedestrian"]
+Positions = Float[np.ndarray, "world time pedestrian 2"]
+Displacements = Float[np.ndarray, "world pedestrian 3 2 time"]
 
 MEAN = "mean over scenes"
 """The name under which `on_tracks` has the means over all scenes."""
@@ -83,7 +87,7 @@ def on_scenario(
     scenario: Scenario,
     cases: Cases,
     ahead: int = HORIZON,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] = lambda _: None,
 ) -> Errors:
     """Measure a predictor on the crowds of a scenario, without a vehicle, and so with perfect sight.
 
@@ -115,8 +119,7 @@ def on_scenario(
         for prediction, walking, truth in _walks(name, predictor, scenario, part, ahead):
             row, _ = np.nonzero(walking)
             clusters.add(own[row], prediction, truth, walking)
-        if progress is not None:
-            progress(len(part))
+        progress(len(part))
     if not clusters.count.any():
         raise InputError(
             f"{scenario.name} has nothing to predict in cases {cases}: no pedestrian is on its way "
@@ -130,7 +133,7 @@ def on_tracks(
     predictor: Predictor,
     recordings: Sequence[Tracks],
     ahead: int = HORIZON,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] = lambda _: None,
 ) -> dict[str, Errors]:
     """Measure a predictor on recorded tracks.
 
@@ -161,8 +164,7 @@ def on_tracks(
     for scene, parts in scenes(recordings).items():
         unseen = predictor.unseen(scene)
         found[scene] = _Clusters.joined([_recorded(name, unseen, tracks, ahead) for tracks in parts])
-        if progress is not None:
-            progress(1)
+        progress(1)
     if not found:
         raise InputError("all of these recordings are those that ETH/UCY has for training only: give one to test on")
     modes = max(clusters.modes for clusters in found.values())
@@ -170,11 +172,7 @@ def on_tracks(
     return errors | {MEAN: _estimated(list(found.values()), modes)}
 
 
-def displacement(
-    prediction: Prediction,
-    truth: Float[np.ndarray, "world time pedestrian 2"],
-    counted: Bool[np.ndarray, "world pedestrian"],
-) -> Float[np.ndarray, "world pedestrian 3 2 time"]:
+def displacement(prediction: Prediction, truth: Positions, counted: Counted) -> Displacements:
     """ADE and FDE of each pedestrian at each horizon.
 
     Args:
@@ -195,25 +193,23 @@ def displacement(
 
 
 def _check_ahead(ahead: int) -> None:
-    if not (is_integer(ahead) and 1 <= ahead <= MOST_AHEAD):
-        raise InputError(f"ahead is {ahead!r}, but must be a whole number of steps from 1 to {MOST_AHEAD}")
+    is_possible = is_integer(ahead) and 1 <= ahead <= MOST_AHEAD
+    require("ahead", ahead, is_possible, f"a whole number of steps from 1 to {MOST_AHEAD}")
 
 
 def _walks(
     name: str, predictor: Predictor, scenario: Scenario, cases: Cases, ahead: int
-) -> Iterator[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Float[np.ndarray, "world time pedestrian 2"]]]:
+) -> Iterator[tuple[Prediction, Counted, Positions]]:
     """What is predicted at each step, which pedestrians have not arrived then, and their true positions."""
     world = scenario.worlds(cases)
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False, sensor=PERFECT), sight={})
-    arrived = np.zeros_like(world.present[:, 1:])
-    predicted: deque[tuple[Prediction, Bool[np.ndarray, "world pedestrian"], Int[np.ndarray, "world pedestrian"]]] = (
-        deque()
-    )
+    arrived, goes_on = np.zeros_like(world.present[:, 1:]), scenario.crowd.arrival in GOES_ON
+    predicted: deque[tuple[Prediction, Counted, Int[np.ndarray, "world pedestrian"]]] = deque()
     positions: deque[Float[np.ndarray, "world pedestrian 2"]] = deque(maxlen=ahead)
     for _ in range(scenario.rules.max_steps):
+        at_goal = (norm(world.position - world.goal) < world.radius)[:, 1:]
         # Who has arrived is on its way again where people then walk on to another goal.
-        arrived = arrived & (scenario.crowd.arrival not in GOES_ON)
-        arrived = arrived | (norm(world.position - world.goal) < world.radius)[:, 1:]
+        arrived = at_goal if goes_on else arrived | at_goal
         walking = world.present[:, 1:] & ~arrived
         crowd, world = crowd_decisions(world, scenario.policies)
         obs = observe(world, future=limit_velocities(world, crowd) if predictor.privileged else None)
@@ -222,10 +218,10 @@ def _walks(
         positions.append(world.position[:, 1:])
         if len(positions) == ahead:
             prediction, counted, persons = predicted.popleft()
-            if not (counted.any() or scenario.crowd.arrival in GOES_ON or scenario.tracks):
+            if not (counted.any() or goes_on or scenario.tracks):
                 return
-            there = (persons == world.person) & world.present[:, 1:]
-            yield prediction, counted & there, np.stack(positions, axis=1)
+            stayed = (persons == world.person) & world.present[:, 1:]
+            yield prediction, counted & stayed, np.stack(positions, axis=1)
 
 
 def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:
@@ -276,11 +272,7 @@ class _Clusters:
         return cls(total, count, max(part.modes for part in parts))
 
     def add(
-        self,
-        cluster: Int[np.ndarray, "sample"],
-        prediction: Prediction,
-        truth: Float[np.ndarray, "world time pedestrian 2"],
-        counted: Bool[np.ndarray, "world pedestrian"],
+        self, cluster: Int[np.ndarray, "sample"], prediction: Prediction, truth: Positions, counted: Counted
     ) -> None:
         np.add.at(self.total, cluster, displacement(prediction, truth, counted)[counted])
         np.add.at(self.count, cluster, 1.0)

@@ -125,28 +125,27 @@ def _imposed(
     alike = start[(real[start] == alone[start]).all(axis=1)]
     speed = trace.preferred_speed[:, 1:].ravel()[alike // person.shape[1]]
     alike, speed = alike[speed > 0.0], speed[speed > 0.0]
-    where = by_pedestrian(goal), by_pedestrian(trace.radius[:, :, 1:])
-    ends = [_end(states, *where, start, person.shape[1]) for states in (real, alone)]
-    chosen = np.searchsorted(start, alike)
-    with_vehicle, without = (cost(_End(*(values[chosen] for values in end)), speed) for end in ends)
+    goals, radii = by_pedestrian(goal), by_pedestrian(trace.radius[:, :, 1:])
+    chosen, costs = np.searchsorted(start, alike), []
+    for states in (real, alone):
+        end = _end(states, norm(goals - states) - radii, start, person.shape[1])
+        costs.append(cost(_End(*(values[chosen] for values in end)), speed))
     world = alike // person.shape[1] // max(person.shape[2], 1)
     count = np.bincount(world, minlength=len(trace))
-    return np.where(count > 0, np.bincount(world, with_vehicle - without, minlength=len(trace)), np.nan)
+    return np.where(count > 0, np.bincount(world, costs[0] - costs[1], minlength=len(trace)), np.nan)
 
 
 def _end(
     position: Float[np.ndarray, "state 2"],
-    goal: Float[np.ndarray, "state 2"],
-    radius: Float[np.ndarray, "state"],
+    remaining: Float[np.ndarray, "state"],
     start: Int[np.ndarray, "way"],
     times: int,
 ) -> _End:
-    """Where ways end.
+    """Where ways end; `remaining` is the straight way to the goal in metres.
 
     The states of a pedestrian, `times` of them, lie one after the other; NaN where nobody is. A way goes on from its
     first state, in `start`, to the first state of the next one.
     """
-    remaining = norm(goal - position) - radius
     state, last = np.arange(len(position)), len(position)
     known = np.isfinite(remaining)
     arrived = np.minimum.reduceat(np.where(known & (remaining < 0.0), state, last), start)

@@ -11,6 +11,11 @@ from jaxtyping import Bool, Float, Shaped
 
 from crowdbench.metrics import POOLED, is_rate
 
+Column = Shaped[np.ndarray, "case"]
+Values = Float[np.ndarray, "case"]
+BlockValues = Float[np.ndarray, "block"]
+Resampled = Float[np.ndarray, "*resample case"]
+
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 
@@ -39,11 +44,7 @@ NOTHING = Estimate(np.nan, np.nan, np.nan, 0, np.nan)
 """The estimate where no episode has a value."""
 
 
-def summarize(
-    columns: Mapping[str, Shaped[np.ndarray, "case"]],
-    steps: Shaped[np.ndarray, "case"],
-    block: Shaped[np.ndarray, "case"] | None = None,
-) -> dict[str, Estimate]:
+def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None = None) -> dict[str, Estimate]:
     """An estimate for each metric: Wilson's interval for rates, a bootstrap's for means.
 
     Args:
@@ -53,15 +54,12 @@ def summarize(
     """
     summary = {}
     for name, values in columns.items():
-        if is_rate(values):
-            summary[name] = rate(values, block)
-        else:
-            weights = steps.astype(float) if name in POOLED else np.ones(len(steps))
-            summary[name] = bootstrap(values.astype(float), weights, block)
+        weights = steps.astype(float) if name in POOLED else np.ones(len(steps))
+        summary[name] = rate(values, block) if is_rate(values) else bootstrap(values.astype(float), weights, block)
     return summary
 
 
-def rate(values: Bool[np.ndarray, "case"], block: Shaped[np.ndarray, "case"] | None) -> Estimate:
+def rate(values: Bool[np.ndarray, "case"], block: Column | None) -> Estimate:
     """A rate with its interval.
 
     Args:
@@ -74,8 +72,7 @@ def rate(values: Bool[np.ndarray, "case"], block: Shaped[np.ndarray, "case"] | N
         return wilson(values)
     if values.any() and not values.all():
         return bootstrap(values.astype(float), np.ones(len(values)), block)
-    found = wilson(values[: len(np.unique(block))])
-    return dataclasses.replace(found, n=len(values))
+    return dataclasses.replace(wilson(values[: len(np.unique(block))]), n=len(values))
 
 
 def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
@@ -84,15 +81,11 @@ def wilson(values: Bool[np.ndarray, "case"]) -> Estimate:
 
     n = len(values)
     mean = float(values.mean())
-    found = binomtest(int(values.sum()), n).proportion_ci(CONFIDENCE, method="wilson")
-    return Estimate(mean, *around(mean, float(found.low), float(found.high)), n, float(values.max()))
+    bounds = binomtest(int(values.sum()), n).proportion_ci(CONFIDENCE, method="wilson")
+    return Estimate(mean, *around(mean, float(bounds.low), float(bounds.high)), n, float(values.max()))
 
 
-def bootstrap(
-    values: Float[np.ndarray, "case"],
-    weights: Float[np.ndarray, "case"],
-    block: Shaped[np.ndarray, "case"] | None = None,
-) -> Estimate:
+def bootstrap(values: Values, weights: Values, block: Column | None = None) -> Estimate:
     """A weighted mean with its percentile interval over resampled episodes (Efron 1979), or resampled blocks of them.
 
     Args:
@@ -110,9 +103,7 @@ def bootstrap(
     return Estimate(mean, low, high, len(values), float(values.max()))
 
 
-def by_block(
-    values: Float[np.ndarray, "case"], weights: Float[np.ndarray, "case"], block: Shaped[np.ndarray, "case"] | None
-) -> tuple[Float[np.ndarray, "block"], Float[np.ndarray, "block"]]:
+def by_block(values: Values, weights: Values, block: Column | None) -> tuple[BlockValues, BlockValues]:
     """The weighted mean of each block, and its weight: their weighted mean is that of the cases.
 
     Args:
@@ -130,9 +121,7 @@ def by_block(
     return np.bincount(number, values * weights) / weight, weight
 
 
-def weighted_mean(
-    values: Float[np.ndarray, "*resample case"], weights: Float[np.ndarray, "*resample case"], axis: int = -1
-) -> Float[np.ndarray, "*resample"]:
+def weighted_mean(values: Resampled, weights: Resampled, axis: int = -1) -> Float[np.ndarray, "*resample"]:
     """The weighted mean over cases.
 
     Args:
@@ -147,7 +136,7 @@ def weighted_mean(
 
 
 def bootstrap_distribution(
-    statistic: Callable[..., Float[np.ndarray, "*resample"]], *columns: Float[np.ndarray, "case"]
+    statistic: Callable[..., Float[np.ndarray, "*resample"]], *columns: Values
 ) -> Float[np.ndarray, "resample"]:
     """A statistic of `RESAMPLES` samples of the episodes, drawn with replacement.
 
@@ -162,18 +151,16 @@ def bootstrap_distribution(
     n = len(columns[0])
     if n == 1:  # refused by SciPy: every resample is the episode itself
         return np.full(RESAMPLES, statistic(*columns, axis=-1))
-    found = bootstrap(
+    return bootstrap(
         columns,
         statistic,
         paired=True,
         vectorized=True,
         n_resamples=RESAMPLES,
         batch=max(1, _MOST_DRAWN // n),
-        confidence_level=CONFIDENCE,
         method="percentile",
         rng=np.random.default_rng(_SEED),
-    )
-    return found.bootstrap_distribution
+    ).bootstrap_distribution
 
 
 def around(mean: float, low: float, high: float) -> tuple[float, float]:

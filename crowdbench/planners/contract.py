@@ -23,7 +23,7 @@ class Decision:
         max_speed: The vehicle's maximum speed in m/s.
         dt: Length of a step in seconds.
         dynamics: How the vehicle moves.
-        state: Its state before the step; None where it is holonomic.
+        state: Its state before the step.
     """
 
     case: Int[np.ndarray, "world"]
@@ -31,7 +31,7 @@ class Decision:
     max_speed: Float[np.ndarray, "world"]
     dt: float
     dynamics: Dynamics
-    state: State | None
+    state: State
 
     @classmethod
     def of(cls, obs: Observation, cases: Int[np.ndarray, "case"]) -> Decision:
@@ -42,9 +42,7 @@ class Decision:
             cases: The case numbers by `Observation.row`.
         """
         vehicle = obs.vehicle
-        state = None
-        if not isinstance(vehicle.dynamics, Holonomic):
-            state = State(*(array.copy() for array in vehicle.state))
+        state = State(*(array.copy() for array in vehicle.state))
         return cls(cases[obs.row], obs.step.copy(), vehicle.preferred_speed.copy(), obs.dt, vehicle.dynamics, state)
 
     def to_commands(self, velocities: Float[np.ndarray, "world *time 2"]) -> Float[np.ndarray, "world *time 2"]:
@@ -53,7 +51,7 @@ class Decision:
         Args:
             velocities: For the next step or several, in m/s.
         """
-        if self.state is None:
+        if isinstance(self.dynamics, Holonomic):
             return velocities
         state, ahead = self.state, velocities.reshape(len(velocities), -1, 2)
         commands = np.empty(ahead.shape)
@@ -114,16 +112,15 @@ def validate_commands(
         steps: For how many steps commands were asked for; left out where it was the next one alone.
         dynamics: Whose commands they are. Velocities are those of a holonomic vehicle.
     """
-    plain = _to_array(answer)
+    array, is_array = _to_array(answer), issubclass(type(answer), np.ndarray)
     points: dict[str, Fault | None] = {"dtype": None}
-    is_array = plain is not None and issubclass(type(answer), np.ndarray)
-    if plain is None or not is_array or plain.dtype.kind != "f":
-        found = f"{plain.dtype} array" if plain is not None and is_array else type(answer).__name__
+    if not (is_array and array.dtype.kind == "f"):
+        kind = f"{array.dtype} array" if is_array else type(answer).__name__
         shape = "[world, time, 2]" if steps else "[world, 2]"
-        points["dtype"] = Fault(f"returned a {found} instead of a float array of shape {shape}")
-    if plain is None or plain.dtype.kind not in "fiu":
+        points["dtype"] = Fault(f"returned a {kind} instead of a float array of shape {shape}")
+    if array.dtype.kind not in "fiu":
         return Validation(points, None)
-    values, expected = plain.astype(np.float64), [len(max_speed), *steps, 2]
+    values, expected = array.astype(np.float64), [len(max_speed), *steps, 2]
     points["shape"] = None
     if list(values.shape) != expected:
         meant = "a command per world and step" if steps else "a command per world"
@@ -131,7 +128,7 @@ def validate_commands(
         return Validation(points, None)
     each = values.reshape(-1, *(steps or (1,)), 2)
     finite = np.asarray(np.isfinite(each).all(axis=2))
-    limit = np.broadcast_to(max_speed[:, None], finite.shape) if steps else max_speed[:, None]
+    limit = np.broadcast_to(max_speed[:, None], finite.shape)
     beyond = ~dynamics.is_within(np.where(finite[..., None], each, 0.0), limit)
     points["finite"] = None
     if finite.any():
@@ -146,8 +143,8 @@ def validate_commands(
     return Validation(points, values)
 
 
-def _to_array(answer: object) -> np.ndarray | None:
-    """A copy of the answer as an array of NumPy's own, also where it is nested lists; None where it cannot be one.
+def _to_array(answer: object) -> np.ndarray:
+    """A copy of the answer as an array of NumPy's own, also where it is nested lists; else an array of one object.
 
     A subclass of ndarray could do anything when it is used.
     """
@@ -156,4 +153,4 @@ def _to_array(answer: object) -> np.ndarray | None:
     except BaseException as error:  # whatever an object of the planner's own raises
         if is_interrupt(error):
             raise
-        return None
+        return np.array(None)

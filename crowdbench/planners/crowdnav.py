@@ -9,9 +9,10 @@ from __future__ import annotations
 import copy
 import math
 import sys
+from collections import namedtuple
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -27,19 +28,13 @@ FAR = 20.0
 """How far away somebody stands, in metres, where a policy is shown a pedestrian and the vehicle sees none."""
 
 
-class FullState(NamedTuple):
-    """What the vehicle knows of itself: positions in metres, velocities in m/s, heading `theta` in [0, 2 pi)."""
+class _Agent:
+    """What both states say in two ways. They are tuples, because policies add them: a row of 14 numbers."""
 
-    # Tuples, because policies add states: `self_state + human_state` is one row of 14 numbers in CrowdNav's order.
     px: float
     py: float
     vx: float
     vy: float
-    radius: float
-    gx: float
-    gy: float
-    v_pref: float
-    theta: float
 
     @property
     def position(self) -> tuple[float, float]:
@@ -50,6 +45,10 @@ class FullState(NamedTuple):
     def velocity(self) -> tuple[float, float]:
         """Velocity in m/s."""
         return self.vx, self.vy
+
+
+class FullState(_Agent, namedtuple("FullState", "px py vx vy radius gx gy v_pref theta")):
+    """What the vehicle knows of itself: positions in metres, velocities in m/s, heading `theta` in [0, 2 pi)."""
 
     @property
     def goal_position(self) -> tuple[float, float]:
@@ -57,24 +56,8 @@ class FullState(NamedTuple):
         return self.gx, self.gy
 
 
-class ObservableState(NamedTuple):
+class ObservableState(_Agent, namedtuple("ObservableState", "px py vx vy radius")):
     """What the vehicle sees of a pedestrian: position in metres, velocity in m/s, radius in metres."""
-
-    px: float
-    py: float
-    vx: float
-    vy: float
-    radius: float
-
-    @property
-    def position(self) -> tuple[float, float]:
-        """Position in metres."""
-        return self.px, self.py
-
-    @property
-    def velocity(self) -> tuple[float, float]:
-        """Velocity in m/s."""
-        return self.vx, self.vy
 
 
 @dataclass
@@ -88,19 +71,6 @@ class JointState:
 
     self_state: Any
     human_states: list[Any]
-
-
-@dataclass
-class _Episode:
-    """What goes with one episode.
-
-    Attributes:
-        policy: A copy of the policy.
-        heading: Direction in which the policy has turned the vehicle, in radians; None before its first turn.
-    """
-
-    policy: Any
-    heading: float | None = None
 
 
 class CrowdNavPlanner(OneWorldPlanner):
@@ -137,7 +107,8 @@ class CrowdNavPlanner(OneWorldPlanner):
         self.facts = _facts(policy)
         self._states = _state_classes(policy)
         self._policy = _prepared(policy, self.name)
-        self._episodes: dict[int, _Episode] = {}
+        self._policies: dict[int, Any] = {}
+        self._headings: dict[int, float] = {}
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """Give every world its own copy of the policy.
@@ -146,44 +117,38 @@ class CrowdNavPlanner(OneWorldPlanner):
             rows: The rows that `Observation.row` will have.
         """
         network = _network(self._policy)
-        weights = [] if network is None else list(network.parameters())
+        weights = {} if network is None else {id(tensor): tensor for tensor in network.parameters()}
         # Whatever is in this memo, `deepcopy` does not copy: hundreds of worlds need the weights only once.
-        self._episodes = {
-            int(row): _Episode(copy.deepcopy(self._policy, {id(tensor): tensor for tensor in weights})) for row in rows
-        }
+        self._policies = {int(row): copy.deepcopy(self._policy, dict(weights)) for row in rows}
+        self._headings = {}
 
     def _command(self, obs: Observation) -> Float[np.ndarray, "2"]:
         """The policy's velocity in m/s for one world."""
-        episode = self._episodes[int(obs.row)]
-        if hasattr(episode.policy, "time_step"):
-            episode.policy.time_step = obs.dt
+        row = int(obs.row)
+        policy = self._policies[row]
+        if hasattr(policy, "time_step"):
+            policy.time_step = obs.dt
         # The policy's own turns count. A holonomic vehicle's heading would forget a turn on the spot, and would be
         # the opposite one after driving backwards.
-        heading = float(obs.vehicle.heading) if episode.heading is None else episode.heading
-        heading %= 2.0 * math.pi
-        first, second, rotates = _action(episode.policy.predict(self._state(obs, heading)), self.name)
+        heading = self._headings.get(row, float(obs.vehicle.heading)) % (2.0 * math.pi)
+        first, second, rotates = _action(policy.predict(self._state(obs, heading)), self.name)
         if not (rotates and math.isfinite(second)):  # a turn that is not finite is left to the driver, which refuses it
             return np.array([first, second])
-        episode.heading = heading + second
-        return np.array([first * math.cos(episode.heading), first * math.sin(episode.heading)])
+        heading += second
+        self._headings[row] = heading
+        return np.array([first * math.cos(heading), first * math.sin(heading)])
 
     def _state(self, obs: Observation, heading: float) -> Any:
         """What the policy is shown of one world, in Python's own numbers."""
         full, observable, joint = self._states
         vehicle, crowd = obs.vehicle, obs.pedestrians
-        own = (
-            vehicle.position,
-            vehicle.velocity,
-            vehicle.radius[None],
-            vehicle.local_goal,
-            vehicle.preferred_speed[None],
-        )
+        own = [*vehicle.position, *vehicle.velocity, vehicle.radius, *vehicle.local_goal, vehicle.preferred_speed]
         humans = np.concatenate([crowd.position, crowd.velocity, crowd.radius[:, None]], axis=1)[crowd.seen]
         if len(crowd.seen) and not len(humans):
             away = vehicle.position - vehicle.local_goal
             behind = vehicle.position + FAR * away / max(math.hypot(*away.tolist()), 1e-9)
             humans = np.array([[*behind, 0.0, 0.0, float(vehicle.radius)]])
-        return joint(full(*np.concatenate(own).tolist(), heading), [observable(*human) for human in humans.tolist()])
+        return joint(full(*map(float, own), heading), [observable(*human) for human in humans.tolist()])
 
 
 class _NoEnvironment:

@@ -130,9 +130,8 @@ class Driver:
         # Nobody interrupts a planner in another thread, or one that catches the interrupt.
         if limit.over():
             raise self._too_slow(decision, None)
-        validation = validate_commands(
-            answer, decision.max_speed, *steps, dynamics=decision.dynamics if self.native else FREE
-        )
+        dynamics = decision.dynamics if self.native else FREE
+        validation = validate_commands(answer, decision.max_speed, *steps, dynamics=dynamics)
         if validation.fault is not None:
             raise InputError(self._sentence(validation.fault, decision))
         assert validation.commands is not None  # or else there is a fault

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import no_type_check
+from dataclasses import dataclass
+from typing import Any, no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation
@@ -30,15 +31,15 @@ class Straight(Planner):
         return way * (vehicle.preferred_speed / distance)[:, None]
 
 
+@dataclass(eq=False)
 class ORCAPlanner(Planner):
     """Optimal reciprocal collision avoidance (van den Berg et al. 2011), with the parameters of CrowdNav's robot.
 
-    Args:
+    Attributes:
         safety_space: Margin that is added to every radius [m].
     """
 
-    def __init__(self, safety_space: float = 0.0) -> None:
-        self.safety_space = safety_space
+    safety_space: float = 0.0
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -46,34 +47,27 @@ class ORCAPlanner(Planner):
         position, velocity, radius, present = obs.everybody()
         preferred = np.zeros_like(position)
         preferred[:, 0] = toward_goal(vehicle.position, vehicle.local_goal, vehicle.preferred_speed)
-        asked = orca_velocities(
-            position,
-            velocity,
-            preferred,
-            radius + (ORCA_MARGIN + self.safety_space),
-            np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
-            time_step=obs.dt,
-            obstacles=obs.obstacles,
-            time_horizon_obst=TIME_HORIZON_OBST,
-            seen=present,
-            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
-        )[:, 0]
+        radius = radius + (ORCA_MARGIN + self.safety_space)
+        speed, options = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape), _model_options(obs, present)
+        velocities = orca_velocities(
+            position, velocity, preferred, radius, speed, time_horizon_obst=TIME_HORIZON_OBST, **options
+        )
         # Nothing else keeps a vehicle off walls that cannot take these velocities at once.
-        return along_walls(obs, asked)
+        return along_walls(obs, velocities[:, 0])
 
 
+@dataclass(eq=False)
 class SocialForcePlanner(Planner):
     """The social force model with the parameters of Helbing and Molnár (1995).
 
     It assumes that the other agents keep their velocities. Differs from the pedestrians' model because it adds no
     fluctuation: a planner's command is not noisy. Where a wall stands in the way it goes along it, as pedestrians do.
 
-    Args:
+    Attributes:
         safety_space: Margin that is added to every radius [m].
     """
 
-    def __init__(self, safety_space: float = 0.0) -> None:
-        self.safety_space = safety_space
+    safety_space: float = 0.0
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -81,19 +75,17 @@ class SocialForcePlanner(Planner):
         position, velocity, radius, present = obs.everybody()
         goal = position.copy()
         goal[:, 0] = vehicle.local_goal
-        velocity = social_force_velocities(
-            position,
-            velocity,
-            goal,
-            radius + self.safety_space,
-            np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
-            np.zeros_like(position),
-            time_step=obs.dt,
-            obstacles=obs.obstacles,
-            seen=present,
-            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
-        )[:, 0]
-        return along_walls(obs, velocity)
+        radius = radius + self.safety_space
+        speed, options = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape), _model_options(obs, present)
+        no_noise = np.zeros_like(position)
+        velocities = social_force_velocities(position, velocity, goal, radius, speed, no_noise, **options)
+        return along_walls(obs, velocities[:, 0])
+
+
+def _model_options(obs: Observation, present: Bool[np.ndarray, "world agent"]) -> dict[str, Any]:
+    """The arguments that both models of pedestrians take alike; only the vehicle, agent 0, moves."""
+    moves = np.broadcast_to(np.arange(present.shape[1]) == 0, present.shape)
+    return {"time_step": obs.dt, "obstacles": obs.obstacles, "seen": present, "moves": moves}
 
 
 GAP = 0.01
@@ -118,16 +110,13 @@ def along_walls(obs: Observation, command: Float[np.ndarray, "world 2"]) -> Floa
     """
     if obs.obstacles.shape[1] == 0:
         return command
-    kept = command.copy()
-    vehicle = obs.vehicle
-    time = obs.dt + vehicle.preferred_speed / vehicle.dynamics.limits[0]
-    _slide(vehicle.position, vehicle.radius + GAP, obs.obstacles, time, kept)
-    if math.isinf(vehicle.dynamics.limits[0]):
-        return kept
-    dynamics, limit = vehicle.dynamics, vehicle.preferred_speed
-    after = dynamics.step(vehicle.state, dynamics.follow(vehicle.state, kept, limit, obs.dt), limit, obs.dt)
-    _brake(np.array(vehicle.body), dynamics.limits[0], *after[:3], vehicle.radius + GAP, obs.obstacles, kept)
-    return kept
+    vehicle, dynamics, limit, slower = obs.vehicle, obs.vehicle.dynamics, obs.vehicle.preferred_speed, command.copy()
+    deceleration, radius = dynamics.limits[0], vehicle.radius + GAP
+    _slide(vehicle.position, radius, obs.obstacles, obs.dt + limit / deceleration, slower)
+    if math.isfinite(deceleration):
+        after = dynamics.step(vehicle.state, dynamics.follow(vehicle.state, slower, limit, obs.dt), limit, obs.dt)
+        _brake(np.array(vehicle.body), deceleration, *after[:3], radius, obs.obstacles, slower)
+    return slower
 
 
 @no_type_check

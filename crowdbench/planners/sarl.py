@@ -9,9 +9,9 @@ arXiv:2011.11191, whose sections and equations are named below.
 from __future__ import annotations
 
 from crowdbench.networks.value import load_network
+from crowdbench.planners.aggregate import find_aggregate
+from crowdbench.planners.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.aggregate import find_aggregate
-from crowdbench.planners.lookahead.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.predict.load import load_predictor
 
 

@@ -76,7 +76,18 @@ class Scene:
     @cached_property
     def arrays(self) -> VehicleArrays:
         """The vehicle as kernels take it."""
-        return to_arrays(self.vehicle)
+        vehicle, tolerance = self.vehicle, self.vehicle.goal_tolerance
+        return VehicleArrays(
+            vehicle.dynamics.code,
+            vehicle.dynamics.limits,
+            np.array(vehicle.body),
+            np.column_stack(vehicle.state),
+            vehicle.goal,
+            vehicle.local_goal,
+            vehicle.radius,
+            np.full_like(vehicle.radius, tolerance) if tolerance else vehicle.radius,
+            vehicle.preferred_speed,
+        )
 
     def velocities(self, commands: Float[np.ndarray, "world action 2"]) -> Float[np.ndarray, "world action 2"]:
         """The velocities in m/s that the vehicle has after a step under each of some commands."""
@@ -105,22 +116,6 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
         present=obs.pedestrians.seen,
     )
     return Scene(vehicle, crowd, obs.obstacles, obs.dt)
-
-
-def to_arrays(vehicle: Vehicle) -> VehicleArrays:
-    """Vehicles as kernels take them."""
-    tolerance = vehicle.goal_tolerance
-    return VehicleArrays(
-        vehicle.dynamics.code,
-        vehicle.dynamics.limits,
-        np.array(vehicle.body),
-        np.column_stack(vehicle.state),
-        vehicle.goal,
-        vehicle.local_goal,
-        vehicle.radius,
-        np.full_like(vehicle.radius, tolerance) if tolerance else vehicle.radius,
-        vehicle.preferred_speed,
-    )
 
 
 @no_type_check

@@ -26,8 +26,7 @@ from torch import Tensor, nn
 from crowdbench.envs.stable_baselines import CASES, CrowdVecEnv
 from crowdbench.metrics.motion import jerk
 from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
-from crowdbench.planners.policy.network import Policy, SetEncoder
-from crowdbench.planners.policy.planner import PolicyPlanner
+from crowdbench.planners.policy import Policy, PolicyPlanner, SetEncoder
 from crowdbench.train.checkpoint import State, optimizer_state, part_of, restore_optimizer, tensors_of
 from crowdbench.train.driving import DrivingTraining
 

@@ -30,8 +30,8 @@ from crowdbench.metrics.outcomes import discounted_return, navigation_time_or_li
 from crowdbench.networks.value import NETWORKS, ValueNetwork
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.kce import Limits
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.predict import ConstantVelocity
 from crowdbench.predict.load import load_predictor

@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import Observation
-from crowdbench.networks.joint_state import PedestrianStates
 from crowdbench.utils.compiled import njit
 
 VEHICLE_FEATURES = 5
@@ -49,16 +48,6 @@ class Features(NamedTuple):
     axis: Float[np.ndarray, "world 2"]
 
 
-class _Vehicles(NamedTuple):
-    """What features tell of vehicles: lengths in metres, velocities in m/s."""
-
-    position: Float[np.ndarray, "world 2"]
-    velocity: Float[np.ndarray, "world 2"]
-    local_goal: Float[np.ndarray, "world 2"]
-    radius: Float[np.ndarray, "world"]
-    preferred_speed: Float[np.ndarray, "world"]
-
-
 def features(obs: Observation, nearest: int) -> Features:
     """The features of an observation.
 
@@ -67,19 +56,18 @@ def features(obs: Observation, nearest: int) -> Features:
         nearest: How many pedestrians are shown, at most.
     """
     worlds, crowd = len(obs), obs.pedestrians
-    found = Features(
+    filled = Features(
         vehicle=np.empty((worlds, VEHICLE_FEATURES)),
         pedestrians=np.zeros((worlds, nearest, PEDESTRIAN_FEATURES)),
         seen=np.zeros((worlds, nearest), bool),
         which=np.full((worlds, nearest), -1),
         axis=np.empty((worlds, 2)),
     )
-    others = PedestrianStates(crowd.position, crowd.velocity, crowd.radius, crowd.seen)
     own = obs.vehicle
-    vehicles = _Vehicles(own.position, own.velocity, own.local_goal, own.radius, own.preferred_speed)
     # One by one: numba takes longer to enter a kernel with tuples of arrays.
-    _fill(*vehicles, *others, *found)
-    return found
+    vehicles = own.position, own.velocity, own.local_goal, own.radius, own.preferred_speed
+    _fill(*vehicles, crowd.position, crowd.velocity, crowd.radius, crowd.seen, *filled)
+    return filled
 
 
 def histories(obs: Observation, found: Features) -> Float[np.ndarray, "world time nearest 2"]:
@@ -144,7 +132,7 @@ def in_disc(action: Float[np.ndarray, "world 2"], radius: Float[np.ndarray, "wor
 @no_type_check
 @njit
 def _fill(position, velocity, goal, radius, speed, others, motion, radii, seen, own, rows, shown, index, axis):
-    """Fill `own`, `rows`, `shown`, `index` and `axis`, the arrays of `Features`, of `_Vehicles` among pedestrians."""
+    """Fill `own`, `rows`, `shown`, `index` and `axis`, the arrays of `Features`, of vehicles among pedestrians."""
     gap = np.empty(seen.shape[1])
     for w in range(len(own)):
         x, y = goal[w, 0] - position[w, 0], goal[w, 1] - position[w, 1]

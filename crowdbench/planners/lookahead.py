@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,46 +17,42 @@ from crowdbench.core.reward import discount, reward
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.value import ValueNetwork, evaluate
 from crowdbench.networks.weights import digest
+from crowdbench.planners.aggregate import MEAN, Aggregate, mean_future
 from crowdbench.planners.base import Planner
-from crowdbench.planners.lookahead.aggregate import MEAN, Aggregate, mean_future
-from crowdbench.planners.lookahead.kce import Limits
-from crowdbench.planners.lookahead.one_step import propagate_vehicle, try_commands
+from crowdbench.planners.kce import Limits, Shaping
 from crowdbench.planners.scene import Scene, scene_of
+from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.validation import validate_prediction
 from crowdbench.utils.numbers import require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
-Actions = Callable[[Float[np.ndarray, "world"]], Float[np.ndarray, "world action 2"]]
-Reward = Callable[
-    [Int[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], float],
-    Float[np.ndarray, "*batch"],
-]
-Shaping = Callable[
-    [Int[np.ndarray, "row mode"], Float[np.ndarray, "row mode"], Float[np.ndarray, "row"]],
-    Float[np.ndarray, "row mode"],
-]
-Explore = Callable[[Scene, Float[np.ndarray, "world 2"]], Float[np.ndarray, "world action 2"]]
+Velocities = Float[np.ndarray, "world 2"]
+Commands = Float[np.ndarray, "world action 2"]
+Actions = Callable[[Float[np.ndarray, "world"]], Commands]
+Explore = Callable[[Scene, Velocities], Commands]
+Reward = Callable[[Int[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], float], Float[np.ndarray, "*batch"]]
 
 
 class ScoredActions(NamedTuple):
     """Commands with what each is worth: minus infinity where the limits exclude it."""
 
-    commands: Float[np.ndarray, "world action 2"]
+    commands: Commands
     values: Float[np.ndarray, "world action"]
 
-    def best(self) -> tuple[Float[np.ndarray, "world 2"], Float[np.ndarray, "world"]]:
+    def best(self) -> tuple[Velocities, Float[np.ndarray, "world"]]:
         """The best command of each world, and its value."""
         world, best = np.arange(len(self.values)), self.values.argmax(axis=1)
         return self.commands[world, best], self.values[world, best]
 
 
+@dataclass(eq=False)
 class ValuePlanner(Planner):
     """Takes the command with the largest reward of the next step plus discounted value of the state after it.
 
     Its methods stand in the order in which a decision calls them.
 
-    Args:
+    Attributes:
         predictor: Predicts the pedestrians.
         value: The value network.
         actions: Makes the commands to choose from, in m/s, from preferred speeds in m/s. A vehicle on wheels has the
@@ -75,40 +72,28 @@ class ValuePlanner(Planner):
         InputError: `shortlist` is not a whole number above 0.
     """
 
+    predictor: Predictor
+    value: ValueNetwork
+    actions: Actions = speeds_and_headings
+    reward: Reward = reward
+    shaping: Shaping | None = None
+    aggregate: Aggregate = MEAN
+    limits: Limits | None = None
+    explore: Explore | None = None
+    shortlist: int | None = None
+
     native = True
 
-    def __init__(
-        self,
-        predictor: Predictor,
-        value: ValueNetwork,
-        actions: Actions = speeds_and_headings,
-        reward: Reward = reward,
-        shaping: Shaping | None = None,
-        aggregate: Aggregate = MEAN,
-        limits: Limits | None = None,
-        explore: Explore | None = None,
-        shortlist: int | None = None,
-    ) -> None:
-        if shortlist is not None:
-            require_count("shortlist", shortlist)
-        self.privileged = predictor.privileged
-        self.predictor = predictor
-        self.value = value.eval()
-        self.actions = actions
-        self.reward = reward
-        self.shaping = shaping
-        self.aggregate = aggregate
-        self.limits = limits
-        self.explore = explore
-        self.shortlist = shortlist
-        self.facts = {"network": value.name, "weights": digest(value), **predictor.facts}
+    def __post_init__(self) -> None:
+        if self.shortlist is not None:
+            require_count("shortlist", self.shortlist)
+        self.value.eval()
+        self.privileged = self.predictor.privileged
+        self.facts = {"network": self.value.name, "weights": digest(self.value), **self.predictor.facts}
 
     def unseen(self, scene: str) -> ValuePlanner:
         """See `Planner`: with the predictor that was not trained on the scene."""
-        other = copy.copy(self)
-        other.predictor = self.predictor.unseen(scene)
-        other.facts = {**self.facts, **other.predictor.facts}
-        return other
+        return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -118,7 +103,8 @@ class ValuePlanner(Planner):
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""
         prediction = self.predict(obs, steps)
         commands, first = self.follow(obs, prediction)
-        self._log(obs, prediction, scene_of(obs, prediction, 0, obs.vehicle), commands[:, 0], first)
+        if obs.logs is not None:
+            self._log(obs, prediction, commands[:, 0], first)
         return commands
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
@@ -142,17 +128,13 @@ class ValuePlanner(Planner):
         vehicle = obs.vehicle
         first: list[ScoredActions] = []
         for step in range(steps):
-            command, scored = self._choose(scene_of(obs, prediction, step, vehicle))
+            command, scored = self.choose(scene_of(obs, prediction, step, vehicle))
             commands[:, step] = command
             first = first or scored
             vehicle = propagate_vehicle(vehicle, command, obs)
         return commands, first
 
-    def decide(self, scene: Scene) -> Float[np.ndarray, "world 2"]:
-        """The command for each world."""
-        return self._choose(scene)[0]
-
-    def _choose(self, scene: Scene) -> tuple[Float[np.ndarray, "world 2"], list[ScoredActions]]:
+    def choose(self, scene: Scene) -> tuple[Velocities, list[ScoredActions]]:
         """The command for each world, and what was considered for it."""
         offered = self._score(scene, self.commands(scene.vehicle, scene.dt))
         command, value = offered.best()
@@ -162,7 +144,7 @@ class ValuePlanner(Planner):
         finer_command, finer_value = finer.best()
         return np.where((finer_value > value)[:, None], finer_command, command), [offered, finer]
 
-    def commands(self, vehicle: Vehicle, dt: float) -> Float[np.ndarray, "world action 2"]:
+    def commands(self, vehicle: Vehicle, dt: float) -> Commands:
         """The commands to choose from. Not all of them are within the limits; with limits, the last one brakes.
 
         Args:
@@ -176,7 +158,7 @@ class ValuePlanner(Planner):
         brake = dynamics.follow(state, self.limits.brake(state.velocity, dt), speed, dt)
         return np.concatenate([commands, brake[:, None]], axis=1)
 
-    def _score(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> ScoredActions:
+    def _score(self, scene: Scene, commands: Commands) -> ScoredActions:
         """Some commands with their values; with a shortlist, those that are best under the mean of the futures."""
         if self.shortlist is not None and self.shortlist < commands.shape[1] and scene.crowd.velocity.shape[1] > 1:
             loss = -self.values(mean_future(scene), commands)
@@ -185,7 +167,7 @@ class ValuePlanner(Planner):
             commands = np.take_along_axis(commands, best[..., None], axis=1)
         return ScoredActions(commands, self.values(scene, commands))
 
-    def values(self, scene: Scene, commands: Float[np.ndarray, "world action 2"]) -> Float[np.ndarray, "world action"]:
+    def values(self, scene: Scene, commands: Commands) -> Float[np.ndarray, "world action"]:
         """What each command is worth: minus infinity where the limits exclude it.
 
         Args:
@@ -197,14 +179,14 @@ class ValuePlanner(Planner):
         if self.limits is not None:
             allowed = self.limits.allow(scene.vehicle.velocity, scene.velocities(commands), scene.dt)
         flat, world = commands[allowed], np.nonzero(allowed)[0]
-        found = np.empty(len(flat))
+        flat_values = np.empty(len(flat))
 
         def fill(rows: slice) -> None:
-            found[rows] = self._chunk_values(arranged, flat[rows], world[rows])
+            flat_values[rows] = self._chunk_values(arranged, flat[rows], world[rows])
 
         in_chunks(fill, len(flat), _chunk(arranged))
         values = np.full(allowed.shape, -np.inf)
-        values[allowed] = found
+        values[allowed] = flat_values
         return values
 
     def _chunk_values(
@@ -216,25 +198,17 @@ class ValuePlanner(Planner):
         if self.shaping is not None:
             now = now + self.shaping(tried.outcome, tried.gap, norm(tried.velocity - scene.vehicle.velocity[world]))
         factor = discount(scene.vehicle.preferred_speed, scene.dt)[world, None]
-        later = evaluate(self.value, tried.joint, _present(scene, world, tried.joint.shape))[0]
-        return self.aggregate.combine(now + np.where(tried.outcome == Outcome.RUNNING, factor * later, 0.0))
+        later = evaluate(self.value, tried.joint, _present(scene, world))[0]
+        values = now + np.where(tried.outcome == Outcome.RUNNING, factor * later, 0.0)
+        return self.aggregate.combine(values, axis=1)
 
-    def _log(
-        self,
-        obs: Observation,
-        prediction: Prediction,
-        scene: Scene,
-        command: Float[np.ndarray, "world 2"],
-        scored: Sequence[ScoredActions],
-    ) -> None:
+    def _log(self, obs: Observation, prediction: Prediction, command: Velocities, scored: list[ScoredActions]) -> None:
         """Log the predicted crowd, all commands, the value of the state after the chosen one, and the attention."""
-        if obs.logs is None:
-            return
+        scene = scene_of(obs, prediction, 0, obs.vehicle)
         each = [np.dstack([scene.velocities(one.commands), one.values]) for one in scored]
         obs.log("commands", np.concatenate(each, axis=1))
         world, arranged = np.arange(len(obs)), self.aggregate.arrange(scene)
-        joint = try_commands(arranged, command, world).joint
-        present = _present(arranged, world, joint.shape)
+        joint, present = try_commands(arranged, command, world).joint, _present(arranged, world)
         value, attention = np.empty(present.shape[:2]), np.empty(present.shape)
 
         def fill(rows: slice) -> None:
@@ -242,9 +216,8 @@ class ValuePlanner(Planner):
 
         in_chunks(fill, len(obs), _chunk(arranged))
         # A pedestrian's attention: the sum over its copies in one crowd, or the mean over separate futures.
-        attention = attention[..., : arranged.crowd.present.shape[1]].reshape(
-            len(obs), *scene.crowd.velocity.shape[1:3]
-        )
+        pedestrians = arranged.crowd.present.shape[1]
+        attention = attention[..., :pedestrians].reshape(len(obs), *scene.crowd.velocity.shape[1:3])
         obs.log("predicted", prediction.position)
         obs.log("value", value.mean(axis=1))
         obs.log("attention", attention.sum(axis=1) / present.shape[1])
@@ -256,10 +229,9 @@ def _chunk(scene: Scene) -> int:
     return max(1, CHUNK // (modes * max(pedestrians, 1)))
 
 
-def _present(
-    scene: Scene, world: Int[np.ndarray, "row"], shape: tuple[int, ...]
-) -> Bool[np.ndarray, "row mode pedestrian"]:
+def _present(scene: Scene, world: Int[np.ndarray, "row"]) -> Bool[np.ndarray, "row mode pedestrian"]:
     """Which pedestrians of the joint states are present. There is at least one row, even without pedestrians."""
-    present = np.zeros(shape[:3], bool)
-    present[..., : scene.crowd.present.shape[1]] = scene.crowd.present[world][:, None]
+    modes, pedestrians = scene.crowd.velocity.shape[1:3]
+    present = np.zeros((len(world), modes, max(pedestrians, 1)), bool)
+    present[..., :pedestrians] = scene.crowd.present[world][:, None]
     return present

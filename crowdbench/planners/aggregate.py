@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.planners.scene import Crowd, Scene
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.numbers import require
 
 
 @dataclass(frozen=True)
@@ -19,21 +19,11 @@ class Aggregate:
 
     Attributes:
         arrange: Makes the scene whose modes are valued one by one.
-        combine: Makes one value of the values of its modes.
+        combine: Makes one value of the values `[row, mode]` of its modes; called with `axis=1`.
     """
 
     arrange: Callable[[Scene], Scene]
-    combine: Callable[[Float[np.ndarray, "row mode"]], Float[np.ndarray, "row"]]
-
-
-def mean_over_modes(values: Float[np.ndarray, "row mode"]) -> Float[np.ndarray, "row"]:
-    """The mean: every predicted future counts alike."""
-    return values.mean(axis=1)
-
-
-def worst_over_modes(values: Float[np.ndarray, "row mode"]) -> Float[np.ndarray, "row"]:
-    """The smallest value: the worst predicted future counts."""
-    return values.min(axis=1)
+    combine: Callable[..., Float[np.ndarray, "row"]]
 
 
 def separate_futures(scene: Scene) -> Scene:
@@ -63,18 +53,13 @@ def mean_future(scene: Scene) -> Scene:
     return dataclasses.replace(scene, crowd=scene.crowd._replace(position=position, velocity=velocity))
 
 
-MEAN = Aggregate(separate_futures, mean_over_modes)
+MEAN = Aggregate(separate_futures, np.mean)
 
-AGGREGATES = {
-    "crowd": Aggregate(one_crowd, mean_over_modes),
-    "mean": MEAN,
-    "worst": Aggregate(separate_futures, worst_over_modes),
-}
+AGGREGATES = {"crowd": Aggregate(one_crowd, np.mean), "mean": MEAN, "worst": Aggregate(separate_futures, np.min)}
 """By name. `crowd` is the literal reading of equations 2 to 4 of Li et al. 2020: all futures in one joint state."""
 
 
 def find_aggregate(name: str) -> Aggregate:
     """One of `AGGREGATES`. Raises InputError where none has that name."""
-    if name not in AGGREGATES:
-        raise InputError(f"aggregate is {name!r}, but must be one of {', '.join(AGGREGATES)}")
+    require("aggregate", name, name in AGGREGATES, f"one of {', '.join(AGGREGATES)}")
     return AGGREGATES[name]

@@ -15,12 +15,16 @@ from crowdbench.networks.joint_state import joint_states
 from crowdbench.networks.value import evaluate
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.sampling.futures import try_sequences
 from crowdbench.planners.scene import Scene, scene_of
+from crowdbench.planners.trials import try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.utils.numbers import is_number, require, require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
+
+Sequence = Float[np.ndarray, "world time 2"]
+Sequences = Float[np.ndarray, "world sequence time 2"]
+Noise = Float[np.ndarray, "world round sample time 2"]
 
 SMOOTH = 0.5
 """Share of the variance of a sequence's noise that is the same at all its steps."""
@@ -56,13 +60,14 @@ SEARCH = CrossEntropy()
 """How sequences are sampled where nothing else is asked for."""
 
 
+@dataclasses.dataclass(eq=False)
 class SequencePlanner(Planner):
     """Takes the sequence of commands with the largest discounted reward and value at its end, over all futures.
 
     The first guess is what the one-step lookahead would do, step by step, in the mean of the futures. The first
     candidates are this sequence, sequences of one command of the lookahead throughout, and samples around the guess.
 
-    Args:
+    Attributes:
         lookahead: The one-step lookahead for the first guess, whose predictor, network, commands and reward are used.
             Its limits, shaping and finer commands are for the first guess alone.
         search: How sequences are sampled.
@@ -73,29 +78,28 @@ class SequencePlanner(Planner):
         InputError: `horizon` is not a whole number above 0, or `margin` is negative.
     """
 
+    lookahead: ValuePlanner
+    search: CrossEntropy = SEARCH
+    horizon: int = 8
+    margin: float = 0.04
+
     native = True
 
-    def __init__(
-        self, lookahead: ValuePlanner, search: CrossEntropy = SEARCH, horizon: int = 8, margin: float = 0.04
-    ) -> None:
-        require_count("horizon", horizon)
-        require("margin", margin, is_number(margin) and 0.0 <= margin < np.inf, "a number, 0 or more")
-        self.privileged = lookahead.privileged
-        self.facts = lookahead.facts
-        self.lookahead = lookahead
-        self.search = search
-        self.horizon = horizon
-        self.margin = margin
+    def __post_init__(self) -> None:
+        require_count("horizon", self.horizon)
+        require("margin", self.margin, is_number(self.margin) and 0.0 <= self.margin < np.inf, "a number, 0 or more")
+        self.privileged = self.lookahead.privileged
+        self.facts = self.lookahead.facts
 
     def unseen(self, scene: str) -> SequencePlanner:
         """See `Planner`."""
-        return SequencePlanner(self.lookahead.unseen(scene), self.search, self.horizon, self.margin)
+        return dataclasses.replace(self, lookahead=self.lookahead.unseen(scene))
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
         return self.plan_ahead(obs, 1)[:, 0]
 
-    def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
+    def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`."""
         horizon = max(steps, self.horizon)
         prediction = self.lookahead.predict(obs, horizon)
@@ -116,17 +120,12 @@ class SequencePlanner(Planner):
             obs.log("planned", drive_sequences(obs.vehicle, best[:, None], obs.dt).position.swapaxes(1, 2))
         return best[:, :steps]
 
-    def _noise(self, obs: Observation, horizon: int) -> Float[np.ndarray, "world round sample time 2"]:
+    def _noise(self, obs: Observation, horizon: int) -> Noise:
         """Noise of standard deviation 1, smooth in time: each sequence has a part that is the same at all its steps."""
         drawn = obs.noise("sequences", (self.search.rounds, self.search.samples, horizon + 1, 2))
         return np.sqrt(SMOOTH) * drawn[:, :, :, :1] + np.sqrt(1.0 - SMOOTH) * drawn[:, :, :, 1:]
 
-    def _search(
-        self,
-        scene: Scene,
-        guess: Float[np.ndarray, "world time 2"],
-        noise: Float[np.ndarray, "world round sample time 2"],
-    ) -> Float[np.ndarray, "world time 2"]:
+    def _search(self, scene: Scene, guess: Sequence, noise: Noise) -> Sequence:
         """The best sequence of each world."""
         vehicle, horizon = scene.vehicle, guess.shape[1]
         if isinstance(vehicle.dynamics, Holonomic):
@@ -147,9 +146,7 @@ class SequencePlanner(Planner):
             mean, spread, beside = elites.mean(axis=1), elites.std(axis=1), elites[:, :1]
         return beside[:, 0]
 
-    def values(
-        self, scene: Scene, commands: Float[np.ndarray, "world sequence time 2"]
-    ) -> Float[np.ndarray, "world sequence"]:
+    def values(self, scene: Scene, commands: Sequences) -> Float[np.ndarray, "world sequence"]:
         """What sequences are worth: the mean over the futures of their discounted rewards and the value at the end.
 
         The value at the end is the network's, among pedestrians at the mean of their futures, on the way to the local
@@ -170,9 +167,7 @@ class SequencePlanner(Planner):
         running = (tried.outcome == Outcome.RUNNING).mean(axis=-1)
         return earned.mean(axis=-1) + running * factor[:, :, 0, -1] * self._end_values(scene, commands)
 
-    def _end_values(
-        self, scene: Scene, commands: Float[np.ndarray, "world sequence time 2"]
-    ) -> Float[np.ndarray, "world sequence"]:
+    def _end_values(self, scene: Scene, commands: Sequences) -> Float[np.ndarray, "world sequence"]:
         """The network's values of the states after the last command, among the pedestrians' mean scene."""
         vehicle, crowd = scene.vehicle, scene.crowd
         if vehicle.dynamics == FREE:
@@ -186,21 +181,19 @@ class SequencePlanner(Planner):
             for each in (vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius, vehicle.preferred_speed)
         )
         waypoint = next_waypoints(position, goal, route, waypoint, radius, scene.obstacles)
-        present = _join(np.ones(radius.shape, bool), crowd.present)
-        joint = joint_states(
+        agents = (
             _join(position, crowd.position[:, :, -1].mean(axis=1)),
             _join(velocity, crowd.velocity.mean(axis=1)),
             _join(radius, crowd.radius),
-            present,
-            local_goals(position, goal, route, waypoint),
-            speed,
         )
-        shown = np.zeros(joint.shape[:3], bool)
-        shown[:, :, : crowd.present.shape[1]] = present[:, :, 1:]
+        present = _join(np.ones(radius.shape, bool), crowd.present)
+        joint = joint_states(*agents, present, local_goals(position, goal, route, waypoint), speed)
+        # Without pedestrians, there is one joint state: that of an absent one.
+        shown = present[:, :, 1:] if crowd.present.shape[1] else ~present
         return evaluate(self.lookahead.value, joint, shown)[0]
 
 
-def drive_sequences(vehicle: Vehicle, commands: Float[np.ndarray, "world sequence time 2"], dt: float) -> State:
+def drive_sequences(vehicle: Vehicle, commands: Sequences, dt: float) -> State:
     """The states `[world, sequence, time]` after each command of sequences, from one state per world."""
     sequences, steps = commands.shape[1:3]
     state = State(*(_repeat(array, sequences) for array in vehicle.state))
@@ -229,9 +222,7 @@ def _mean(prediction: Prediction) -> Prediction:
     return Prediction(prediction.position.mean(axis=1, keepdims=True), prediction.velocity.mean(axis=1, keepdims=True))
 
 
-def _limit(
-    commands: Float[np.ndarray, "world sequence time 2"], vehicle: Vehicle
-) -> Float[np.ndarray, "world sequence time 2"]:
+def _limit(commands: Sequences, vehicle: Vehicle) -> Sequences:
     """The commands, made small enough for the limits of the dynamics."""
     if not isinstance(vehicle.dynamics, Holonomic):
         low, high = (bound[:, None, None] for bound in vehicle.dynamics.space(vehicle.preferred_speed))

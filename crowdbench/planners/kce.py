@@ -8,6 +8,7 @@ velocity, |a_t - a_{t-1}|, is the length of the difference between a command and
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,12 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome
 from crowdbench.planners.scene import Scene
 from crowdbench.utils.numbers import is_number, require, require_count
+
+Outcomes = Int[np.ndarray, "row mode"]
+PerFuture = Float[np.ndarray, "row mode"]
+PerCommand = Float[np.ndarray, "row"]
+Shaping = Callable[[Outcomes, PerFuture, PerCommand], PerFuture]
+"""What a change of velocity adds to the reward of a step: see `ChangeCost`."""
 
 ROUNDING = 1e-9
 """How far a command may be beyond a limit by rounding, in m/s or, where speeds are multiplied, m^2/s^2."""
@@ -109,9 +116,7 @@ class ChangeCost:
     def __post_init__(self) -> None:
         require("cost", self.cost, is_number(self.cost) and self.cost >= 0.0, "a number, 0 or more")
 
-    def __call__(
-        self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
-    ) -> Float[np.ndarray, "row mode"]:
+    def __call__(self, outcome: Outcomes, gap: PerFuture, change: PerCommand) -> PerFuture:
         """What is added to the rewards of steps.
 
         Args:
@@ -150,9 +155,7 @@ class PrintedShaping:
     def __post_init__(self) -> None:
         require("threshold", self.threshold, is_number(self.threshold), "a number")
 
-    def __call__(
-        self, outcome: Int[np.ndarray, "row mode"], gap: Float[np.ndarray, "row mode"], change: Float[np.ndarray, "row"]
-    ) -> Float[np.ndarray, "row mode"]:
+    def __call__(self, outcome: Outcomes, gap: PerFuture, change: PerCommand) -> PerFuture:
         """See `ChangeCost`."""
         acts = (outcome != Outcome.RUNNING) | (gap < DISCOMFORT_GAP)
         return np.where(acts, self.threshold - change[:, None], 0.0)

@@ -1,1 +1,0 @@
-"""Policies: networks that map what the vehicle sees to a command, without a lookahead."""
