@@ -172,7 +172,7 @@ class _Witness(Planner):
             raise
 
     def _note(self, check: str, fault: Fault | None, shown: Observation) -> None:
-        sentence = None if fault is None else fault.at(Decision.of(shown, self.cases))
+        sentence = None if fault is None else fault.at(Decision(shown, self.cases))
         self.findings.note(check, len(shown), sentence)
 
 

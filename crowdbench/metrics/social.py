@@ -12,6 +12,8 @@ from crowdbench.core.geometry import norm, wrap_angle
 from crowdbench.core.types import Trace
 from crowdbench.metrics.sums import total
 
+Vectors = Float[np.ndarray, "*batch 2"]
+
 STRENGTH = 2.1
 """Strength of the social force in m/s^2, and the next four, are those of HuNavSim."""
 
@@ -157,9 +159,7 @@ def _end(
     return _End(end % times, np.maximum(remaining[end], 0.0), path[end] - path[start])
 
 
-def _social_force(
-    between: Float[np.ndarray, "*batch 2"], relative: Float[np.ndarray, "*batch 2"]
-) -> Float[np.ndarray, "*batch 2"]:
+def _social_force(between: Vectors, relative: Vectors) -> Vectors:
     """The force of another agent in m/s^2 (Moussaïd et al. 2009).
 
     Args:

@@ -13,37 +13,28 @@ from crowdbench.core.types import Observation
 from crowdbench.utils.errors import is_interrupt
 
 
-@dataclass(frozen=True)
 class Decision:
-    """What a planner is asked to decide: kept apart, because the planner could change its observation.
+    """What a planner is asked to decide by an observation: kept apart, because the planner could change that.
 
     Attributes:
         case: Number of the case of each world.
-        step: Steps done so far.
-        max_speed: The vehicle's maximum speed in m/s.
+        step: Steps done so far in each world.
+        max_speed: The vehicle's maximum speed in m/s in each world.
         dt: Length of a step in seconds.
         dynamics: How the vehicle moves.
         state: Its state before the step.
+
+    Args:
+        obs: The observation.
+        cases: The case numbers by `Observation.row`.
     """
 
-    case: Int[np.ndarray, "world"]
-    step: Int[np.ndarray, "world"]
-    max_speed: Float[np.ndarray, "world"]
-    dt: float
-    dynamics: Dynamics
-    state: State
-
-    @classmethod
-    def of(cls, obs: Observation, cases: Int[np.ndarray, "case"]) -> Decision:
-        """What a planner is asked by an observation.
-
-        Args:
-            obs: The observation.
-            cases: The case numbers by `Observation.row`.
-        """
+    def __init__(self, obs: Observation, cases: Int[np.ndarray, "case"]) -> None:
         vehicle = obs.vehicle
-        state = State(*(array.copy() for array in vehicle.state))
-        return cls(cases[obs.row], obs.step.copy(), vehicle.preferred_speed.copy(), obs.dt, vehicle.dynamics, state)
+        self.case, self.step = cases[obs.row], obs.step.copy()
+        self.max_speed, self.dt = vehicle.preferred_speed.copy(), obs.dt
+        self.dynamics = vehicle.dynamics
+        self.state = State(*(array.copy() for array in vehicle.state))
 
     def to_commands(self, velocities: Float[np.ndarray, "world *time 2"]) -> Float[np.ndarray, "world *time 2"]:
         """The commands by which the vehicle follows the velocities of a planner that thinks in velocities.

@@ -104,7 +104,12 @@ class CrowdNavPlanner(OneWorldPlanner):
         super().__init__(self._command)
         self.name = type(policy).__name__
         _examine(policy, self.name)
-        self.facts = _facts(policy)
+        facts = {"policy": self.name}
+        if (network := _network(policy)) is not None:
+            from crowdbench.networks.weights import digest
+
+            facts["weights"] = digest(network)  # no file that results name holds them
+        self.facts = facts
         self._states = _state_classes(policy)
         self._policy = _prepared(policy, self.name)
         self._policies: dict[int, Any] = {}
@@ -213,16 +218,6 @@ def _network(policy: Any) -> Any:
     """The policy's network of torch; None where it has none."""
     network = getattr(policy, "model", None)
     return network if hasattr(network, "state_dict") and hasattr(network, "parameters") else None
-
-
-def _facts(policy: Any) -> dict[str, str]:
-    """What results say of a policy: no file that they name holds its weights."""
-    facts = {"policy": type(policy).__name__}
-    if (network := _network(policy)) is not None:
-        from crowdbench.networks.weights import digest
-
-        facts["weights"] = digest(network)
-    return facts
 
 
 def _action(action: Any, name: str) -> tuple[float, float, bool]:

@@ -117,7 +117,7 @@ class Driver:
         return self._query(obs, self.planner.plan_ahead, steps)
 
     def _query(self, obs: Observation, plan: Callable[..., object], *steps: int) -> Float[np.ndarray, "world *time 2"]:
-        decision = Decision.of(obs, self._cases)
+        decision = Decision(obs, self._cases)
         if isinstance(self.native, str) and self.native != decision.dynamics.name:
             raise InputError(
                 f"planner {self.name} has native = {self.native!r}, but the vehicle of the scenario is "
@@ -142,8 +142,6 @@ class Driver:
         try:
             with one_process(f"planner {self.name}"), _interrupted_after(limit):
                 return plan()
-        except InputError:
-            raise
         except OneStepOnly:
             raise InputError(
                 f"planner {self.name} decides one step at a time: "
@@ -154,7 +152,7 @@ class Driver:
         except TimeLimit as error:
             raise self._too_slow(decision, getattr(error, "row", None)) from None
         except BaseException as error:
-            if is_interrupt(error):
+            if is_interrupt(error) or isinstance(error, InputError):
                 raise
             fault = Fault(f"raised {describe_error(error)}", getattr(error, "row", None))
             raise InputError(self._sentence(fault, decision)) from error

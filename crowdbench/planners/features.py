@@ -20,6 +20,8 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.types import Observation
 from crowdbench.utils.compiled import njit
 
+Vectors = Float[np.ndarray, "world 2"]
+
 VEHICLE_FEATURES = 5
 """Numbers about the vehicle."""
 
@@ -45,7 +47,7 @@ class Features(NamedTuple):
     pedestrians: Float[np.ndarray, "world nearest others"]
     seen: Bool[np.ndarray, "world nearest"]
     which: Int[np.ndarray, "world nearest"]
-    axis: Float[np.ndarray, "world 2"]
+    axis: Vectors
 
 
 def features(obs: Observation, nearest: int) -> Features:
@@ -89,9 +91,7 @@ def histories(obs: Observation, found: Features) -> Float[np.ndarray, "world tim
     return np.where(found.seen[:, None, :, None], turned, 0.0)
 
 
-def direction(
-    position: Float[np.ndarray, "world 2"], goal: Float[np.ndarray, "world 2"]
-) -> Float[np.ndarray, "world 2"]:
+def direction(position: Vectors, goal: Vectors) -> Vectors:
     """The direction of the goal, a unit vector along the axes of the world, as `features` has it.
 
     Args:
@@ -104,7 +104,7 @@ def direction(
     return np.where(near, way / np.where(near, distance, 1.0), [1.0, 0.0])
 
 
-def to_world(action: Float[np.ndarray, "world 2"], axis: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
+def to_world(action: Vectors, axis: Vectors) -> Vectors:
     """Turn vectors from the frame of the goal into the axes of the world.
 
     Args:
@@ -118,7 +118,7 @@ def to_world(action: Float[np.ndarray, "world 2"], axis: Float[np.ndarray, "worl
     return x * axis + y * np.stack([-axis[:, 1], axis[:, 0]], axis=1)
 
 
-def in_disc(action: Float[np.ndarray, "world 2"], radius: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world 2"]:
+def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
     """Actions of a largest length: longer ones are shortened.
 
     Args:

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome
-from crowdbench.planners.scene import Scene
+from crowdbench.planners.scene import Commands, Scene, Velocities
 from crowdbench.utils.numbers import is_number, require, require_count
 
 Outcomes = Int[np.ndarray, "row mode"]
@@ -56,9 +56,7 @@ class Limits:
             require(name, limit, is_number(limit) and limit > 0.0, "a number above 0")
         require("max_turn", self.max_turn, self.max_turn <= math.pi, "pi at most")
 
-    def allow(
-        self, velocity: Float[np.ndarray, "world 2"], commands: Float[np.ndarray, "world action 2"], dt: float
-    ) -> Bool[np.ndarray, "world action"]:
+    def allow(self, velocity: Velocities, commands: Commands, dt: float) -> Bool[np.ndarray, "world action"]:
         """Which commands the vehicle can follow.
 
         Args:
@@ -79,7 +77,7 @@ class Limits:
             & (norm(commands - velocity) <= self.max_velocity_change + ROUNDING)
         )
 
-    def brake(self, velocity: Float[np.ndarray, "world 2"], dt: float) -> Float[np.ndarray, "world 2"]:
+    def brake(self, velocity: Velocities, dt: float) -> Velocities:
         """The velocity after braking as hard as the limits allow: zero if that is possible.
 
         It keeps its heading, and so it is always within the limits.
@@ -183,7 +181,7 @@ class Exploration:
         require("epsilon", self.epsilon, is_number(self.epsilon) and self.epsilon > 0.0, "a number above 0")
         require_count("n", self.n)
 
-    def __call__(self, scene: Scene, command: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world action 2"]:
+    def __call__(self, scene: Scene, command: Velocities) -> Commands:
         """The commands around one command for each world.
 
         Around standing still the headings are around the vehicle's heading, or where it stands, around the direction

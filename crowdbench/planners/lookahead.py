@@ -20,15 +20,13 @@ from crowdbench.networks.weights import digest
 from crowdbench.planners.aggregate import MEAN, Aggregate, mean_future
 from crowdbench.planners.base import Planner
 from crowdbench.planners.kce import Limits, Shaping
-from crowdbench.planners.scene import Scene, scene_of
+from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.validation import validate_prediction
 from crowdbench.utils.numbers import require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
-Velocities = Float[np.ndarray, "world 2"]
-Commands = Float[np.ndarray, "world action 2"]
 Actions = Callable[[Float[np.ndarray, "world"]], Commands]
 Explore = Callable[[Scene, Velocities], Commands]
 Reward = Callable[[Int[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], float], Float[np.ndarray, "*batch"]]
@@ -40,10 +38,9 @@ class ScoredActions(NamedTuple):
     commands: Commands
     values: Float[np.ndarray, "world action"]
 
-    def best(self) -> tuple[Velocities, Float[np.ndarray, "world"]]:
-        """The best command of each world, and its value."""
-        world, best = np.arange(len(self.values)), self.values.argmax(axis=1)
-        return self.commands[world, best], self.values[world, best]
+    def best(self) -> Velocities:
+        """The best command of each world; of several, the first."""
+        return self.commands[np.arange(len(self.values)), self.values.argmax(axis=1)]
 
 
 @dataclass(eq=False)
@@ -95,25 +92,23 @@ class ValuePlanner(Planner):
         """See `Planner`: with the predictor that was not trained on the scene."""
         return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
 
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+    def plan(self, obs: Observation) -> Velocities:
         """See `Planner`."""
         return self.plan_ahead(obs, 1)[:, 0]
 
-    def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
+    def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`. The crowd is predicted once for all steps; the vehicle follows its earlier commands."""
         prediction = self.predict(obs, steps)
         commands, first = self.follow(obs, prediction)
         if obs.logs is not None:
-            self._log(obs, prediction, commands[:, 0], first)
+            self._log(obs, prediction, first)
         return commands
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """The pedestrians' next steps. Raises InputError where the predictor breaks its contract."""
         return validate_prediction(self.predictor.predict(obs, steps), type(self.predictor).__name__, obs, steps)
 
-    def follow(
-        self, obs: Observation, prediction: Prediction
-    ) -> tuple[Float[np.ndarray, "world time 2"], list[ScoredActions]]:
+    def follow(self, obs: Observation, prediction: Prediction) -> tuple[Sequence, ScoredActions]:
         """The commands for the steps of a prediction, each decided where the earlier ones have led.
 
         Args:
@@ -126,23 +121,20 @@ class ValuePlanner(Planner):
         steps = prediction.position.shape[2]
         commands = np.empty((len(obs), steps, 2))
         vehicle = obs.vehicle
-        first: list[ScoredActions] = []
+        scored = []
         for step in range(steps):
-            command, scored = self.choose(scene_of(obs, prediction, step, vehicle))
-            commands[:, step] = command
-            first = first or scored
-            vehicle = propagate_vehicle(vehicle, command, obs)
-        return commands, first
+            scored.append(self.choose(scene_of(obs, prediction, step, vehicle)))
+            commands[:, step] = scored[-1].best()
+            vehicle = propagate_vehicle(vehicle, commands[:, step], obs)
+        return commands, scored[0]
 
-    def choose(self, scene: Scene) -> tuple[Velocities, list[ScoredActions]]:
-        """The command for each world, and what was considered for it."""
-        offered = self._score(scene, self.commands(scene.vehicle, scene.dt))
-        command, value = offered.best()
+    def choose(self, scene: Scene) -> ScoredActions:
+        """What is considered for each world; the best is its command."""
+        scored = self._score(scene, self.commands(scene.vehicle, scene.dt))
         if self.explore is None:
-            return command, [offered]
-        finer = self._score(scene, self.explore(scene, command))
-        finer_command, finer_value = finer.best()
-        return np.where((finer_value > value)[:, None], finer_command, command), [offered, finer]
+            return scored
+        finer = self._score(scene, self.explore(scene, scored.best()))
+        return ScoredActions(*(np.concatenate(pair, axis=1) for pair in zip(scored, finer, strict=True)))
 
     def commands(self, vehicle: Vehicle, dt: float) -> Commands:
         """The commands to choose from. Not all of them are within the limits; with limits, the last one brakes.
@@ -202,13 +194,12 @@ class ValuePlanner(Planner):
         values = now + np.where(tried.outcome == Outcome.RUNNING, factor * later, 0.0)
         return self.aggregate.combine(values, axis=1)
 
-    def _log(self, obs: Observation, prediction: Prediction, command: Velocities, scored: list[ScoredActions]) -> None:
+    def _log(self, obs: Observation, prediction: Prediction, scored: ScoredActions) -> None:
         """Log the predicted crowd, all commands, the value of the state after the chosen one, and the attention."""
         scene = scene_of(obs, prediction, 0, obs.vehicle)
-        each = [np.dstack([scene.velocities(one.commands), one.values]) for one in scored]
-        obs.log("commands", np.concatenate(each, axis=1))
+        obs.log("commands", np.dstack([scene.velocities(scored.commands), scored.values]))
         world, arranged = np.arange(len(obs)), self.aggregate.arrange(scene)
-        joint, present = try_commands(arranged, command, world).joint, _present(arranged, world)
+        joint, present = try_commands(arranged, scored.best(), world).joint, _present(arranged, world)
         value, attention = np.empty(present.shape[:2]), np.empty(present.shape)
 
         def fill(rows: slice) -> None:

@@ -15,15 +15,13 @@ from crowdbench.networks.joint_state import joint_states
 from crowdbench.networks.value import evaluate
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
-from crowdbench.planners.scene import Scene, scene_of
+from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.utils.numbers import is_number, require, require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
-Sequence = Float[np.ndarray, "world time 2"]
-Sequences = Float[np.ndarray, "world sequence time 2"]
 Noise = Float[np.ndarray, "world round sample time 2"]
 
 SMOOTH = 0.5
@@ -95,7 +93,7 @@ class SequencePlanner(Planner):
         """See `Planner`."""
         return dataclasses.replace(self, lookahead=self.lookahead.unseen(scene))
 
-    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+    def plan(self, obs: Observation) -> Velocities:
         """See `Planner`."""
         return self.plan_ahead(obs, 1)[:, 0]
 

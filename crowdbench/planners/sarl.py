@@ -64,11 +64,7 @@ def sarl_planner(
 
 
 def network_planner(
-    network: str,
-    weights: str,
-    predictor: str = "constant_velocity",
-    device: str = "cpu",
-    limits: Limits | None = None,
+    network: str, weights: str, predictor: str = "constant_velocity", device: str = "cpu", limits: Limits | None = None
 ) -> ValuePlanner:
     """Compose a planner of a value network, without the parts of Li et al.
 

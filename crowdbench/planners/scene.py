@@ -14,6 +14,12 @@ from crowdbench.core.types import Observation, Vehicle
 from crowdbench.predict import Prediction
 from crowdbench.utils.compiled import njit
 
+Velocities = Float[np.ndarray, "world 2"]
+Commands = Float[np.ndarray, "world action 2"]
+Sequence = Float[np.ndarray, "world time 2"]
+Sequences = Float[np.ndarray, "world sequence time 2"]
+"""Commands of the vehicle's dynamics: one per world, those to choose from, those of several steps, several of these."""
+
 
 class Crowd(NamedTuple):
     """The pedestrians now and in each mode of a prediction.
@@ -89,7 +95,7 @@ class Scene:
             vehicle.preferred_speed,
         )
 
-    def velocities(self, commands: Float[np.ndarray, "world action 2"]) -> Float[np.ndarray, "world action 2"]:
+    def velocities(self, commands: Commands) -> Commands:
         """The velocities in m/s that the vehicle has after a step under each of some commands."""
         vehicle = self.vehicle
         return vehicle.dynamics.velocities(vehicle.state, commands, vehicle.preferred_speed, self.dt)

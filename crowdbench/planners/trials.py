@@ -13,7 +13,7 @@ from crowdbench.core.dynamics.motion import HOLONOMIC, drive_without_heading
 from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.joint_state import SIZE, PedestrianStates, VehicleState, write_joint_states
-from crowdbench.planners.scene import Scene, fill_crowd, motion_of
+from crowdbench.planners.scene import Scene, Sequences, fill_crowd, motion_of
 from crowdbench.sim.episode import step_outcome
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.routes import next_waypoints
@@ -127,9 +127,7 @@ class SequenceResult(NamedTuple):
     gap: Float[np.ndarray, "world sequence mode time"]
 
 
-def try_sequences(
-    scene: Scene, commands: Float[np.ndarray, "world sequence time 2"], margin: Float[np.ndarray, "time"]
-) -> SequenceResult:
+def try_sequences(scene: Scene, commands: Sequences, margin: Float[np.ndarray, "time"]) -> SequenceResult:
     """Find out how sequences of commands would go, by the simulator's rule for collisions and the goal.
 
     Args:
