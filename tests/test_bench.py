@@ -88,13 +88,7 @@ def short_training(monkeypatch):
 @pytest.mark.slow
 def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
     monkeypatch.setattr(simulator, "ROUNDS", 1)
-    works = (
-        simulator.measure_one_world,
-        simulator.measure_many_worlds,
-        simulator.measure_whole_step,
-        simulator.measure_environment,
-    )
-    measured = [one for work in works for one in work()]
+    measured = [*simulator.measure_steps(), *simulator.measure_environment()]
     assert len(measured) == 5
     assert all(one.value > 0 and one.unit == "us" for one in measured)
 
@@ -247,7 +241,7 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 
 def test_every_measurement_is_taken():
     names = [measure.__name__.removeprefix("measure_") for measure in SUITE]
-    of_simulator = ["one_world", "many_worlds", "whole_step", "sight", "thousands", "environment", "vec_env"]
+    of_simulator = ["steps", "sight", "thousands", "environment", "vec_env"]
     of_decisions = ["isolation", "sarl", "share_of_limit", "training", "sarl_sgan_kce", "sarl_sgan_seq"]
     of_commands = ["start_up", "orca_runs", "sarl_runs", "sarl_sgan_kce_run"]
     assert names == of_simulator + of_decisions + of_commands

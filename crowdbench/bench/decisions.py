@@ -56,15 +56,15 @@ def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measuremen
         worlds: Number of worlds.
         rounds: How many times both are measured.
     """
-    with contextlib.closing(IsolatedPlanner(QUICK_PLANNER, {})) as apart:
+    with contextlib.closing(IsolatedPlanner(QUICK_PLANNER, {})) as isolated_planner:
         scenario, cases = load_scenario("circle_crossing_5"), Cases("val", 0, worlds)
-        drivers = [Driver(planner, QUICK_PLANNER) for planner in (load_planner(QUICK_PLANNER)[1], apart)]
+        drivers = [Driver(planner, QUICK_PLANNER) for planner in (load_planner(QUICK_PLANNER)[1], isolated_planner)]
         works = [functools.partial(rollout, driver, scenario, cases) for driver in drivers]
-        here, there = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
+        inside, isolated = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
     work = f"rollout of {worlds} worlds, ORCA vehicle"
-    yield Measurement(work, 1e3 * here, "ms")
-    yield Measurement(f"the same, the vehicle in its own process ({level()})", 1e3 * there, "ms")
-    yield Measurement("more time with the vehicle in its own process", 100 * (there / here - 1), "%")
+    yield Measurement(work, 1e3 * inside, "ms")
+    yield Measurement(f"the same, the vehicle in its own process ({level()})", 1e3 * isolated, "ms")
+    yield Measurement("more time with the vehicle in its own process", 100 * (isolated / inside - 1), "%")
 
 
 def measure_sarl(worlds: int = 500, rounds: int = 5, decisions: int = 300) -> Iterator[Measurement]:

@@ -61,21 +61,13 @@ VEC_ENV_ROUNDS = 7
 VEC_OPTIONS: dict[str, Any] = {"reward": "progress", "observation": "goal_frame", "action": "goal_frame", "nearest": 5}
 
 
-def measure_one_world() -> Iterator[Measurement]:
-    """ORCA and motion in one world, called step by step, among few and among many agents."""
+def measure_steps() -> Iterator[Measurement]:
+    """ORCA and motion alone, in one world and in many, and a step as in a rollout: with its collision check."""
     for agents in (6, 51):
         work = f"ORCA and motion, one world, {agents} agents, per step"
         yield _measure_time(work, ROUNDS * 10, functools.partial(many_worlds, circle(agents, 1), STEPS))
-
-
-def measure_many_worlds() -> Iterator[Measurement]:
-    """ORCA and motion in many worlds at once, on all cores."""
     work = "ORCA and motion, 1,000 worlds, 6 agents, all cores, per world-step"
     yield _measure_time(work, 5, functools.partial(many_worlds, circle(6, 1000), STEPS))
-
-
-def measure_whole_step() -> Iterator[Measurement]:
-    """A step as in a rollout: pedestrians, motion, collision check."""
     yield _measure_time("a step of the simulator with its collision check, one world, 6 agents", ROUNDS, whole_step)
 
 

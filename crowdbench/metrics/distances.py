@@ -30,8 +30,7 @@ def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
     The gap is the distance between the rims of two discs: negative where they overlapped. Undefined where there are
     no pedestrians.
     """
-    gap = np.nanmin(trace.gap, axis=1)
-    return np.where(np.isfinite(gap), gap, np.nan)
+    return _finite_or_nan(np.nanmin(trace.gap, axis=1))
 
 
 def clearing_distance(trace: Trace) -> Float[np.ndarray, "world"]:
@@ -39,8 +38,7 @@ def clearing_distance(trace: Trace) -> Float[np.ndarray, "world"]:
 
     Francis et al. (2023). Undefined where there are no obstacles.
     """
-    gap = np.nanmin(trace.wall_gap, axis=1)
-    return np.where(np.isfinite(gap), gap, np.nan)
+    return _finite_or_nan(np.nanmin(trace.wall_gap, axis=1))
 
 
 def discomfort(trace: Trace) -> Float[np.ndarray, "world"]:
@@ -133,8 +131,12 @@ def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
     meets = (b < 0) & (root >= 0) & same
     with np.errstate(divide="ignore", invalid="ignore"):
         time = np.where(meets, c / (np.sqrt(np.where(meets, root, 0.0)) - b), np.inf)
-    least = np.min(np.maximum(time, 0.0), axis=(1, 2), initial=np.inf)
-    return np.where(np.isfinite(least), least, np.nan)
+    return _finite_or_nan(np.min(np.maximum(time, 0.0), axis=(1, 2), initial=np.inf))
+
+
+def _finite_or_nan(values: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world"]:
+    """The values that are finite, and NaN in place of the others: metrics are undefined there."""
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _in_zone(trace: Trace, zone: str) -> Float[np.ndarray, "world"]:
@@ -149,9 +151,9 @@ def _intrusions(trace: Trace) -> Float[np.ndarray, "world step"]:
     for ahead in range(1, min(INTRUSION_STEPS, steps) + 1):
         known = slice(0, steps + 1 - ahead)
         same = trace.person[:, ahead:][:, : steps + 1 - ahead] == trace.person[:, known]
-        there = trace.present[:, ahead:, 1:] & same & seen[:, known]
+        present = trace.present[:, ahead:, 1:] & same & seen[:, known]
         distance = norm(trace.position[:, ahead:, 1:] - vehicle[:, known])
-        least = np.fmin.reduce(np.where(there, distance, np.inf), axis=2, initial=np.inf)
+        least = np.fmin.reduce(np.where(present, distance, np.inf), axis=2, initial=np.inf)
         nearest[:, known] = np.fmin(nearest[:, known], least)
     return np.where(nearest < INTRUSION_DISTANCE, nearest, np.inf)
 

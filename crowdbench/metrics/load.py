@@ -96,9 +96,9 @@ def check_shape(values: object, name: str, trace: Trace) -> Shaped[np.ndarray, "
     """
     array = values if isinstance(values, np.ndarray) else None
     if array is None or array.shape != (len(trace),) or array.dtype.kind not in "bfiu":
-        found = type(values).__name__ if array is None else f"shape {list(array.shape)} of {array.dtype}"
+        kind = type(values).__name__ if array is None else f"shape {list(array.shape)} of {array.dtype}"
         raise InputError(
-            f"metric {name} returned {found}, but must return one number or boolean per episode, [{len(trace)}]"
+            f"metric {name} returned {kind}, but must return one number or boolean per episode, [{len(trace)}]"
         )
     with np.errstate(over="ignore"):  # where float64 holds less than the metric's type
         return np.array(array, bool if array.dtype == bool else np.float64)

@@ -125,7 +125,7 @@ def on_scenario(
             f"{scenario.name} has nothing to predict in cases {cases}: no pedestrian is on its way "
             f"{ahead} steps before the time limit"
         )
-    return _estimated([clusters], clusters.modes)
+    return _estimate_errors([clusters], clusters.modes)
 
 
 def on_tracks(
@@ -160,16 +160,16 @@ def on_tracks(
             f"predictor {name} is privileged, it asks the simulator: evaluate it on a scenario, not on recordings"
         )
     _check_ahead(ahead)
-    found = {}
+    by_scene = {}
     for scene, parts in scenes(recordings).items():
         unseen = predictor.unseen(scene)
-        found[scene] = _Clusters.joined([_recorded(name, unseen, tracks, ahead) for tracks in parts])
+        by_scene[scene] = _Clusters.join([_of_recording(name, unseen, tracks, ahead) for tracks in parts])
         progress(1)
-    if not found:
+    if not by_scene:
         raise InputError("all of these recordings are those that ETH/UCY has for training only: give one to test on")
-    modes = max(clusters.modes for clusters in found.values())
-    errors = {scene: _estimated([clusters], modes) for scene, clusters in found.items()}
-    return errors | {MEAN: _estimated(list(found.values()), modes)}
+    modes = max(clusters.modes for clusters in by_scene.values())
+    errors = {scene: _estimate_errors([clusters], modes) for scene, clusters in by_scene.items()}
+    return errors | {MEAN: _estimate_errors(list(by_scene.values()), modes)}
 
 
 def displacement(prediction: Prediction, truth: Positions, counted: Counted) -> Displacements:
@@ -224,7 +224,7 @@ def _walks(
             yield prediction, counted & stayed, np.stack(positions, axis=1)
 
 
-def _recorded(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:
+def _of_recording(name: str, predictor: Predictor, tracks: Tracks, ahead: int) -> _Clusters:
     samples = windows(tracks, HISTORY + ahead)
     if not len(samples):
         raise InputError(
@@ -267,7 +267,7 @@ class _Clusters:
         return cls(np.zeros((n, 3, 2, ahead)), np.zeros(n), modes=1)
 
     @classmethod
-    def joined(cls, parts: Sequence[_Clusters]) -> _Clusters:
+    def join(cls, parts: Sequence[_Clusters]) -> _Clusters:
         total, count = (np.concatenate([getattr(part, name) for part in parts]) for name in ("total", "count"))
         return cls(total, count, max(part.modes for part in parts))
 
@@ -279,7 +279,7 @@ class _Clusters:
         self.modes = max(self.modes, prediction.position.shape[1])
 
 
-def _estimated(by_scene: Sequence[_Clusters], modes: int) -> Errors:
+def _estimate_errors(by_scene: Sequence[_Clusters], modes: int) -> Errors:
     """The mean over scenes, which have the same weight, of the means in each."""
     steps = range(by_scene[0].total.shape[3])
     curves = [
@@ -290,13 +290,13 @@ def _estimated(by_scene: Sequence[_Clusters], modes: int) -> Errors:
 
 
 def _estimate(by_scene: Sequence[_Clusters], choice: int, measure: int, step: int) -> Estimate:
-    found, resampled = [], []
+    of_scenes, resampled = [], []
     for number, clusters in enumerate(by_scene):
         seen = clusters.count > 0
         total, weights = clusters.total[seen, choice, measure, step], clusters.count[seen]
         values = total / weights
-        found.append((float(total.sum() / weights.sum()), len(values), float(values.max())))
+        of_scenes.append((float(total.sum() / weights.sum()), len(values), float(values.max())))
         # Shifted, because two scenes of the same size are resampled alike, which would make them dependent.
         resampled.append(np.roll(bootstrap_distribution(weighted_mean, values, weights), number))
-    means, counts, largest = zip(*found, strict=True)
+    means, counts, largest = zip(*of_scenes, strict=True)
     return Estimate(sum(means) / len(means), *interval(np.mean(resampled, axis=0)), sum(counts), max(largest))

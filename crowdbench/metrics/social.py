@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,6 +12,8 @@ from crowdbench.core.types import Trace
 from crowdbench.metrics.sums import total
 
 Vectors = Float[np.ndarray, "*batch 2"]
+Ways = Float[np.ndarray, "way"]
+Starts = Int[np.ndarray, "way"]
 
 STRENGTH = 2.1
 """Strength of the social force in m/s^2, and the next four, are those of HuNavSim."""
@@ -57,7 +58,7 @@ def imposed_delay(trace: Trace) -> Float[np.ndarray, "world"]:
     in the same case without the vehicle. A place in the arrays has the preferred speed of its first pedestrian.
     Undefined where pedestrians do not see the vehicle, or there are none.
     """
-    return _imposed(trace, lambda end, speed: end.step * trace.rules.dt + end.remaining / speed)
+    return _imposed(trace, lambda step, remaining, walked, speed: step * trace.rules.dt + remaining / speed)
 
 
 def imposed_detour(trace: Trace) -> Float[np.ndarray, "world"]:
@@ -65,7 +66,7 @@ def imposed_detour(trace: Trace) -> Float[np.ndarray, "world"]:
 
     The ways are those of `imposed_delay`; what remained at the end of an episode counts as the straight way.
     """
-    return _imposed(trace, lambda end, _: end.walked + end.remaining)
+    return _imposed(trace, lambda step, remaining, walked, speed: walked + remaining)
 
 
 def social_work(trace: Trace) -> Float[np.ndarray, "world"]:
@@ -85,23 +86,7 @@ def social_work(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(np.hypot(x, y) + obstacle + on_pedestrians) * trace.rules.dt
 
 
-class _End(NamedTuple):
-    """Where ways ended: at the goal, or where the pedestrian was last.
-
-    Attributes:
-        step: Steps done then.
-        remaining: Straight way to where the pedestrian arrives, in metres.
-        walked: Path from the beginning of the way, in metres.
-    """
-
-    step: Int[np.ndarray, "way"]
-    remaining: Float[np.ndarray, "way"]
-    walked: Float[np.ndarray, "way"]
-
-
-def _imposed(
-    trace: Trace, cost: Callable[[_End, Float[np.ndarray, "way"]], Float[np.ndarray, "way"]]
-) -> Float[np.ndarray, "world"]:
+def _imposed(trace: Trace, cost: Callable[..., Ways]) -> Float[np.ndarray, "world"]:
     """What the ways of pedestrians cost more than they would without the vehicle, summed over those of each world.
 
     Compared are the ways, from a start to a goal, that begin alike with and without the vehicle. A way ends where its
@@ -109,7 +94,7 @@ def _imposed(
 
     Args:
         trace: The trace.
-        cost: Of ways, by their ends and the preferred speeds of their pedestrians.
+        cost: Of ways, by what `_end` returns and the preferred speeds of their pedestrians.
     """
     if trace.undisturbed is None:
         return np.full(len(trace), np.nan)
@@ -131,22 +116,23 @@ def _imposed(
     chosen, costs = np.searchsorted(start, alike), []
     for states in (real, alone):
         end = _end(states, norm(goals - states) - radii, start, person.shape[1])
-        costs.append(cost(_End(*(values[chosen] for values in end)), speed))
+        costs.append(cost(*(values[chosen] for values in end), speed))
     world = alike // person.shape[1] // max(person.shape[2], 1)
     count = np.bincount(world, minlength=len(trace))
     return np.where(count > 0, np.bincount(world, costs[0] - costs[1], minlength=len(trace)), np.nan)
 
 
 def _end(
-    position: Float[np.ndarray, "state 2"],
-    remaining: Float[np.ndarray, "state"],
-    start: Int[np.ndarray, "way"],
-    times: int,
-) -> _End:
-    """Where ways end; `remaining` is the straight way to the goal in metres.
+    position: Float[np.ndarray, "state 2"], remaining: Float[np.ndarray, "state"], start: Starts, times: int
+) -> tuple[Starts, Ways, Ways]:
+    """Where ways end: at the goal, or where the pedestrian was last.
 
     The states of a pedestrian, `times` of them, lie one after the other; NaN where nobody is. A way goes on from its
-    first state, in `start`, to the first state of the next one.
+    first state, in `start`, to the first state of the next one. `remaining` is the straight way to the goal in metres.
+
+    Returns:
+        Steps done then, the straight way to where the pedestrian arrives, and the path from the beginning of the way,
+        both in metres.
     """
     state, last = np.arange(len(position)), len(position)
     known = np.isfinite(remaining)
@@ -156,7 +142,7 @@ def _end(
     strides = np.zeros((len(position) // times, times))
     strides[:, 1:] = np.nan_to_num(norm(np.diff(position.reshape(-1, times, 2), axis=1)))
     path = np.cumsum(strides, axis=1).ravel()
-    return _End(end % times, np.maximum(remaining[end], 0.0), path[end] - path[start])
+    return end % times, np.maximum(remaining[end], 0.0), path[end] - path[start]
 
 
 def _social_force(between: Vectors, relative: Vectors) -> Vectors:

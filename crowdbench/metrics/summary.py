@@ -98,8 +98,8 @@ def bootstrap(values: Values, weights: Values, block: Column | None = None) -> E
     if len(values) == 0:
         return NOTHING
     mean = float(weighted_mean(values, weights))
-    drawn = by_block(values, weights, None if block is None else block[defined])
-    low, high = around(mean, *interval(bootstrap_distribution(weighted_mean, *drawn)))
+    blocks = by_block(values, weights, None if block is None else block[defined])
+    low, high = around(mean, *interval(bootstrap_distribution(weighted_mean, *blocks)))
     return Estimate(mean, low, high, len(values), float(values.max()))
 
 

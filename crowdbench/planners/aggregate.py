@@ -38,12 +38,9 @@ def one_crowd(scene: Scene) -> Scene:
     """
     crowd = scene.crowd
     worlds, modes, times, pedestrians = crowd.position.shape[:4]
-    everybody = Crowd(
-        crowd.position.swapaxes(1, 2).reshape(worlds, 1, times, modes * pedestrians, 2),
-        crowd.velocity.reshape(worlds, 1, modes * pedestrians, 2),
-        np.tile(crowd.radius, modes),
-        np.tile(crowd.present, modes),
-    )
+    position = crowd.position.swapaxes(1, 2).reshape(worlds, 1, times, modes * pedestrians, 2)
+    velocity = crowd.velocity.reshape(worlds, 1, modes * pedestrians, 2)
+    everybody = Crowd(position, velocity, np.tile(crowd.radius, modes), np.tile(crowd.present, modes))
     return dataclasses.replace(scene, crowd=everybody)
 
 

@@ -111,7 +111,7 @@ class CrowdNavPlanner(OneWorldPlanner):
             facts["weights"] = digest(network)  # no file that results name holds them
         self.facts = facts
         self._states = _state_classes(policy)
-        self._policy = _prepared(policy, self.name)
+        self._policy = _prepare(policy, self.name)
         self._policies: dict[int, Any] = {}
         self._headings: dict[int, float] = {}
 
@@ -184,7 +184,7 @@ def _examine(policy: Any, name: str) -> None:
         )
 
 
-def _prepared(policy: Any, name: str) -> Any:
+def _prepare(policy: Any, name: str) -> Any:
     """A copy of a policy, ready to drive. Raises InputError where it cannot be copied."""
     with plugin_errors(f"the policy {name} cannot be copied or prepared, which every episode needs:"):
         own = copy.copy(policy)

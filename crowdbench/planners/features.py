@@ -72,23 +72,23 @@ def features(obs: Observation, nearest: int) -> Features:
     return filled
 
 
-def histories(obs: Observation, found: Features) -> Float[np.ndarray, "world time nearest 2"]:
+def histories(obs: Observation, view: Features) -> Float[np.ndarray, "world time nearest 2"]:
     """The last positions of the pedestrians in the frame of the goal, in metres; 0 where there is none.
 
     Args:
         obs: What the vehicle sees.
-        found: Its features.
+        view: Its features.
 
     Returns:
         From the oldest to the current position, as `Observation.pedestrians.history`.
     """
     if obs.pedestrians.history.shape[2] == 0:
-        return np.zeros((len(obs), obs.pedestrians.history.shape[1], found.which.shape[1], 2))
-    index = np.maximum(found.which, 0)[:, None, :, None]
+        return np.zeros((len(obs), obs.pedestrians.history.shape[1], view.which.shape[1], 2))
+    index = np.maximum(view.which, 0)[:, None, :, None]
     past = np.take_along_axis(obs.pedestrians.history, index, axis=2) - obs.vehicle.position[:, None, None]
-    c, s = found.axis[:, None, None, 0], found.axis[:, None, None, 1]
+    c, s = view.axis[:, None, None, 0], view.axis[:, None, None, 1]
     turned = np.stack([c * past[..., 0] + s * past[..., 1], c * past[..., 1] - s * past[..., 0]], axis=-1)
-    return np.where(found.seen[:, None, :, None], turned, 0.0)
+    return np.where(view.seen[:, None, :, None], turned, 0.0)
 
 
 def direction(position: Vectors, goal: Vectors) -> Vectors:
@@ -131,8 +131,8 @@ def in_disc(action: Vectors, radius: Float[np.ndarray, "world"]) -> Vectors:
 
 @no_type_check
 @njit
-def _fill(position, velocity, goal, radius, speed, others, motion, radii, seen, own, rows, shown, index, axis):
-    """Fill `own`, `rows`, `shown`, `index` and `axis`, the arrays of `Features`, of vehicles among pedestrians."""
+def _fill(position, velocity, goal, radius, speed, others, motion, radii, seen, own, rows, visible, index, axis):
+    """Fill `own`, `rows`, `visible`, `index` and `axis`, the arrays of `Features`, of vehicles among pedestrians."""
     gap = np.empty(seen.shape[1])
     for w in range(len(own)):
         x, y = goal[w, 0] - position[w, 0], goal[w, 1] - position[w, 1]
@@ -158,4 +158,4 @@ def _fill(position, velocity, goal, radius, speed, others, motion, radii, seen, 
             row[4], row[5] = c * motion[w, p, 0] + s * motion[w, p, 1], c * motion[w, p, 1] - s * motion[w, p, 0]
             row[2], row[3] = row[4] - own[w, 1], row[5] - own[w, 2]
             row[6], row[7] = gap[p], radii[w, p]
-            shown[w, k], index[w, k] = True, p
+            visible[w, k], index[w, k] = True, p

@@ -143,12 +143,18 @@ class ValuePlanner(Planner):
             vehicle: The vehicle before the step.
             dt: Duration of the step in seconds.
         """
-        dynamics, state, speed = vehicle.dynamics, vehicle.state, vehicle.preferred_speed
-        commands = self.actions(speed) if isinstance(dynamics, Holonomic) else dynamics.commands(state, speed, dt)
+        commands = self.unlimited_commands(vehicle, dt)
         if self.limits is None:
             return commands
-        brake = dynamics.follow(state, self.limits.brake(state.velocity, dt), speed, dt)
+        slower = self.limits.brake(vehicle.velocity, dt)
+        brake = vehicle.dynamics.follow(vehicle.state, slower, vehicle.preferred_speed, dt)
         return np.concatenate([commands, brake[:, None]], axis=1)
+
+    def unlimited_commands(self, vehicle: Vehicle, dt: float) -> Commands:
+        """The commands to choose from where there are no limits, see `commands`."""
+        if isinstance(vehicle.dynamics, Holonomic):
+            return self.actions(vehicle.preferred_speed)
+        return vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, dt)
 
     def _score(self, scene: Scene, commands: Commands) -> ScoredActions:
         """Some commands with their values; with a shortlist, those that are best under the mean of the futures."""
@@ -185,13 +191,13 @@ class ValuePlanner(Planner):
         self, scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[np.ndarray, "row"]
     ) -> Float[np.ndarray, "row"]:
         """What each command of a chunk is worth, limits aside; `world` is the world of each."""
-        tried = try_commands(scene, commands, world)
-        now = self.reward(tried.outcome, tried.gap, scene.dt)
+        result = try_commands(scene, commands, world)
+        now = self.reward(result.outcome, result.gap, scene.dt)
         if self.shaping is not None:
-            now = now + self.shaping(tried.outcome, tried.gap, norm(tried.velocity - scene.vehicle.velocity[world]))
+            now = now + self.shaping(result.outcome, result.gap, norm(result.velocity - scene.vehicle.velocity[world]))
         factor = discount(scene.vehicle.preferred_speed, scene.dt)[world, None]
-        later = evaluate(self.value, tried.joint, _present(scene, world))[0]
-        values = now + np.where(tried.outcome == Outcome.RUNNING, factor * later, 0.0)
+        later = evaluate(self.value, result.joint, _present(scene, world))[0]
+        values = now + np.where(result.outcome == Outcome.RUNNING, factor * later, 0.0)
         return self.aggregate.combine(values, axis=1)
 
     def _log(self, obs: Observation, prediction: Prediction, scored: ScoredActions) -> None:

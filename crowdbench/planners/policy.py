@@ -124,8 +124,8 @@ class PolicyPlanner(Planner):
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
-        shown = features(obs, self.nearest)
-        inputs = shown.vehicle.astype(np.float32), shown.pedestrians.astype(np.float32), shown.seen
+        view = features(obs, self.nearest)
+        inputs = view.vehicle.astype(np.float32), view.pedestrians.astype(np.float32), view.seen
         action = np.empty((len(obs), 2))
         device = next(self.policy.parameters()).device
 
@@ -136,7 +136,7 @@ class PolicyPlanner(Planner):
 
         in_chunks(fill, len(obs), CHUNK)
         # The direction is kept. (In training, the bounds of the action space limit each axis first.)
-        command = to_world(in_disc(action, obs.vehicle.preferred_speed), shown.axis)
+        command = to_world(in_disc(action, obs.vehicle.preferred_speed), view.axis)
         # Policies have learnt in worlds without obstacles.
         return along_walls(obs, command)
 

@@ -120,27 +120,24 @@ class SequencePlanner(Planner):
 
     def _noise(self, obs: Observation, horizon: int) -> Noise:
         """Noise of standard deviation 1, smooth in time: each sequence has a part that is the same at all its steps."""
-        drawn = obs.noise("sequences", (self.search.rounds, self.search.samples, horizon + 1, 2))
-        return np.sqrt(SMOOTH) * drawn[:, :, :, :1] + np.sqrt(1.0 - SMOOTH) * drawn[:, :, :, 1:]
+        noise = obs.noise("sequences", (self.search.rounds, self.search.samples, horizon + 1, 2))
+        return np.sqrt(SMOOTH) * noise[:, :, :, :1] + np.sqrt(1.0 - SMOOTH) * noise[:, :, :, 1:]
 
     def _search(self, scene: Scene, guess: Sequence, noise: Noise) -> Sequence:
         """The best sequence of each world."""
         vehicle, horizon = scene.vehicle, guess.shape[1]
-        if isinstance(vehicle.dynamics, Holonomic):
-            commands = self.lookahead.actions(vehicle.preferred_speed)
-        else:
-            # Those that can be reached by its end.
-            commands = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, horizon * scene.dt)
+        # Those that can be reached by its end.
+        commands = self.lookahead.unlimited_commands(vehicle, horizon * scene.dt)
         constant = commands[:, :, None].repeat(horizon, axis=2)
         # What is tried beside the samples of a round: at first the guesses, and then the best so far.
         beside = np.concatenate([guess[:, None], constant], axis=1)
         mean, spread = guess, np.full_like(guess, self.search.spread)
         for number in range(self.search.rounds):
             sampled = mean[:, None] + spread[:, None] * noise[:, number]
-            tried = np.concatenate([beside, _limit(sampled, vehicle)], axis=1)
-            values = self.values(scene, tried)
-            ranked = values.argsort(axis=1, kind="stable")[:, ::-1, None, None]
-            elites = np.take_along_axis(tried, ranked[:, : self.search.elites], axis=1)
+            sequences = np.concatenate([beside, _limit(sampled, vehicle)], axis=1)
+            values = self.values(scene, sequences)
+            order = values.argsort(axis=1, kind="stable")[:, ::-1, None, None]
+            elites = np.take_along_axis(sequences, order[:, : self.search.elites], axis=1)
             mean, spread, beside = elites.mean(axis=1), elites.std(axis=1), elites[:, :1]
         return beside[:, 0]
 
@@ -156,13 +153,13 @@ class SequencePlanner(Planner):
         """
         horizon = commands.shape[2]
         time = np.arange(horizon)
-        tried = try_sequences(scene, commands, self.margin * time)
-        outcome = np.where(time == tried.steps[..., None] - 1, tried.outcome[..., None], Outcome.RUNNING)
-        rewards = self.lookahead.reward(outcome, tried.gap, scene.dt)
+        result = try_sequences(scene, commands, self.margin * time)
+        outcome = np.where(time == result.steps[..., None] - 1, result.outcome[..., None], Outcome.RUNNING)
+        rewards = self.lookahead.reward(outcome, result.gap, scene.dt)
         gamma = discount(scene.vehicle.preferred_speed, scene.dt)
         factor = gamma[:, None, None, None] ** np.arange(horizon + 1)
-        earned = np.where(time < tried.steps[..., None], factor[..., :-1] * rewards, 0.0).sum(axis=-1)
-        running = (tried.outcome == Outcome.RUNNING).mean(axis=-1)
+        earned = np.where(time < result.steps[..., None], factor[..., :-1] * rewards, 0.0).sum(axis=-1)
+        running = (result.outcome == Outcome.RUNNING).mean(axis=-1)
         return earned.mean(axis=-1) + running * factor[:, :, 0, -1] * self._end_values(scene, commands)
 
     def _end_values(self, scene: Scene, commands: Sequences) -> Float[np.ndarray, "world sequence"]:
@@ -174,21 +171,16 @@ class SequencePlanner(Planner):
         else:
             end = drive_sequences(vehicle, commands, scene.dt)
             position, velocity = end.position[:, :, -1], end.velocity[:, :, -1]
-        goal, route, waypoint, radius, speed = (
-            _repeat(each, commands.shape[1])
-            for each in (vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius, vehicle.preferred_speed)
-        )
+        fields = vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius, vehicle.preferred_speed
+        goal, route, waypoint, radius, speed = (_repeat(each, commands.shape[1]) for each in fields)
         waypoint = next_waypoints(position, goal, route, waypoint, radius, scene.obstacles)
-        agents = (
-            _join(position, crowd.position[:, :, -1].mean(axis=1)),
-            _join(velocity, crowd.velocity.mean(axis=1)),
-            _join(radius, crowd.radius),
-        )
-        present = _join(np.ones(radius.shape, bool), crowd.present)
-        joint = joint_states(*agents, present, local_goals(position, goal, route, waypoint), speed)
+        own = position, velocity, radius, np.ones(radius.shape, bool)
+        others = crowd.position[:, :, -1].mean(axis=1), crowd.velocity.mean(axis=1), crowd.radius, crowd.present
+        agents = [_join(*pair) for pair in zip(own, others, strict=True)]
+        joint = joint_states(*agents, local_goals(position, goal, route, waypoint), speed)
         # Without pedestrians, there is one joint state: that of an absent one.
-        shown = present[:, :, 1:] if crowd.present.shape[1] else ~present
-        return evaluate(self.lookahead.value, joint, shown)[0]
+        present = agents[-1][:, :, 1:] if crowd.present.shape[1] else ~agents[-1]
+        return evaluate(self.lookahead.value, joint, present)[0]
 
 
 def drive_sequences(vehicle: Vehicle, commands: Sequences, dt: float) -> State:

@@ -114,13 +114,10 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
     after = prediction.position[:, :, step : step + steps]
     before = prediction.position[:, :, step - 1 : step] if step else obs.pedestrians.position[:, None, None]
     before = np.broadcast_to(before, (*after.shape[:2], 1, *after.shape[3:]))
-    crowd = Crowd(
-        # Always in the same memory layout, since numba compiles a function again for each layout.
-        position=np.concatenate([before, after], axis=2),
-        velocity=np.ascontiguousarray(prediction.velocity[:, :, step + steps - 1]),
-        radius=obs.pedestrians.radius,
-        present=obs.pedestrians.seen,
-    )
+    # Always in the same memory layout, since numba compiles a function again for each layout.
+    position = np.concatenate([before, after], axis=2)
+    velocity = np.ascontiguousarray(prediction.velocity[:, :, step + steps - 1])
+    crowd = Crowd(position, velocity, obs.pedestrians.radius, obs.pedestrians.seen)
     return Scene(vehicle, crowd, obs.obstacles, obs.dt)
 
 

@@ -32,7 +32,7 @@ def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], o
     after = vehicle.dynamics.step(vehicle.state, command, vehicle.preferred_speed, obs.dt)
     # With an axis of agents: the vehicle is the only one.
     agents = (each[:, None] for each in (after.position, vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius))
-    waypoint = next_waypoints(*agents, obs.obstacles)[:, 0]
+    waypoint = next_waypoints(*agents, obstacles=obs.obstacles)[:, 0]
     return dataclasses.replace(vehicle, **after._asdict(), waypoint=waypoint)
 
 
@@ -66,12 +66,8 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
         world: The world of each command.
     """
     rows, (modes, _, pedestrians) = len(commands), scene.crowd.position.shape[1:4]
-    result = StepResult(
-        np.empty((rows, modes), np.int64),
-        np.empty((rows, modes)),
-        np.empty((rows, 2)),
-        np.empty((rows, modes, max(pedestrians, 1), SIZE), np.float32),
-    )
+    joint = np.empty((rows, modes, max(pedestrians, 1), SIZE), np.float32)
+    result = StepResult(np.empty((rows, modes), np.int64), np.empty((rows, modes)), np.empty((rows, 2)), joint)
     _try_commands(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, world, result)
     return result
 
