@@ -3,12 +3,12 @@
 import ast
 from pathlib import Path
 
+import jaxtyping
 import pytest
 from pyflakes.checker import Checker
 from pyflakes.messages import UndefinedName
 
 ROOT = Path(__file__).parent.parent
-SHAPED = {"Bool", "Float", "Int", "Shaped", "UInt"}
 
 
 class WithoutShapes(ast.NodeTransformer):
@@ -16,7 +16,7 @@ class WithoutShapes(ast.NodeTransformer):
 
     def visit_Subscript(self, node):
         self.generic_visit(node)
-        return node.value if isinstance(node.value, ast.Name) and node.value.id in SHAPED else node
+        return node.value if isinstance(node.value, ast.Name) and hasattr(jaxtyping, node.value.id) else node
 
 
 def undefined(text, file="text.py"):
