@@ -18,7 +18,7 @@ RUN = [  # depth of the call, file (under crowdbench/, apart from agents/), what
     (3, "runs/rollout.py", "Trace"),
     (4, "sim/sensor.py", "Observation"),
     (4, "planners/driver.py", "checked commands"),
-    (5, "planners/lookahead/planner.py", "commands"),
+    (5, "planners/lookahead.py", "commands"),
     (4, "sim/simulator.py", "next World"),
     (3, "runs/results.py", "metrics, intervals"),
 ]

@@ -85,7 +85,7 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
         (next((caller for above, caller in reversed(tree[:i]) if above == depth - 1), None), file)
         for i, (depth, file) in enumerate(tree)
     }
-    planner = str(ROOT / "crowdbench" / "planners" / "lookahead" / "planner.py")
+    planner = str(ROOT / "crowdbench" / "planners" / "lookahead.py")
     inside = re.findall(r"^\d+\. `(.+?)`:", ARCHITECTURE, re.MULTILINE)
     assert len(inside) > 5
     expected |= {(planner, str(ROOT / file)) for file in inside}

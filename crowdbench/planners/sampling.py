@@ -174,13 +174,13 @@ class SequencePlanner(Planner):
         fields = vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius, vehicle.preferred_speed
         goal, route, waypoint, radius, speed = (_repeat(each, commands.shape[1]) for each in fields)
         waypoint = next_waypoints(position, goal, route, waypoint, radius, scene.obstacles)
+        ahead = local_goals(position, goal, route, waypoint)
         own = position, velocity, radius, np.ones(radius.shape, bool)
         others = crowd.position[:, :, -1].mean(axis=1), crowd.velocity.mean(axis=1), crowd.radius, crowd.present
-        agents = [_join(*pair) for pair in zip(own, others, strict=True)]
-        joint = joint_states(*agents, local_goals(position, goal, route, waypoint), speed)
+        position, velocity, radius, present = (_join(*pair) for pair in zip(own, others, strict=True))
+        joint = joint_states(position, velocity, radius, present, ahead, speed)
         # Without pedestrians, there is one joint state: that of an absent one.
-        present = agents[-1][:, :, 1:] if crowd.present.shape[1] else ~agents[-1]
-        return evaluate(self.lookahead.value, joint, present)[0]
+        return evaluate(self.lookahead.value, joint, present[:, :, 1:] if crowd.present.shape[1] else ~present)[0]
 
 
 def drive_sequences(vehicle: Vehicle, commands: Sequences, dt: float) -> State:

@@ -31,8 +31,9 @@ def propagate_vehicle(vehicle: Vehicle, command: Float[np.ndarray, "world 2"], o
     """
     after = vehicle.dynamics.step(vehicle.state, command, vehicle.preferred_speed, obs.dt)
     # With an axis of agents: the vehicle is the only one.
-    agents = (each[:, None] for each in (after.position, vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius))
-    waypoint = next_waypoints(*agents, obstacles=obs.obstacles)[:, 0]
+    fields = after.position, vehicle.goal, vehicle.route, vehicle.waypoint, vehicle.radius
+    position, goal, route, waypoint, radius = (each[:, None] for each in fields)
+    waypoint = next_waypoints(position, goal, route, waypoint, radius, obs.obstacles)[:, 0]
     return dataclasses.replace(vehicle, **after._asdict(), waypoint=waypoint)
 
 
