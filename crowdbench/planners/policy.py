@@ -52,7 +52,7 @@ class SetEncoder(nn.Module):
         self.joined = nn.Sequential(nn.Linear(VEHICLE_FEATURES + 2 * width, encoded), nn.ReLU())
 
     def forward(self, vehicle: VehicleRows, pedestrians: PedestrianRows, seen: Seen) -> Float[Tensor, "world encoded"]:
-        """Encode what `crowdbench.planners.policy.features` gives.
+        """Encode what `crowdbench.planners.features` gives.
 
         Args:
             vehicle: About the vehicle, in metres and m/s.
