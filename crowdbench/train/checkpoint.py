@@ -72,11 +72,6 @@ def tensors_of(part: str, network: nn.Module) -> dict[str, Tensor]:
     return {f"{part}.{name}": tensor.contiguous() for name, tensor in network.state_dict().items()}
 
 
-def networks_state(training: object, parts: Sequence[str]) -> dict[str, Tensor]:
-    """The tensors of the networks that are attributes of a training, to be written."""
-    return {key: value for part in parts for key, value in tensors_of(part, getattr(training, part)).items()}
-
-
 def optimizer_state(part: str, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
     """An optimizer's tensors, to be written: their names with the part's in front."""
     states = optimizer.state_dict()["state"].items()
@@ -88,12 +83,6 @@ def part_of(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     return {name.removeprefix(f"{part}."): tensor for name, tensor in tensors.items() if name.startswith(f"{part}.")}
 
 
-def restore_networks(training: object, parts: Sequence[str], tensors: Mapping[str, Tensor]) -> None:
-    """Give networks of a training the tensors of a checkpoint. Raises RuntimeError where they are of another one."""
-    for part in parts:
-        getattr(training, part).load_state_dict(part_of(part, tensors))
-
-
 def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
     """Give an optimizer the tensors that `optimizer_state` took from it, as `part_of` returns them."""
     state: dict[int, dict[str, Tensor]] = {}
@@ -101,6 +90,25 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Te
         number, _, key = name.partition(".")
         state.setdefault(int(number), {})[key] = tensor
     optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+
+
+def parts_state(training: object, parts: Sequence[str]) -> dict[str, Tensor]:
+    """The tensors of the networks and optimizers that are attributes of a training, to be written."""
+    tensors: dict[str, Tensor] = {}
+    for part in parts:
+        value = getattr(training, part)
+        tensors |= tensors_of(part, value) if isinstance(value, nn.Module) else optimizer_state(part, value)
+    return tensors
+
+
+def restore_parts(training: object, parts: Sequence[str], tensors: Mapping[str, Tensor]) -> None:
+    """Give these parts the tensors of a checkpoint. Raises RuntimeError where they are of another network."""
+    for part in parts:
+        value, own = getattr(training, part), part_of(part, tensors)
+        if isinstance(value, nn.Module):
+            value.load_state_dict(own)
+        else:
+            restore_optimizer(value, own)
 
 
 def rename_tensors(tensors: Mapping[str, Tensor], names: Mapping[str, str]) -> dict[str, Tensor]:

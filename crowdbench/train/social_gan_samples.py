@@ -6,10 +6,12 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
+from crowdbench.catalog import load_scenario
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import HISTORY
 from crowdbench.planners.driver import Driver
@@ -52,33 +54,19 @@ class Samples:
         return len(self.present)
 
 
-def of_recordings(folder: Path, held_out: str | None, dt: float | None) -> tuple[Samples, Samples]:
-    """The windows of recorded tracks.
-
-    Args:
-        folder: The folder of the recordings.
-        held_out: The scene to leave out, or None.
-        dt: The time step to which recordings are resampled, in seconds, or None for their own.
-
-    Returns:
-        Windows to train on and windows to validate on.
+def load_samples(request: Any) -> tuple[Samples, Samples]:
+    """The windows that a `SocialGANRequest` asks for, to train on and to validate on.
 
     Raises:
-        InputError: There are no recordings, there is no such scene, or no recording is long enough.
+        InputError: There is no such scenario, or there are no recordings or no such scene in them, or no episode or
+            recording is long enough.
     """
-    training, validation = training_split(read_folder(folder), held_out)
-    return _validate(from_tracks(training, dt), from_tracks(validation, dt))
-
-
-def of_scenario(scenario: Scenario) -> tuple[Samples, Samples]:
-    """The windows of a scenario's pedestrians, to train on and to validate on.
-
-    Raises InputError where no episode is long enough.
-    """
-    return _validate(from_scenario(scenario, TRAINING_CASES), from_scenario(scenario, VALIDATION_CASES))
-
-
-def _validate(training: Samples, validation: Samples) -> tuple[Samples, Samples]:
+    if request.data is None:
+        scenario = load_scenario(request.scenario, request.overrides)
+        training, validation = (from_scenario(scenario, cases) for cases in (TRAINING_CASES, VALIDATION_CASES))
+    else:
+        split = training_split(read_folder(Path(request.data)), request.held_out)
+        training, validation = (from_tracks(recordings, request.dt) for recordings in split)
     if not (len(training) and len(validation)):
         raise InputError(f"there is no window of {LENGTH} consecutive steps to train and validate on")
     return training, validation

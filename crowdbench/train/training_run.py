@@ -6,6 +6,7 @@ import contextlib
 import csv
 import dataclasses
 import platform
+import re
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -107,16 +108,14 @@ class TrainingRun:
         """
 
         def save() -> None:
-            with self._writing():
-                self._save()
+            self._save()
             after_validation(self.training.curve[-1], self.training.progress)
 
         with self._alone():
             try:
                 if not self.training.curve:
                     # At once, so that a place where nothing can be written is told before hours of work.
-                    with self._writing():
-                        self._save()
+                    self._save()
                 self.training.run(save)
             except BaseException:
                 if not self.training.curve:
@@ -169,9 +168,10 @@ class TrainingRun:
 
     def _save(self) -> None:
         """Write a checkpoint, and the curve where it has points."""
-        checkpoint.save(self.training.state(), self.directory / CHECKPOINT, dataclasses.asdict(self.request))
-        if self.training.curve:
-            _write_curve(self.training.curve, self.directory / CURVE)
+        with self._writing():
+            checkpoint.save(self.training.state(), self.directory / CHECKPOINT, dataclasses.asdict(self.request))
+            if self.training.curve:
+                _write_curve(self.training.curve, self.directory / CURVE)
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
@@ -240,8 +240,5 @@ def _commit() -> str | None:
 def _processor() -> str:
     """The name of the processor."""
     cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        for line in cpuinfo.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+    found = re.search(r"^model name.*?:(.*)", cpuinfo.read_text() if cpuinfo.exists() else "", re.MULTILINE)
+    return found[1].strip() if found else platform.processor() or platform.machine()
