@@ -1,25 +1,36 @@
-"""Certificates of cases: commands by which the vehicle succeeds, found by cheap means first."""
+"""Certificates of cases: commands by which the vehicle succeeds, found by cheap means first, and kept as a run."""
 
 from __future__ import annotations
 
+import csv
+import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from jaxtyping import Float
 
 from crowdbench.catalog import load_planner
-from crowdbench.certify.crowds import Crowd, Known, Reacting, known_steps, with_perfect_sight
+from crowdbench.certify.crowds import Crowd, Known, Reacting, known_steps
 from crowdbench.certify.search import Effort, SearchResult, Task, search
 from crowdbench.core.types import Outcome, Trace
+from crowdbench.core.types.rules import PERFECT
+from crowdbench.metrics import METRICS
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
+from crowdbench.runs.run import Run, fit_batch
+from crowdbench.runs.shards import Parts, make_run
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.certified import LARGEST, Certified, Examined
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
 
 PLANNERS = ("orca_margin", "orca", "social_force")
 """Planners that decide fast, and need no torch. A run of theirs that succeeds is a certificate."""
@@ -30,6 +41,15 @@ SEARCH = "search"
 KNOWN = (Effort(cell=0.2, states=2_000), Effort(cell=0.1, states=20_000))
 REACTING = (Effort(cell=0.2, states=256), Effort(cell=0.2, states=1_024))
 """The efforts one after the other, where people's ways are known, and where a world is simulated for each state."""
+
+
+NAME = "certificate"
+"""The name of the planner in a run of certificates."""
+
+PART = 25
+"""Cases of a part: what an interrupt loses is no more than one."""
+
+_COLUMNS = ("case", "means", "margin", "gap", "seconds", "exhausted")
 
 
 class Certificate(NamedTuple):
@@ -111,7 +131,9 @@ def _search_cases(
     """
     if not cases:
         return
-    simulated, is_visible = with_perfect_sight(scenario), scenario.rules.visible
+    # The search need not simulate what the vehicle sees, which people do not mind.
+    simulated = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
+    is_visible = scenario.rules.visible
     # Whether anybody's way depends on the vehicle's: who sees it does, and who is placed where it is not.
     is_placed = scenario.crowd.arrival in ("new_goal", "respawn") or scenario.crowd.goal_change is not None
     heeds_vehicle = is_visible or is_placed or scenario.tracks is not None
@@ -161,3 +183,106 @@ def _search_harder(task: Task, crowd: Crowd, margin: float, efforts: Sequence[Ef
         if result.commands is not None:
             break
     return result
+
+
+def make(
+    scenario: Scenario,
+    cases: Cases,
+    margin: float,
+    out: Path,
+    *,
+    overrides: Mapping[str, Any],
+    overwrite: bool = False,
+    progress: Callable[[float], None],
+) -> list[Certificate]:
+    """Make certificates, going on from those that are there.
+
+    In `out` they are a run, in a directory named after the split. Beside it, a table `SPLIT.csv` tells what each one
+    is from, and `NAME.toml` which cases have none, if the first ones are among the cases.
+
+    Args:
+        scenario: The scenario, with all its cases.
+        cases: The cases.
+        margin: The wider of the margins that are tried, in metres; the other one is 0.
+        out: The directory to write.
+        overrides: What is changed in the scenario, for `result.json`.
+        overwrite: Whether earlier certificates of this split are replaced.
+        progress: Called with the number of cases that are done.
+
+    Returns:
+        What was found for each case.
+
+    Raises:
+        InputError: The margin cannot be, the scenario breaks its contract, or the directory cannot be written.
+        KeyboardInterrupt: Interrupted. The parts that are finished are kept.
+    """
+    if not 0.0 <= margin < LARGEST:
+        raise InputError(f"a margin of {margin:g} m is not possible: give 0 m or more, and less than {LARGEST:g} m")
+    margins = list(dict.fromkeys([margin, 0.0]))
+    directory, table = out / cases.split, out / f"{cases.split}.csv"
+    spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
+    origin = {"planner": NAME, "scenario": scenario.name, "margins": margins}
+    driver = Driver(Playback(np.empty((0, 0, 2)), privileged=True), NAME)
+    run = Run(spec, driver, scenario, METRICS, origin, {"planner_files": {}})
+    kept = Parts.of(run, directory).folder
+
+    def drive(part: Cases, folder: Path) -> None:
+        found = certificates(scenario, part, margins, progress)
+        _write(found, kept / f"{part.start}.csv")
+        with files.hold_lock(kept / ".table"):
+            _write(_read(sorted(kept.glob("*.csv"))), table)
+        commands = np.zeros((len(part), scenario.rules.max_steps, 2))
+        for own, each in zip(commands, found, strict=True):
+            own[: len(each.commands)] = each.commands
+        played = Driver(Playback(commands, privileged=True), NAME)
+        dataclasses.replace(run, driver=played).drive(part, folder)
+
+    make_run(run, directory, drive=drive, overwrite=overwrite, progress=progress)
+    rows = _read([table])
+    if cases.start == 0:
+        _list_without(scenario, cases.split, margin, rows, out / f"{scenario.name}.toml")
+    return rows
+
+
+def _write(found: Sequence[Certificate], path: Path) -> None:
+    with files.whole(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for each in found:
+            numbers = ("" if math.isnan(number) else repr(number) for number in (each.margin, each.gap, each.seconds))
+            writer.writerow([each.case, each.means, *numbers, "yes" if each.is_exhausted else "no"])
+
+
+def _read(paths: Sequence[Path]) -> list[Certificate]:
+    """What some tables say, by the number of the case. Raises InputError where one of them was changed."""
+    found = []
+    for path in paths:
+        with path.open(newline="", encoding="utf-8") as file:
+            try:
+                for row in csv.DictReader(file):
+                    margin, gap, seconds = (float(row[name] or "nan") for name in ("margin", "gap", "seconds"))
+                    is_exhausted = row["exhausted"] == "yes"
+                    found.append(Certificate(int(row["case"]), row["means"], margin, gap, seconds, is_exhausted))
+            except (KeyError, TypeError, ValueError):
+                raise InputError(f"{path} is not a table of certificates as crowdbench writes it") from None
+    return sorted(found, key=lambda each: each.case)
+
+
+def _list_without(scenario: Scenario, split: str, margin: float, found: Sequence[Certificate], path: Path) -> None:
+    """Write which cases of a split have no certificate beside what the file says of other splits.
+
+    Args:
+        scenario: The scenario.
+        split: The split.
+        margin: The wider margin in metres.
+        found: What was found for each case, from the first one.
+        path: The file; one for another digest or another margin is replaced.
+    """
+    before = Certified.read(path)
+    is_same = before is not None and (before.scenario, before.margin) == (scenario.digest, margin)
+    splits = before.splits if before is not None and is_same else {}
+    left_out = [each.case for each in found if not each.means]
+    narrow = [each.case for each in found if each.margin < margin]
+    splits[split] = Examined(examined=len(found), left_out=left_out, narrow=narrow)
+    with files.whole(path) as partial:
+        partial.write_text(Certified(scenario=scenario.digest, margin=margin, **splits).text(), encoding="utf-8")

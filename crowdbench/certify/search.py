@@ -104,10 +104,8 @@ def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchRes
     for left in reversed(range(rules.max_steps - 1)):  # the last step is a time-out in any case
         grid.table.fill(-1)
         farthest = vehicle.tolerance + (left + 1) * rules.dt * vehicle.max_speed
-        actions, which = commands(task, states), crowd.rows(len(states))
-        count, arrived, is_cut = expand(
-            vehicle, cost, margin, farthest, states, actions, which, crowd.ahead(), grid, space
-        )
+        actions = commands(task, states)
+        count, arrived, is_cut = expand(vehicle, cost, margin, farthest, states, actions, crowd.ahead(), grid, space)
         layer = space.take(np.arange(count))
         if arrived >= 0:
             return SearchResult(_trace_back([*layers, layer], arrived), is_exhaustive)
