@@ -18,7 +18,7 @@ from crowdbench.study.claims import NOTES as CLAIM_NOTES
 from crowdbench.study.claims import Assessment, assess, check_claim, claims_table
 from crowdbench.study.folder import read_episodes
 from crowdbench.study.intervals import mean_over_networks
-from crowdbench.study.measures import PLANNER_MEASURES, PRIVILEGED, SUCCESS, TIME, Measure, with_mark
+from crowdbench.study.measures import PLANNER_MEASURES, PRIVILEGED, SUCCESS, TIME, Measure, Row
 from crowdbench.study.schema import PlannersSpec, RowSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
@@ -188,12 +188,10 @@ class SecondReading:
 
 
 @dataclass(frozen=True)
-class FilledPlannerRow:
-    """A row with its figures.
+class FilledPlannerRow(Row):
+    """A row with its figures; `planner` is what the table calls the planner.
 
     Attributes:
-        planner: What the table calls the planner.
-        privileged: Whether the planner uses what no vehicle could know.
         weights: The weights of its networks, where it was given any.
         networks: Number of its networks; 0 for a planner without any.
         reported: What others report, by metric.
@@ -203,8 +201,6 @@ class FilledPlannerRow:
         second_reading: What the first network does on other cases, if the row has them.
     """
 
-    planner: str
-    privileged: bool
     weights: list[str]
     networks: int
     reported: dict[str, float]
@@ -212,11 +208,6 @@ class FilledPlannerRow:
     success_rates: list[float]
     variant_success_rate: Estimate | None
     second_reading: SecondReading | None
-
-    @property
-    def name(self) -> str:
-        """The planner, with an asterisk where it is privileged."""
-        return with_mark(self.planner, self.privileged)
 
 
 @dataclass(frozen=True)

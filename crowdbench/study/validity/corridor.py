@@ -8,6 +8,7 @@ belong; what a policy has answered for an image is not used.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
@@ -17,7 +18,7 @@ from crowdbench.core.types import World
 from crowdbench.scenario.placement import Placement
 from crowdbench.sim import simulator
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.study.validity.people import spread
+from crowdbench.utils.errors import InputError
 
 FAR = 1000.0
 """How far ahead goals are, in metres: nobody arrives, and all walk straight along the corridor."""
@@ -54,6 +55,40 @@ def corridor(length: float, width: float, backward: float) -> Callable[..., Plac
         return Placement(start, goal, route=np.empty((len(start), 0, 2)), obstacles=np.array(walls))
 
     return layout
+
+
+def spread(
+    rng: np.random.Generator, number: int, radius: float, length: float, width: float
+) -> Float[np.ndarray, "{number} 2"]:
+    """Places on a rectangle at which discs do not overlap.
+
+    The rectangle is divided into cells, as square as can be, at least one per disc. Each disc lies in a cell of its
+    own, drawn by chance, somewhere within it.
+
+    Args:
+        rng: The random stream to draw from.
+        number: Number of discs.
+        radius: Their radius in metres.
+        length: Extent of the rectangle along x in metres, from 0.
+        width: Extent along y in metres, with 0 in the middle.
+
+    Returns:
+        Centres in metres.
+
+    Raises:
+        InputError: There is no room for so many.
+    """
+    rows = range(1, int(width / (2.0 * radius) + 1e-9) + 1)
+    fits = [(min(length / math.ceil(number / row), width / row), row) for row in rows]
+    size, across = max(fits, default=(0.0, 1))
+    if size < 2.0 * radius - 1e-9:
+        raise InputError(f"{number} people of radius {radius:g} m have no room on {length:g} m x {width:g} m")
+    cell = np.array([length / math.ceil(number / across), width / across])
+    along = math.ceil(number / across)
+    chosen = rng.permutation(along * across)[:number]
+    middle = (np.stack([chosen % along, chosen // along], axis=1) + 0.5) * cell
+    play = np.maximum(cell / 2.0 - radius, 0.0)
+    return middle + rng.uniform(-play, play, (number, 2)) - [0.0, width / 2.0]
 
 
 def walk(

@@ -14,8 +14,7 @@ from crowdbench.study.intervals import mean_over_networks
 from crowdbench.study.measures import Measure
 from crowdbench.study.validity import door
 from crowdbench.study.validity.door import Passages
-from crowdbench.study.validity.experiments import LAST, LENGTH, STUCK, TIME, WIDTH, Setting, Walk
-from crowdbench.study.validity.people import EVERYBODY, People
+from crowdbench.study.validity.experiments import EVERYBODY, LAST, LENGTH, STUCK, TIME, WIDTH, People, Setting, Walk
 from crowdbench.utils.tables import markdown, printed_by
 
 Results = Mapping[Setting, Walk | Passages]
