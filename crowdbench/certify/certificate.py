@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -98,12 +98,12 @@ def certificates(
     found: dict[int, Certificate] = {}
     exhausted: set[int] = set()
     for margin in margins:
-        there = len(found)
+        before = len(found)
         for name, trace in driven:
             for each in _in_trace(trace, name, margin):
                 found.setdefault(each.case, each)
-        if len(found) > there:
-            progress(len(found) - there)
+        if len(found) > before:
+            progress(len(found) - before)
         left = [case for case in cases.indices.tolist() if case not in found]
         for each in _search_cases(scenario, cases.split, left, margin, exhausted):
             found[each.case] = each
@@ -140,39 +140,47 @@ def _search_cases(
     world = simulated.draw(split, np.array(cases))
     tasks = [Task.of(world, row) for row in range(len(cases))]
 
-    def replay(row: int, result: SearchResult) -> Certificate | None:
-        """The certificate that commands are if the vehicle succeeds by them in the simulator."""
-        if result.commands is None:
-            return None
-        commands = np.zeros((1, scenario.rules.max_steps, 2))
-        commands[0, : len(result.commands)] = result.commands
-        alone = Cases(split, cases[row], cases[row] + 1)
-        trace = rollout(Driver(Playback(commands), SEARCH), scenario, alone, undisturbed=False)
-        return next(_in_trace(trace, SEARCH, margin), None)
+    certified: set[int] = set()
 
-    left = list(range(len(cases)))
+    def replay(rows: Sequence[int], results: Iterable[SearchResult]) -> Iterator[Certificate]:
+        """Simulate what was found in some rows, and yield the certificates of those in which the vehicle succeeds."""
+        for row, result in zip(rows, results, strict=True):
+            certificate = None
+            if result.commands is not None:
+                alone = Cases(split, cases[row], cases[row] + 1)
+                trace = rollout(_player([result.commands], scenario), scenario, alone, undisturbed=False)
+                certificate = next(_in_trace(trace, SEARCH, margin), None)
+            if certificate is not None:
+                certified.add(row)
+                yield certificate
+            elif result.is_exhaustive and not heeds_vehicle:
+                exhausted.add(cases[row])
+
     if not is_visible:
-        steps, rows, left = known_steps(simulated, world), left, []
+        steps = known_steps(simulated, world)
 
         def search_known(row: int) -> SearchResult:
             return _search_harder(tasks[row], Known([step.row(row) for step in steps]), margin, KNOWN)
 
         # Threads, because the compiled search lets others go on.
         with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-            for row, result in zip(rows, pool.map(search_known, rows), strict=True):
-                certificate = replay(row, result)
-                if certificate is not None:
-                    yield certificate
-                    continue
-                left.append(row)
-                if result.is_exhaustive and not heeds_vehicle:
-                    exhausted.add(cases[row])
+            yield from replay(range(len(cases)), pool.map(search_known, range(len(cases))))
     if heeds_vehicle:
-        for row in left:
+        left = [row for row in range(len(cases)) if row not in certified]
+
+        def search_reacting(row: int) -> SearchResult:
             crowd = Reacting(simulated, world.take(np.array([row])))
-            certificate = replay(row, _search_harder(tasks[row], crowd, margin, REACTING))
-            if certificate is not None:
-                yield certificate
+            return _search_harder(tasks[row], crowd, margin, REACTING)
+
+        yield from replay(left, map(search_reacting, left))
+
+
+def _player(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario) -> Driver:
+    """Drives each of some cases by its commands, as long as there are any."""
+    padded = np.zeros((len(commands), scenario.rules.max_steps, 2))
+    for row, of_case in zip(padded, commands, strict=True):
+        row[: len(of_case)] = of_case
+    return Driver(Playback(padded, privileged=True), NAME)
 
 
 def _search_harder(task: Task, crowd: Crowd, margin: float, efforts: Sequence[Effort]) -> SearchResult:
@@ -222,20 +230,16 @@ def make(
     directory, table = out / cases.split, out / f"{cases.split}.csv"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
     origin = {"planner": NAME, "scenario": scenario.name, "margins": margins}
-    driver = Driver(Playback(np.empty((0, 0, 2)), privileged=True), NAME)
-    run = Run(spec, driver, scenario, METRICS, origin, {"planner_files": {}})
-    kept = Parts.of(run, directory).folder
+    run = Run(spec, _player([], scenario), scenario, METRICS, origin, {"planner_files": {}})
+    parts = Parts.of(run, directory).folder
 
     def drive(part: Cases, folder: Path) -> None:
         found = certificates(scenario, part, margins, progress)
-        _write(found, kept / f"{part.start}.csv")
-        with files.hold_lock(kept / ".table"):
-            _write(_read(sorted(kept.glob("*.csv"))), table)
-        commands = np.zeros((len(part), scenario.rules.max_steps, 2))
-        for own, each in zip(commands, found, strict=True):
-            own[: len(each.commands)] = each.commands
-        played = Driver(Playback(commands, privileged=True), NAME)
-        dataclasses.replace(run, driver=played).drive(part, folder)
+        _write(found, parts / f"{part.start}.csv")
+        with files.hold_lock(parts / ".table"):
+            _write(_read(sorted(parts.glob("*.csv"))), table)
+        player = _player([each.commands for each in found], scenario)
+        dataclasses.replace(run, driver=player).drive(part, folder)
 
     make_run(run, directory, drive=drive, overwrite=overwrite, progress=progress)
     rows = _read([table])

@@ -133,13 +133,8 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
         else:
             figure = difference_over_networks(measure.sign * x, measure.sign * y, paired)
     networks = (len(ours) if any(one) else 0, len(theirs) if any(two) else 0)
-    return Assessment(
-        **dict(claim),
-        networks=networks,
-        cases=cases,
-        figure=figure,
-        verdict=_verdict(figure, claim.bound, networks, cases),
-    )
+    verdict = _verdict(figure, claim.bound, networks, cases)
+    return Assessment(**dict(claim), networks=networks, cases=cases, figure=figure, verdict=verdict)
 
 
 def _verdict(figure: Estimate, bound: float, networks: tuple[int, int], cases: int) -> Verdict:

@@ -60,9 +60,8 @@ class PlannerRow:
             raise location.at("options").wrong(repr(row.options), "without weights: they have a key of their own")
         if row.seeds and row.weights:
             raise location.at("seeds").wrong(repr(row.seeds), "left out where there are weights, which have their own")
-        choices: list[dict[str, Any]] = [{"weights": name} for name in row.weights]
-        choices += [{"seed": seed} for seed in row.seeds]
-        choices = choices or [{}]
+        key, values = ("weights", row.weights) if row.weights else ("seed", row.seeds)
+        choices = [{key: value} for value in values] or [{}]
         replanning = Replanning(table.replan_every, table.look_first)
         base = RunSpec(row.planner, table.scenario, table.cases, replanning=replanning, record="none")
 

@@ -66,7 +66,18 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
     timed_out = trace.outcome == Outcome.TIMEOUT
     later = np.minimum(np.arange(length) + n, trace.steps[:, None])
     terminated = (later == trace.steps[:, None]) & ~timed_out[:, None]
-    joint, present = _states(trace)
+    pedestrians = trace.present[:, :, 1:]
+    joint = joint_states(
+        np.nan_to_num(trace.position),
+        np.nan_to_num(trace.velocity),
+        trace.radius,
+        trace.present,
+        goals_in_trace(trace),
+        np.broadcast_to(trace.preferred_speed[:, :1], trace.position.shape[:2]),
+    )
+    present = np.zeros(joint.shape[:3], bool)
+    present[:, :, : pedestrians.shape[2]] = pedestrians
+    bootstrap = np.where(terminated, 0.0, gamma[:, None] ** (later - np.arange(length)))
     world, time = np.nonzero(taken & (truncated | ~timed_out)[:, None])
     return Transitions(
         joint=joint[world, time],
@@ -74,29 +85,9 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
         present=present[world, time],
         next_present=present[world, later[world, time]],
         reward=_returns(reward, gamma, n)[world, time].astype(np.float32),
-        bootstrap=np.where(terminated, 0.0, gamma[:, None] ** (later - np.arange(length)))[world, time].astype(
-            np.float32
-        ),
+        bootstrap=bootstrap[world, time].astype(np.float32),
         episode_return=_returns(reward, gamma, length)[world, time].astype(np.float32),
     )
-
-
-def _states(
-    trace: Trace,
-) -> tuple[Float32[np.ndarray, "world time pedestrian 13"], Bool[np.ndarray, "world time pedestrian"]]:
-    """The joint states of a trace, and who is present in them."""
-    worlds, times, agents = trace.position.shape[:3]
-    joint = joint_states(
-        np.nan_to_num(trace.position),
-        np.nan_to_num(trace.velocity),
-        trace.radius,
-        trace.present,
-        goals_in_trace(trace),
-        np.broadcast_to(trace.preferred_speed[:, :1], (worlds, times)),
-    )
-    present = np.zeros(joint.shape[:3], bool)
-    present[:, :, : agents - 1] = trace.present[:, :, 1:]
-    return joint, present
 
 
 def _returns(

@@ -20,12 +20,6 @@ from crowdbench.utils.errors import InputError
 EPISODES = 4000
 """The episodes of the training of a value network where their number is not given."""
 
-STEPS = 5_000_000
-"""The steps of the training of a policy where their number is not given."""
-
-EPOCHS = 50
-"""The epochs of the training of a Social GAN where their number is not given."""
-
 UNLIMITED = {"max_acceleration": math.inf, "max_turn": math.pi, "max_velocity_change": math.inf}
 """The limits of `Limits` that exclude nothing."""
 
@@ -65,7 +59,7 @@ class DrivingRequest(Request):
 
     def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Request`. The figures are those of the best network in the scenario that it was trained in."""
-        from crowdbench.train.driving import VALIDATION_CASES, measure
+        from crowdbench.train.driving import VALIDATION_CASES
 
         scenario, last = training.scenario, training.curve[-1]
         validation = {"scenarios": [each.name for each in training.validation], "cases": str(VALIDATION_CASES)}
@@ -79,7 +73,7 @@ class DrivingRequest(Request):
                 f"kept_after_{self.length}": getattr(training.best_point(), self.length),
                 "minutes": round(training.seconds / 60, 1),
             },
-            "figures": measure(training.planner(training.best), self.network, scenario, self.measured, progress),
+            "figures": training.measure(self.measured, progress),
             "data": cards.episodes(scenario.table),
         }
 
@@ -188,7 +182,7 @@ class PPORequest(DrivingRequest):
         validation: See `DrivingRequest`.
     """
 
-    steps: int = option(STEPS, "Train for this many steps, of all worlds together", least=1)
+    steps: int = option(5_000_000, "Train for this many steps, of all worlds together", least=1)
     reward: str = option("progress", "The reward: crowdnav, progress or ./mine.py")
     nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
     validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
@@ -237,7 +231,7 @@ class SocialGANRequest(Request):
     held_out: str | None = option(None, "With --data, the scene to leave out, to be tested on")
     dt: float | None = option(None, "With --data, resample the tracks to this many seconds per step", least=0.01)
     pooling: bool = option(False, "Use the social pooling module")
-    epochs: int = option(EPOCHS, "Train for this many epochs", least=1)
+    epochs: int = option(50, "Train for this many epochs", least=1)
 
     length: ClassVar[str] = "epochs"
     use = "evaluate-predictor sgan"

@@ -134,11 +134,8 @@ def _order(
 def _join(parts: Sequence[Samples]) -> Samples:
     """All windows in one batch, padded to the largest number of pedestrians."""
     widest = max((part.present.shape[1] for part in parts), default=0)
-
-    def padded(array: np.ndarray, axis: int) -> np.ndarray:
-        widths = [(0, 0)] * array.ndim
-        widths[axis] = (0, widest - array.shape[axis])
-        return np.pad(array, widths)
-
-    position = np.concatenate([padded(part.position, 2) for part in parts])
-    return Samples(position, np.concatenate([padded(part.present, 1) for part in parts]))
+    padding = [(0, widest - part.present.shape[1]) for part in parts]
+    none = (0, 0)
+    position = [np.pad(part.position, [none, none, pad, none]) for part, pad in zip(parts, padding, strict=True)]
+    present = [np.pad(part.present, [none, pad]) for part, pad in zip(parts, padding, strict=True)]
+    return Samples(np.concatenate(position), np.concatenate(present))

@@ -238,17 +238,8 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
     def _validate(self, loss: float) -> None:
         """Add a point to the curve, and keep its network."""
         mean = self.drive_validation()
-        self.curve.append(
-            CurvePoint(
-                episodes=self.rounds * ROUND,
-                seconds=self.seconds,
-                exploration=self.exploration,
-                loss=loss,
-                success=mean(success_rate),
-                navigation_time_or_limit=mean(navigation_time_or_limit),
-                discounted_return=mean(discounted_return),
-            )
-        )
+        measured = [mean(metric) for metric in (success_rate, navigation_time_or_limit, discounted_return)]
+        self.curve.append(CurvePoint(self.rounds * ROUND, self.seconds, self.exploration, loss, *measured))
 
     def state(self) -> State:
         """The state of the training, for a checkpoint."""
