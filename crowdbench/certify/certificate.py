@@ -185,7 +185,6 @@ def _player(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario)
 
 def _search_harder(task: Task, crowd: Crowd, margin: float, efforts: Sequence[Effort]) -> SearchResult:
     """Search with one effort after the other until commands are found; the margin is in metres."""
-    result = SearchResult(None, False)
     for effort in efforts:
         result = search(task, crowd, margin, effort)
         if result.commands is not None:
@@ -283,8 +282,7 @@ def _list_without(scenario: Scenario, split: str, margin: float, found: Sequence
         path: The file; one for another digest or another margin is replaced.
     """
     before = Certified.read(path)
-    is_same = before is not None and (before.scenario, before.margin) == (scenario.digest, margin)
-    splits = before.splits if before is not None and is_same else {}
+    splits = before.splits if before and (before.scenario, before.margin) == (scenario.digest, margin) else {}
     left_out = [each.case for each in found if not each.means]
     narrow = [each.case for each in found if each.margin < margin]
     splits[split] = Examined(examined=len(found), left_out=left_out, narrow=narrow)

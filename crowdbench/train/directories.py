@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 
 from filelock import Timeout
@@ -64,9 +63,11 @@ def remove(directory: Path) -> None:
         directory.rmdir()
 
 
-@contextlib.contextmanager
-def hold(directory: Path) -> Iterator[None]:
+def hold(directory: Path) -> contextlib.ExitStack:
     """Keep other processes out of a directory, and clear away what killed trainings have left half-written there.
+
+    Returns:
+        The context at whose end others may enter.
 
     Raises:
         InputError: Another process trains there.
@@ -83,7 +84,7 @@ def hold(directory: Path) -> Iterator[None]:
         for left in _half_written(directory):
             left.unlink(missing_ok=True)
         stack.callback(path.unlink, missing_ok=True)
-        yield
+        return stack.pop_all()
 
 
 def _half_written(directory: Path) -> list[Path]:

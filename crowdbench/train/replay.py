@@ -12,6 +12,8 @@ from crowdbench.core.types import Outcome, Trace
 from crowdbench.networks.joint_state import joint_states
 from crowdbench.sim.routes import goals_in_trace
 
+Rewards = Float[np.ndarray, "world step"]
+
 
 @dataclass(frozen=True)
 class Transitions:
@@ -90,9 +92,7 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
     )
 
 
-def _returns(
-    reward: Float[np.ndarray, "world step"], gamma: Float[np.ndarray, "world"], n: int
-) -> Float[np.ndarray, "world step"]:
+def _returns(reward: Rewards, gamma: Float[np.ndarray, "world"], n: int) -> Rewards:
     """The discounted sums of n rewards from every step on.
 
     They are the n-step returns of Sutton and Barto (2018, equation 7.1) without the last term, the value after n steps.

@@ -111,7 +111,7 @@ class TrainingRun:
             self._save()
             after_validation(self.training.curve[-1], self.training.progress)
 
-        with self._alone():
+        with self._hold():
             try:
                 if not self.training.curve:
                     # At once, so that a place where nothing can be written is told before hours of work.
@@ -137,7 +137,7 @@ class TrainingRun:
             InputError: A file cannot be written, or another process trains in the directory.
         """
         weights = self.directory / WEIGHTS
-        with self._alone():
+        with self._hold():
             about = {
                 "command": self.request.command,
                 **self.request.card(self.training, progress),
@@ -173,13 +173,10 @@ class TrainingRun:
             if self.training.curve:
                 _write_curve(self.training.curve, self.directory / CURVE)
 
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
+    def _hold(self) -> contextlib.ExitStack:
         """Keep other processes out of the directory."""
-        with contextlib.ExitStack() as stack:
-            with self._writing():
-                stack.enter_context(directories.hold(self.directory))
-            yield
+        with self._writing():
+            return directories.hold(self.directory)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:

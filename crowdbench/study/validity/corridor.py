@@ -20,6 +20,8 @@ from crowdbench.sim import simulator
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.errors import InputError
 
+OfPeople = Float[np.ndarray, "world person"]
+
 FAR = 1000.0
 """How far ahead goals are, in metres: nobody arrives, and all walk straight along the corridor."""
 
@@ -120,21 +122,19 @@ def people_of(world: World) -> slice:
     return slice(1, 1 + world.person.shape[1] // 2)
 
 
-def forward_speed(world: World) -> Float[np.ndarray, "world person"]:
+def forward_speed(world: World) -> OfPeople:
     """How fast each person walks in the direction of its goal, in m/s."""
     who = people_of(world)
     return world.velocity[:, who, 0] * direction(world)
 
 
-def direction(world: World) -> Float[np.ndarray, "world person"]:
+def direction(world: World) -> OfPeople:
     """1 for each person who walks towards larger x, -1 for those who walk the other way."""
     who = people_of(world)
     return np.sign(world.goal[:, who, 0] - world.position[:, who, 0])
 
 
-def lane_order(
-    across: Float[np.ndarray, "world person"], direction: Float[np.ndarray, "world person"], radius: float
-) -> Float[np.ndarray, "world"]:
+def lane_order(across: OfPeople, direction: OfPeople, radius: float) -> Float[np.ndarray, "world"]:
     """The reduced order parameter of lane formation.
 
     For each person, with n people in the same lane in its own direction (itself among them) and m in the other one,
