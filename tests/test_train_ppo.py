@@ -13,7 +13,7 @@ from crowdbench.planners.policy.planner import load_policy
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import driving, ppo
-from crowdbench.train.directories import CHECKPOINT
+from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.requests import PPORequest
 from crowdbench.train.training_run import TrainingRun
 

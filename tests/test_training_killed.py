@@ -13,8 +13,7 @@ from crowdbench import InputError
 from crowdbench.cli import app
 from crowdbench.networks.weights import load_into, read_card
 from crowdbench.train import checkpoint, training_run
-from crowdbench.train.checkpoint import State
-from crowdbench.train.directories import CHECKPOINT, LOCK, WEIGHTS, hold
+from crowdbench.train.checkpoint import CHECKPOINT, LOCK, WEIGHTS, State, hold
 from crowdbench.train.method import CardText, Request
 from crowdbench.train.methods import METHODS
 from crowdbench.train.training_run import TrainingRun

@@ -46,20 +46,18 @@ class Known:
     """A crowd whose ways are known: the same around all states of a layer.
 
     Attributes:
-        steps: What it does in each step.
-        step: How many are over.
+        steps: What it does in each of the steps that are left.
     """
 
     steps: Sequence[CrowdStep]
-    step: int = 0
 
     def ahead(self) -> CrowdStep:
         """What it does in the next step."""
-        return self.steps[self.step]
+        return self.steps[0]
 
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Known:
         """The crowd around the states of the next layer, which come from the states `parent` by these commands."""
-        return Known(self.steps, self.step + 1)
+        return Known(self.steps[1:])
 
 
 class Reacting:

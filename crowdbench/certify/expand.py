@@ -140,8 +140,8 @@ def expand(vehicle, cost, margin, farthest, states, commands, crowds, grid, laye
             if index < 0 or distance > farthest:
                 continue
             left = cost_left(nx, ny, cost)
-            there = grid.table[index]
-            if not arrived and there >= 0 and new_cost[there] <= left:
+            slot = grid.table[index]
+            if not arrived and slot >= 0 and new_cost[slot] <= left:
                 continue
             position[0, 0], position[0, 1] = x, y
             if rules.code == HOLONOMIC:
@@ -153,17 +153,17 @@ def expand(vehicle, cost, margin, farthest, states, commands, crowds, grid, laye
                 gap, wall_gap = gaps_on_arc(rules.body, heading, speed, rate, dt, discs, walls)
             if min(gap, wall_gap) < margin + SAFE:
                 continue
-            if there < 0 and count == len(new_cost) - 1 and not arrived:
+            if slot < 0 and count == len(new_cost) - 1 and not arrived:
                 is_cut = True
                 continue
-            if there < 0 or arrived:
-                there = count
+            if slot < 0 or arrived:
+                slot = count
                 count += 1
-                grid.table[index] = there
-            new_state[there] = (nx, ny, nvx, nvy, after, turned)
-            new_cost[there], new_parent[there], new_command[there] = left, s, (first, second)
+                grid.table[index] = slot
+            new_state[slot] = (nx, ny, nvx, nvy, after, turned)
+            new_cost[slot], new_parent[slot], new_command[slot] = left, s, (first, second)
             if arrived:
-                return count, there, is_cut
+                return count, slot, is_cut
     return count, -1, is_cut
 
 

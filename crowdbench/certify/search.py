@@ -132,8 +132,8 @@ def _turns_and_speeds(task: Task) -> tuple[int, int]:
     else:
         return 1, 1  # its velocity can be any other one after the step
     change = dt * float(dynamics.limits[0])  # of speed
-    wanted = (_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), (_SPEEDS, speed / change + 1.0)
-    headings, speeds = (min(max(least, math.ceil(number)), most) for (least, most), number in wanted)
+    cells = (_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), (_SPEEDS, speed / change + 1.0)
+    headings, speeds = (min(max(least, math.ceil(number)), most) for (least, most), number in cells)
     return headings, speeds
 
 

@@ -62,8 +62,8 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
         The transitions, episode by episode.
     """
     length = trace.gap.shape[1]
-    taken = np.arange(length) < trace.steps[:, None]
-    reward = np.where(taken, episode_rewards(trace), 0.0)
+    in_episode = np.arange(length) < trace.steps[:, None]
+    reward = np.where(in_episode, episode_rewards(trace), 0.0)
     gamma = discount(trace.preferred_speed[:, 0], trace.rules.dt)
     timed_out = trace.outcome == Outcome.TIMEOUT
     later = np.minimum(np.arange(length) + n, trace.steps[:, None])
@@ -80,7 +80,7 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
     present = np.zeros(joint.shape[:3], bool)
     present[:, :, : pedestrians.shape[2]] = pedestrians
     bootstrap = np.where(terminated, 0.0, gamma[:, None] ** (later - np.arange(length)))
-    world, time = np.nonzero(taken & (truncated | ~timed_out)[:, None])
+    world, time = np.nonzero(in_episode & (truncated | ~timed_out)[:, None])
     return Transitions(
         joint=joint[world, time],
         next_joint=joint[world, later[world, time]],

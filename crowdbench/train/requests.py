@@ -293,9 +293,9 @@ class SocialGANRequest(Request):
             scenario = load_scenario(self.scenario, self.overrides)
             description = {"name": scenario.name, "digest": scenario.digest, **scenario.table}
             return {"scenario": description, "dt": scenario.rules.dt, "scenes": []}, "simulated crowds only"
-        used = [scene for scene in scenes(read_folder(Path(self.data))) if scene != self.held_out]
-        source = {"held_out": self.held_out, "dt": DT if self.dt is None else self.dt, "scenes": used}
-        return source, f"recorded tracks: {', '.join(used)}, and those that are in no scene's test"
+        trained_on = [scene for scene in scenes(read_folder(Path(self.data))) if scene != self.held_out]
+        source = {"held_out": self.held_out, "dt": DT if self.dt is None else self.dt, "scenes": trained_on}
+        return source, f"recorded tracks: {', '.join(trained_on)}, and those that are in no scene's test"
 
     @classmethod
     def card_text(cls, card: Mapping[str, Any]) -> CardText:

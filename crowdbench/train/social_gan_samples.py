@@ -112,8 +112,8 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
         under_way = norm(position[:, HISTORY - 1] - trace.goal[:, now, 1:]) >= trace.radius[:, now, 1:]
         person = persons[:, start : start + LENGTH]
         same = (person == person[:, :1]).all(axis=1) & (person[:, 0] >= 0)
-        used = same & under_way & np.isfinite(position).all(axis=(1, 3))
-        found.append(_order(position[used.any(axis=1)], used[used.any(axis=1)]))
+        complete = same & under_way & np.isfinite(position).all(axis=(1, 3))
+        found.append(_order(position[complete.any(axis=1)], complete[complete.any(axis=1)]))
     return _join(found)
 
 

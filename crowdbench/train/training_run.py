@@ -19,8 +19,8 @@ import torch
 from crowdbench.metrics.summary import wilson
 from crowdbench.networks.weights import save_network
 from crowdbench.record import curves
-from crowdbench.train import checkpoint, directories, methods
-from crowdbench.train.directories import CHECKPOINT, CURVE, RECORDING, WEIGHTS
+from crowdbench.train import checkpoint, methods
+from crowdbench.train.checkpoint import CHECKPOINT, CURVE, RECORDING, WEIGHTS
 from crowdbench.train.driving import Validation
 from crowdbench.train.method import Request, Training
 from crowdbench.utils.errors import InputError, describe_error
@@ -59,7 +59,7 @@ class TrainingRun:
             InputError: Something that is asked for does not exist, or the directory holds something or cannot be made.
         """
         _check(device)
-        directories.refuse_taken(directory, request.network)
+        checkpoint.refuse_taken(directory, request.network)
         training = request.training(device)
         try:
             directory.mkdir(parents=True, exist_ok=True)
@@ -84,7 +84,7 @@ class TrainingRun:
         path = directory / CHECKPOINT
         # The checkpoint is the last file that `finish` touches: while it is there, the training is not finished.
         if not path.exists():
-            raise InputError(directories.why_nothing_goes_on(directory))
+            raise InputError(checkpoint.why_nothing_goes_on(directory))
         about = checkpoint.read_about(path)
         _check(device)
         with _readable(path):
@@ -119,7 +119,7 @@ class TrainingRun:
                 self.training.run(save)
             except BaseException:
                 if not self.training.curve:
-                    directories.remove(self.directory)
+                    checkpoint.remove(self.directory)
                 raise
 
     def finish(self, progress: Callable[[float], None]) -> Path:
@@ -163,8 +163,8 @@ class TrainingRun:
             ranges = [wilson(np.arange(training.validated_on) < count) for count in solved]
             intervals["success"] = [(one.low, one.high) for one in ranges]
         points = [dataclasses.asdict(point) for point in curve]
-        kept = curve.index(training.best_point())
-        curves.write(self.directory / RECORDING, self.request.command, points, kept=kept, intervals=intervals)
+        best = curve.index(training.best_point())
+        curves.write(self.directory / RECORDING, self.request.command, points, kept=best, intervals=intervals)
 
     def _save(self) -> None:
         """Write a checkpoint, and the curve where it has points."""
@@ -176,7 +176,7 @@ class TrainingRun:
     def _hold(self) -> contextlib.ExitStack:
         """Keep other processes out of the directory."""
         with self._writing():
-            return directories.hold(self.directory)
+            return checkpoint.hold(self.directory)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
