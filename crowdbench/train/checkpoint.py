@@ -230,6 +230,4 @@ def _half_written(directory: Path) -> list[Path]:
 
 def _holds_something(directory: Path) -> bool:
     """Whether there is anything but what a training leaves that is killed before its first checkpoint."""
-    if not directory.is_dir():
-        return True
-    return bool({*directory.iterdir()} - {directory / LOCK, *_half_written(directory)})
+    return not directory.is_dir() or bool({*directory.iterdir()} - {directory / LOCK, *_half_written(directory)})
