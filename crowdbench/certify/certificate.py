@@ -139,7 +139,6 @@ def _search_cases(
     heeds_vehicle = is_visible or is_placed or scenario.tracks is not None
     world = simulated.draw(split, np.array(cases))
     tasks = [Task.of(world, row) for row in range(len(cases))]
-
     certified: set[int] = set()
 
     def replay(rows: Sequence[int], results: Iterable[SearchResult]) -> Iterator[Certificate]:
