@@ -8,8 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.certify.certificate import SEARCH, certificates
-from crowdbench.certify.certify import make
+from crowdbench.certify.certificate import SEARCH, certificates, make
 from crowdbench.certify.crowds import Known, known_steps
 from crowdbench.certify.search import Effort, Task, search
 from crowdbench.cli import app
@@ -223,7 +222,7 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
 
 def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
     scenario = made("ring", 12)
-    monkeypatch.setattr("crowdbench.certify.certify.PART", 1)
+    monkeypatch.setattr("crowdbench.certify.certificate.PART", 1)
     done = []
 
     def stops(share):
@@ -239,7 +238,7 @@ def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
     looked = []
     real = certificates
     monkeypatch.setattr(
-        "crowdbench.certify.certify.certificates", lambda *given: looked.append(given[1]) or real(*given)
+        "crowdbench.certify.certificate.certificates", lambda *given: looked.append(given[1]) or real(*given)
     )
     rows = make_all(lambda share: None)
     assert looked == [Cases("test", 2, 3)]

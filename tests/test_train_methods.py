@@ -14,8 +14,7 @@ from crowdbench.predict.social_gan import NAME
 from crowdbench.train import training_run
 from crowdbench.train.method import option
 from crowdbench.train.methods import METHODS, check_options, own_options
-from crowdbench.train.planner_requests import ValueRequest
-from crowdbench.train.social_gan_request import SocialGANRequest
+from crowdbench.train.requests import SocialGANRequest, ValueRequest
 
 
 def test_every_network_has_a_method():

@@ -13,9 +13,8 @@ from crowdbench import InputError
 from crowdbench.cli import app
 from crowdbench.networks.weights import load_into, read_card
 from crowdbench.train import checkpoint, training_run
-from crowdbench.train.checkpoint import State
-from crowdbench.train.directories import CHECKPOINT, LOCK, WEIGHTS, hold
-from crowdbench.train.method import Request
+from crowdbench.train.checkpoint import CHECKPOINT, LOCK, WEIGHTS, State, hold
+from crowdbench.train.method import CardText, Request
 from crowdbench.train.methods import METHODS
 from crowdbench.train.training_run import TrainingRun
 
@@ -79,17 +78,9 @@ class CountRequest(Request):
     def card(self, training, progress):
         return {"training": {"seed": 0, "minutes": 0.0}, "figures": {}, "data": "none"}
 
-    @staticmethod
-    def card_headline(card):
-        return ""
-
-    @staticmethod
-    def card_rows(card):
-        return {}
-
-    @staticmethod
-    def card_figures(card):
-        return []
+    @classmethod
+    def card_text(cls, card):
+        return CardText("", {}, [])
 
 
 REQUEST = CountRequest(network="counting")

@@ -11,11 +11,10 @@ import pytest
 from crowdbench.cli import app
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.validity import door, experiments, page
-from crowdbench.study.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
+from crowdbench.study.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, spread, walk
 from crowdbench.study.validity.door import STILL, Passages
-from crowdbench.study.validity.experiments import Setting, run_experiment
+from crowdbench.study.validity.experiments import DEFAULT, MEASURED, POINTS, Setting, crowd, run_experiment
 from crowdbench.study.validity.page import single_file_speed, weidmann_speed
-from crowdbench.study.validity.people import DEFAULT, MEASURED, POINTS, crowd, spread
 from crowdbench.utils.errors import InputError
 
 DOCS = Path(__file__).parent.parent / "docs"

@@ -28,7 +28,7 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.train import value as method
-from crowdbench.train.planner_requests import EPISODES, ValueRequest
+from crowdbench.train.requests import EPISODES, ValueRequest
 
 CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
 """Seconds that CrowdNav's code took for a decision of SARL, by number of pedestrians. Recorded once, not measured

@@ -24,6 +24,9 @@ _STEPS = np.array([[1, 0], [0, 1], [1, 1], [1, -1], [2, 1], [1, 2], [2, -1], [1,
 """From a point of the grid to its neighbours, one of both directions; with these a way is too long by 2.7 % at most."""
 
 
+Point = Float[np.ndarray, "2"]
+
+
 class CostToGo(NamedTuple):
     """How long the way to a goal is from the points of a grid. For kernels.
 
@@ -35,17 +38,14 @@ class CostToGo(NamedTuple):
             where there are no obstacles, and ways are straight.
     """
 
-    goal: Float[np.ndarray, "2"]
-    low: Float[np.ndarray, "2"]
-    high: Float[np.ndarray, "2"]
+    goal: Point
+    low: Point
+    high: Point
     length: Float[np.ndarray, "x y"]
 
 
 def find_cost_to_go(
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    radius: float,
-    obstacles: Float[np.ndarray, "polygon corner 2"],
+    start: Point, goal: Point, radius: float, obstacles: Float[np.ndarray, "polygon corner 2"]
 ) -> CostToGo:
     """The ways of a disc.
 

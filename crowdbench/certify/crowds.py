@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import abc
 import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,7 +10,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import Outcome, World
-from crowdbench.core.types.rules import PERFECT
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.simulator import crowd_decisions, finish_step, move, step
 
@@ -43,53 +41,26 @@ class CrowdStep(NamedTuple):
         return CrowdStep(*(np.ascontiguousarray(each[w : w + 1]) for each in self))
 
 
-class Crowd(abc.ABC):
-    """The crowds around the states of a layer."""
-
-    @abc.abstractmethod
-    def ahead(self) -> CrowdStep:
-        """What the crowds do in the next step."""
-
-    @abc.abstractmethod
-    def rows(self, states: int) -> Int[np.ndarray, "state"]:
-        """Which of them each state is in."""
-
-    @abc.abstractmethod
-    def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Crowd:
-        """The crowds around the states of the next layer.
-
-        Args:
-            parent: The state that each of them comes from.
-            command: The command by which.
-        """
-
-
 @dataclasses.dataclass(frozen=True)
-class Known(Crowd):
-    """A crowd whose ways are known.
+class Known:
+    """A crowd whose ways are known: the same around all states of a layer.
 
     Attributes:
-        steps: What it does in each step.
-        step: How many are over.
+        steps: What it does in each of the steps that are left.
     """
 
     steps: Sequence[CrowdStep]
-    step: int = 0
 
     def ahead(self) -> CrowdStep:
-        """See `Crowd`."""
-        return self.steps[self.step]
-
-    def rows(self, states: int) -> Int[np.ndarray, "state"]:
-        """See `Crowd`: all are in the same crowd."""
-        return np.zeros(states, np.int64)
+        """What it does in the next step."""
+        return self.steps[0]
 
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Known:
-        """See `Crowd`."""
-        return Known(self.steps, self.step + 1)
+        """The crowd around the states of the next layer, which come from the states `parent` by these commands."""
+        return Known(self.steps[1:])
 
 
-class Reacting(Crowd):
+class Reacting:
     """Crowds that see the vehicle: a world for each state, which the simulator takes on.
 
     Args:
@@ -102,23 +73,17 @@ class Reacting(Crowd):
         self.velocities, self.world = crowd_decisions(world, scenario.policies)
 
     def ahead(self) -> CrowdStep:
-        """See `Crowd`."""
+        """What the crowds do in the next step: one for each state."""
         standing = np.zeros((len(self.world), 2))  # in a step, nobody minds what the vehicle does in it
         return CrowdStep.of(self.world, move(self.world, standing, self.velocities)[0])
 
-    def rows(self, states: int) -> Int[np.ndarray, "state"]:
-        """See `Crowd`."""
-        return np.arange(states)
-
     def after(self, parent: Int[np.ndarray, "state"], command: Float[np.ndarray, "state 2"]) -> Reacting:
-        """See `Crowd`."""
+        """As `Known.after`."""
         world, _ = step(self.world.take(parent), command, self.velocities[parent], self.scenario.renewal)
         return Reacting(self.scenario, world)
 
 
-def with_perfect_sight(scenario: Scenario) -> Scenario:
-    """The scenario for a search: it need not simulate what the vehicle sees, which people do not mind."""
-    return dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
+Crowd = Known | Reacting
 
 
 def known_steps(scenario: Scenario, world: World) -> list[CrowdStep]:

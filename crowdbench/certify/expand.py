@@ -80,7 +80,7 @@ class Layer(NamedTuple):
 
 @no_type_check
 @njit(nogil=True)
-def expand(vehicle, cost, margin, farthest, states, commands, which, crowds, grid, layer):
+def expand(vehicle, cost, margin, farthest, states, commands, crowds, grid, layer):
     """Find the states that are reached in a step without coming nearer to anything than a margin.
 
     Args:
@@ -90,8 +90,7 @@ def expand(vehicle, cost, margin, farthest, states, commands, which, crowds, gri
         farthest (float): Distance in metres to the goal from which it can still be reached after the step.
         states (array): `[state, 6]`, as in `Layer`, the most promising first.
         commands (array): `[state, action, 2]`, the commands to try.
-        which (array): `[state]`, which of the crowds each state is in.
-        crowds (CrowdStep): What they do in the step.
+        crowds (CrowdStep): What the crowd of each state does in the step, or the one crowd of all states.
         grid (Grid): The cells, whose table is filled.
         layer (Layer): Filled.
 
@@ -111,7 +110,7 @@ def expand(vehicle, cost, margin, farthest, states, commands, which, crowds, gri
     for s in range(len(states)):
         x, y, vx, vy, heading, turn_rate = states[s]
         now = Motion(x, y, vx, vy, heading, turn_rate)
-        c = which[s]
+        c = s if len(radius) > 1 else 0
         if c != last:
             fill_motion(before[c], end[c], velocity[c], rules.collision, dt, motion)
             last = c
@@ -141,8 +140,8 @@ def expand(vehicle, cost, margin, farthest, states, commands, which, crowds, gri
             if index < 0 or distance > farthest:
                 continue
             left = cost_left(nx, ny, cost)
-            there = grid.table[index]
-            if not arrived and there >= 0 and new_cost[there] <= left:
+            slot = grid.table[index]
+            if not arrived and slot >= 0 and new_cost[slot] <= left:
                 continue
             position[0, 0], position[0, 1] = x, y
             if rules.code == HOLONOMIC:
@@ -154,19 +153,17 @@ def expand(vehicle, cost, margin, farthest, states, commands, which, crowds, gri
                 gap, wall_gap = gaps_on_arc(rules.body, heading, speed, rate, dt, discs, walls)
             if min(gap, wall_gap) < margin + SAFE:
                 continue
-            if there < 0 and count == len(new_cost) - 1 and not arrived:
+            if slot < 0 and count == len(new_cost) - 1 and not arrived:
                 is_cut = True
                 continue
-            if there < 0 or arrived:
-                there = count
+            if slot < 0 or arrived:
+                slot = count
                 count += 1
-                grid.table[index] = there
-            new_state[there, 0], new_state[there, 1], new_state[there, 2], new_state[there, 3] = nx, ny, nvx, nvy
-            new_state[there, 4], new_state[there, 5] = after, turned
-            new_cost[there], new_parent[there] = left, s
-            new_command[there, 0], new_command[there, 1] = first, second
+                grid.table[index] = slot
+            new_state[slot] = (nx, ny, nvx, nvy, after, turned)
+            new_cost[slot], new_parent[slot], new_command[slot] = left, s, (first, second)
             if arrived:
-                return count, there, is_cut
+                return count, slot, is_cut
     return count, -1, is_cut
 
 

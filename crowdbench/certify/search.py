@@ -104,10 +104,8 @@ def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchRes
     for left in reversed(range(rules.max_steps - 1)):  # the last step is a time-out in any case
         grid.table.fill(-1)
         farthest = vehicle.tolerance + (left + 1) * rules.dt * vehicle.max_speed
-        actions, which = commands(task, states), crowd.rows(len(states))
-        count, arrived, is_cut = expand(
-            vehicle, cost, margin, farthest, states, actions, which, crowd.ahead(), grid, space
-        )
+        actions = commands(task, states)
+        count, arrived, is_cut = expand(vehicle, cost, margin, farthest, states, actions, crowd.ahead(), grid, space)
         layer = space.take(np.arange(count))
         if arrived >= 0:
             return SearchResult(_trace_back([*layers, layer], arrived), is_exhaustive)
@@ -134,8 +132,8 @@ def _turns_and_speeds(task: Task) -> tuple[int, int]:
     else:
         return 1, 1  # its velocity can be any other one after the step
     change = dt * float(dynamics.limits[0])  # of speed
-    wanted = (_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), (_SPEEDS, speed / change + 1.0)
-    headings, speeds = (min(max(least, math.ceil(number)), most) for (least, most), number in wanted)
+    cells = (_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), (_SPEEDS, speed / change + 1.0)
+    headings, speeds = (min(max(least, math.ceil(number)), most) for (least, most), number in cells)
     return headings, speeds
 
 

@@ -42,7 +42,7 @@ def certify(
     """
     use_threads(threads)
     from crowdbench import catalog
-    from crowdbench.certify.certify import make
+    from crowdbench.certify.certificate import make
     from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.certified import FOLDER

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from crowdbench.metrics.summary import Estimate
 from crowdbench.runs.results import Episodes
-from crowdbench.study.intervals import difference_over_networks, reduction_over_networks
+from crowdbench.study.intervals import Values, difference_over_networks, reduction_over_networks
 from crowdbench.study.measures import LEAST_SHARED, PLANNER_MEASURES, SUCCESS, Measure
 from crowdbench.study.schema import ClaimSpec
 from crowdbench.utils.tables import markdown
@@ -99,13 +99,12 @@ def check_claim(claim: ClaimSpec, networks: Mapping[str, Sequence[str]], locatio
         if label not in networks:
             known = ", ".join(f'"{each}"' for each in networks)
             raise location.at(key).wrong(repr(label), f"one of {known}")
+    than = location.at("than")
     if claim.than == claim.row:
-        raise location.at("than").wrong(repr(claim.than), f"another row than {claim.row}")
+        raise than.wrong(repr(claim.than), f"another row than {claim.row}")
     ours, theirs = set(networks[claim.row]), set(networks[claim.than])
     if ours & theirs and ours != theirs:
-        raise location.at("than").wrong(
-            repr(claim.than), f"a row with all networks of {claim.row}, or with none of them"
-        )
+        raise than.wrong(repr(claim.than), f"a row with all networks of {claim.row}, or with none of them")
     measure = PLANNER_MEASURES[claim.measure]
     if claim.kind == "reduction" and measure.sign > 0:
         raise location.at("kind").wrong(repr(claim.kind), f'"difference", since less {measure.word} is no gain')
@@ -133,13 +132,8 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
         else:
             figure = difference_over_networks(measure.sign * x, measure.sign * y, paired)
     networks = (len(ours) if any(one) else 0, len(theirs) if any(two) else 0)
-    return Assessment(
-        **dict(claim),
-        networks=networks,
-        cases=cases,
-        figure=figure,
-        verdict=_verdict(figure, claim.bound, networks, cases),
-    )
+    verdict = _verdict(figure, claim.bound, networks, cases)
+    return Assessment(**dict(claim), networks=networks, cases=cases, figure=figure, verdict=verdict)
 
 
 def _verdict(figure: Estimate, bound: float, networks: tuple[int, int], cases: int) -> Verdict:
@@ -169,9 +163,7 @@ def tally(claims: Sequence[Assessment]) -> str:
     return f"Claims: {', '.join(f'{count[verdict]} {word}' for verdict, word in words.items())}."
 
 
-def _gain_in_success(
-    ours: Float[np.ndarray, "network case"], theirs: Float[np.ndarray, "their_network case"], paired: bool
-) -> Estimate:
+def _gain_in_success(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
     """The difference in success, with an interval that has a width even where both succeed in the same cases.
 
     One discordant case is added to each side, one that only `ours` solves and one that only `theirs` solve, as in

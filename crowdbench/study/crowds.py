@@ -19,7 +19,7 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.folder import describe_scenario, read_episodes
-from crowdbench.study.measures import DISCOMFORT, GAP, JERK, LEAST_SHARED, PRIVILEGED, SUCCESS, TIME, with_mark
+from crowdbench.study.measures import DISCOMFORT, GAP, JERK, LEAST_SHARED, PRIVILEGED, SUCCESS, TIME, Row
 from crowdbench.study.schema import CrowdsSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
@@ -50,12 +50,10 @@ PAIRED = (
 
 
 @dataclass(frozen=True)
-class CrowdRow:
+class CrowdRow(Row):
     """A planner in a crowd.
 
     Attributes:
-        planner: Its name.
-        privileged: Whether it uses what no vehicle could know.
         success_rate: Share of the cases that it solves.
         collision_rate: Share of the cases in which it collides, with a pedestrian or a wall.
         wall_collision_rate: Share of the cases in which it collides with a wall.
@@ -63,8 +61,6 @@ class CrowdRow:
         over_solved: The measures of `OVER_SOLVED` by metric, over the cases that it solves.
     """
 
-    planner: str
-    privileged: bool
     success_rate: Estimate
     collision_rate: float
     wall_collision_rate: float
@@ -80,11 +76,6 @@ class CrowdRow:
         return cls(
             run.driver.name, run.driver.privileged, rate(success, episodes.block), collision, wall, timeout, over_solved
         )
-
-    @property
-    def name(self) -> str:
-        """The planner, with an asterisk where it is privileged."""
-        return with_mark(self.planner, self.privileged)
 
 
 @dataclass(frozen=True)
@@ -234,7 +225,7 @@ class CrowdsTable:
     by_scenario: list[list[Run]]
 
     @classmethod
-    def of(cls, spec: CrowdsSpec, location: Location, data: Path | None = None) -> CrowdsTable:
+    def of(cls, spec: CrowdsSpec, location: Location, data: Path | None) -> CrowdsTable:
         """Plan the runs of a table.
 
         Args:

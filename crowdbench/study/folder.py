@@ -49,7 +49,7 @@ def describe_scenario(run: Run) -> str:
     return run.scenario.name + "".join(f", {key}={value}" for key, value in run.spec.overrides.items())
 
 
-def is_made(run: Run, out: Path) -> bool:
+def is_complete(run: Run, out: Path) -> bool:
     """Whether a run is in the folder, to the last case, and can be checked.
 
     Raises InputError where its directory holds something else, or other files than it wrote.
@@ -77,7 +77,7 @@ def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None
         InputError: As `make_run` does.
         KeyboardInterrupt: Somebody interrupted it.
     """
-    if is_made(run, out):  # another process may have made it meanwhile
+    if is_complete(run, out):  # another process may have made it meanwhile
         return True
     return make_run(run, run_directory(run, out), overwrite=True, wait=wait, progress=progress).is_whole
 
@@ -96,4 +96,4 @@ def missing_runs(runs: Iterable[Run], out: Path, shard: Shard = WHOLE) -> list[R
         shard: Which share of the runs is looked at. It is the same whichever of them are there.
     """
     each = list({run_directory(run, out): run for run in runs}.values())
-    return [run for run in shard.select(each) if not is_made(run, out)]
+    return [run for run in shard.select(each) if not is_complete(run, out)]

@@ -80,6 +80,14 @@ PRIVILEGED = (
 """A note on planners that are marked with an asterisk."""
 
 
-def with_mark(planner: str, privileged: bool) -> str:
-    """A planner's name as tables show it: with an asterisk where it is privileged."""
-    return f"{planner} *" if privileged else planner
+@dataclass(frozen=True)
+class Row:
+    """A planner in a table; `privileged` says whether it uses what no vehicle could know."""
+
+    planner: str
+    privileged: bool
+
+    @property
+    def name(self) -> str:
+        """The planner, with an asterisk where it is privileged."""
+        return f"{self.planner} *" if self.privileged else self.planner

@@ -18,7 +18,7 @@ from crowdbench.study.claims import NOTES as CLAIM_NOTES
 from crowdbench.study.claims import Assessment, assess, check_claim, claims_table
 from crowdbench.study.folder import read_episodes
 from crowdbench.study.intervals import mean_over_networks
-from crowdbench.study.measures import PLANNER_MEASURES, PRIVILEGED, SUCCESS, TIME, Measure, with_mark
+from crowdbench.study.measures import PLANNER_MEASURES, PRIVILEGED, SUCCESS, TIME, Measure, Row
 from crowdbench.study.schema import PlannersSpec, RowSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
@@ -60,9 +60,8 @@ class PlannerRow:
             raise location.at("options").wrong(repr(row.options), "without weights: they have a key of their own")
         if row.seeds and row.weights:
             raise location.at("seeds").wrong(repr(row.seeds), "left out where there are weights, which have their own")
-        choices: list[dict[str, Any]] = [{"weights": name} for name in row.weights]
-        choices += [{"seed": seed} for seed in row.seeds]
-        choices = choices or [{}]
+        key, values = ("weights", row.weights) if row.weights else ("seed", row.seeds)
+        choices = [{key: value} for value in values] or [{}]
         replanning = Replanning(table.replan_every, table.look_first)
         base = RunSpec(row.planner, table.scenario, table.cases, replanning=replanning, record="none")
 
@@ -188,12 +187,10 @@ class SecondReading:
 
 
 @dataclass(frozen=True)
-class FilledPlannerRow:
-    """A row with its figures.
+class FilledPlannerRow(Row):
+    """A row with its figures; `planner` is what the table calls the planner.
 
     Attributes:
-        planner: What the table calls the planner.
-        privileged: Whether the planner uses what no vehicle could know.
         weights: The weights of its networks, where it was given any.
         networks: Number of its networks; 0 for a planner without any.
         reported: What others report, by metric.
@@ -203,8 +200,6 @@ class FilledPlannerRow:
         second_reading: What the first network does on other cases, if the row has them.
     """
 
-    planner: str
-    privileged: bool
     weights: list[str]
     networks: int
     reported: dict[str, float]
@@ -212,11 +207,6 @@ class FilledPlannerRow:
     success_rates: list[float]
     variant_success_rate: Estimate | None
     second_reading: SecondReading | None
-
-    @property
-    def name(self) -> str:
-        """The planner, with an asterisk where it is privileged."""
-        return with_mark(self.planner, self.privileged)
 
 
 @dataclass(frozen=True)

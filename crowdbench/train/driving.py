@@ -7,7 +7,7 @@ import copy
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 from torch import Tensor, nn
@@ -61,7 +61,7 @@ class DrivingTraining(abc.ABC, Generic[Network, Point]):
         self.scenario, self.validation = load_scenarios(request, request.validation_names)
         self.seconds = 0.0
         self.curve: list[Point] = []
-        self.validated: list[Network] = []
+        self.validated = nn.ModuleList()
 
     @property
     @abc.abstractmethod
@@ -92,20 +92,37 @@ class DrivingTraining(abc.ABC, Generic[Network, Point]):
     @property
     def best(self) -> Network:
         """See `crowdbench.train.method.Training`. Before the first validation, the network as it is."""
-        return self.validated[self.curve.index(self.best_point())] if self.curve else self.current
+        if not self.curve:
+            return self.current
+        return cast(Network, self.validated[self.curve.index(self.best_point())])
+
+    def measure(self, metrics: Sequence[str], progress: Callable[[float], None]) -> dict[str, Any]:
+        """Run the best network through the cases of a card, in the scenario that it was trained in.
+
+        Args:
+            metrics: The names of the metrics.
+            progress: Called as by `rollout`.
+
+        Returns:
+            For every split of `CASES` the cases and the mean of every metric with its 95 % interval, as JSON.
+        """
+        driver = Driver(self.planner(self.best), self.request.network)
+        chosen = {metric: METRICS[metric] for metric in metrics}
+        figures = {}
+        for split, cases in CASES.items():
+            traces = (rollout(driver, self.scenario, part, progress=progress) for part in cases.batches(BATCH))
+            parts = [Episodes.of(trace, chosen) for trace in traces]
+            figures[split] = {"cases": str(cases), "metrics": to_json(Episodes.join(parts).summary())}
+        return figures
 
     def validated_tensors(self) -> dict[str, Tensor]:
         """The networks of all validations, for a checkpoint."""
-        networks = enumerate(self.validated)
-        return {key: value for n, each in networks for key, value in tensors_of(f"validated.{n}", each).items()}
+        return tensors_of("validated", self.validated)
 
     def restore_curve(self, state: State, point: Callable[..., Point]) -> None:
         """Restore the training time, the curve and the networks of its points."""
-        self.validated.clear()
-        for number in range(len(state.curve)):
-            network = copy.deepcopy(self.current)
-            network.load_state_dict(part_of(f"validated.{number}", state.tensors))
-            self.validated.append(network)
+        self.validated = nn.ModuleList(copy.deepcopy(self.current) for _ in state.curve)
+        self.validated.load_state_dict(part_of("validated", state.tensors))
         self.seconds = state.facts["seconds"]
         self.curve = [point(**each) for each in state.curve]
 
@@ -159,28 +176,3 @@ def choose_point(curve: Sequence[Point], cases: int) -> Point:
         (point for point in reversed(curve) if point.success >= most - error),
         key=lambda point: point.navigation_time_or_limit,
     )
-
-
-def measure(
-    planner: Planner, name: str, scenario: Scenario, metrics: Sequence[str], progress: Callable[[float], None]
-) -> dict[str, Any]:
-    """Run a planner through the cases of a card.
-
-    Args:
-        planner: The planner.
-        name: What it is called in errors.
-        scenario: The scenario.
-        metrics: The names of the metrics.
-        progress: Called as by `rollout`.
-
-    Returns:
-        For every split of `CASES` the cases and the mean of every metric with its 95 % interval, as JSON.
-    """
-    driver = Driver(planner, name)
-    chosen = {metric: METRICS[metric] for metric in metrics}
-    found = {}
-    for split, cases in CASES.items():
-        traces = (rollout(driver, scenario, part, progress=progress) for part in cases.batches(BATCH))
-        parts = [Episodes.of(trace, chosen) for trace in traces]
-        found[split] = {"cases": str(cases), "metrics": to_json(Episodes.join(parts).summary())}
-    return found

@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from torch import nn
@@ -28,18 +28,33 @@ MOST_SEED = 10**9
 Default = TypeVar("Default")
 
 
-def option(default: Default, help: str, least: float | None = None) -> Default:
+def option(default: Default, help: str, least: float | None = None, always: bool = False) -> Default:
     """A field of a request that is an option of `crowdbench train`.
 
     Args:
         default: Its value where it is not given.
         help: What it means, in one sentence without a full stop.
         least: The smallest number allowed, or None.
+        always: Whether `Request.command` has it even with its default.
 
     Returns:
-        The field, for the body of a dataclass; its metadata are the last two.
+        The field, for the body of a dataclass; its metadata are the others.
     """
-    return dataclasses.field(default=default, metadata={"help": help, "least": least})
+    return dataclasses.field(default=default, metadata={"help": help, "least": least, "always": always})
+
+
+class CardText(NamedTuple):
+    """What a card for people says that depends on the method.
+
+    Attributes:
+        headline: How the card goes on in one line after network, seed and training time: training and main figure.
+        rows: The rows of its table that only this method has.
+        figures: The figures, as lines of Markdown.
+    """
+
+    headline: str
+    rows: Mapping[str, str]
+    figures: Sequence[str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,17 +82,9 @@ class Request(abc.ABC):
     length: ClassVar[str]
     """The option that says how long to train where `minutes` is not given."""
 
-    @classmethod
-    @abc.abstractmethod
+    @classmethod  # noqa: B027 (most methods have nothing to check)
     def check(cls, options: Mapping[str, Any]) -> None:
-        """Check that the options of a user do not contradict each other.
-
-        Args:
-            options: The values that the user has given, by field name.
-
-        Raises:
-            InputError: Some of them contradict each other.
-        """
+        """Raise InputError where options contradict each other; they are those that a user has given, by field name."""
 
     def progress(self, done: int, seconds: float) -> float:
         """The part of the training that is done, from 0 to 1.
@@ -140,27 +147,16 @@ class Request(abc.ABC):
         """
 
     @property
-    @abc.abstractmethod
     def card_cases(self) -> int:
         """The number of cases that `card` runs."""
+        return 0
 
-    @staticmethod
+    @classmethod
     @abc.abstractmethod
-    def card_headline(card: Mapping[str, Any]) -> str:
-        """How a card goes on in one line after network, seed and training time: the training and its main figure."""
-
-    @staticmethod
-    @abc.abstractmethod
-    def card_rows(card: Mapping[str, Any]) -> Mapping[str, str]:
-        """What a card for people says of the training: the rows of its table that only this method has."""
-
-    @staticmethod
-    @abc.abstractmethod
-    def card_figures(card: Mapping[str, Any]) -> Sequence[str]:
-        """The figures of a card for people, as lines of Markdown."""
+    def card_text(cls, card: Mapping[str, Any]) -> CardText:
+        """What a card says, for people."""
 
 
-@runtime_checkable
 class Training(Protocol):
     """A training and all its state. It can be restored from a checkpoint, and then goes on bit for bit the same."""
 

@@ -13,8 +13,7 @@ from typing import Any
 
 from crowdbench.networks import card as cards
 from crowdbench.train.method import Request
-from crowdbench.train.planner_requests import PPORequest, ValueRequest
-from crowdbench.train.social_gan_request import SocialGANRequest
+from crowdbench.train.requests import PPORequest, SocialGANRequest, ValueRequest
 from crowdbench.utils.errors import InputError
 
 METHODS: dict[str, type[Request]] = {
@@ -72,7 +71,7 @@ def check_options(network: str, options: Mapping[str, Any]) -> None:
 def headline(card: Mapping[str, Any]) -> str:
     """The card of trained weights in one line."""
     trained = card["training"]
-    rest = method_of(card["network"]).card_headline(card)
+    rest = method_of(card["network"]).card_text(card).headline
     return f"{card['network']}, seed {trained['seed']}, {trained['minutes']:.1f} min {rest}"
 
 
@@ -86,8 +85,8 @@ def built_in_weights() -> list[tuple[str, str]]:
 
 def markdown(card: Mapping[str, Any]) -> str:
     """The card of trained weights for people."""
-    method = method_of(card["network"])
-    return cards.markdown(card, method.card_rows(card), method.card_figures(card))
+    text = method_of(card["network"]).card_text(card)
+    return cards.markdown(card, text.rows, text.figures)
 
 
 def _join(names: list[str]) -> str:

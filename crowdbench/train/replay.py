@@ -12,6 +12,8 @@ from crowdbench.core.types import Outcome, Trace
 from crowdbench.networks.joint_state import joint_states
 from crowdbench.sim.routes import goals_in_trace
 
+Rewards = Float[np.ndarray, "world step"]
+
 
 @dataclass(frozen=True)
 class Transitions:
@@ -60,48 +62,37 @@ def transitions(trace: Trace, n: int, *, truncated: bool = True) -> Transitions:
         The transitions, episode by episode.
     """
     length = trace.gap.shape[1]
-    taken = np.arange(length) < trace.steps[:, None]
-    reward = np.where(taken, episode_rewards(trace), 0.0)
+    in_episode = np.arange(length) < trace.steps[:, None]
+    reward = np.where(in_episode, episode_rewards(trace), 0.0)
     gamma = discount(trace.preferred_speed[:, 0], trace.rules.dt)
     timed_out = trace.outcome == Outcome.TIMEOUT
     later = np.minimum(np.arange(length) + n, trace.steps[:, None])
     terminated = (later == trace.steps[:, None]) & ~timed_out[:, None]
-    joint, present = _states(trace)
-    world, time = np.nonzero(taken & (truncated | ~timed_out)[:, None])
-    return Transitions(
-        joint=joint[world, time],
-        next_joint=joint[world, later[world, time]],
-        present=present[world, time],
-        next_present=present[world, later[world, time]],
-        reward=_returns(reward, gamma, n)[world, time].astype(np.float32),
-        bootstrap=np.where(terminated, 0.0, gamma[:, None] ** (later - np.arange(length)))[world, time].astype(
-            np.float32
-        ),
-        episode_return=_returns(reward, gamma, length)[world, time].astype(np.float32),
-    )
-
-
-def _states(
-    trace: Trace,
-) -> tuple[Float32[np.ndarray, "world time pedestrian 13"], Bool[np.ndarray, "world time pedestrian"]]:
-    """The joint states of a trace, and who is present in them."""
-    worlds, times, agents = trace.position.shape[:3]
+    pedestrians = trace.present[:, :, 1:]
     joint = joint_states(
         np.nan_to_num(trace.position),
         np.nan_to_num(trace.velocity),
         trace.radius,
         trace.present,
         goals_in_trace(trace),
-        np.broadcast_to(trace.preferred_speed[:, :1], (worlds, times)),
+        np.broadcast_to(trace.preferred_speed[:, :1], trace.position.shape[:2]),
     )
     present = np.zeros(joint.shape[:3], bool)
-    present[:, :, : agents - 1] = trace.present[:, :, 1:]
-    return joint, present
+    present[:, :, : pedestrians.shape[2]] = pedestrians
+    bootstrap = np.where(terminated, 0.0, gamma[:, None] ** (later - np.arange(length)))
+    world, time = np.nonzero(in_episode & (truncated | ~timed_out)[:, None])
+    return Transitions(
+        joint=joint[world, time],
+        next_joint=joint[world, later[world, time]],
+        present=present[world, time],
+        next_present=present[world, later[world, time]],
+        reward=_returns(reward, gamma, n)[world, time].astype(np.float32),
+        bootstrap=bootstrap[world, time].astype(np.float32),
+        episode_return=_returns(reward, gamma, length)[world, time].astype(np.float32),
+    )
 
 
-def _returns(
-    reward: Float[np.ndarray, "world step"], gamma: Float[np.ndarray, "world"], n: int
-) -> Float[np.ndarray, "world step"]:
+def _returns(reward: Rewards, gamma: Float[np.ndarray, "world"], n: int) -> Rewards:
     """The discounted sums of n rewards from every step on.
 
     They are the n-step returns of Sutton and Barto (2018, equation 7.1) without the last term, the value after n steps.

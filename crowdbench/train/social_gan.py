@@ -12,7 +12,6 @@ import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,23 +20,13 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
-from crowdbench.catalog import load_scenario
 from crowdbench.core.types import HISTORY
 from crowdbench.metrics.prediction_errors import TOGETHER, displacement
 from crowdbench.networks.social_gan import NOISE, Discriminator, Generator
 from crowdbench.predict import Prediction
 from crowdbench.predict.social_gan import scatter
-from crowdbench.train import social_gan_samples as samples
-from crowdbench.train.checkpoint import (
-    State,
-    networks_state,
-    optimizer_state,
-    part_of,
-    rename_tensors,
-    restore_networks,
-    restore_optimizer,
-)
-from crowdbench.train.social_gan_samples import HORIZON, Samples
+from crowdbench.train.checkpoint import State, parts_state, rename_tensors, restore_parts
+from crowdbench.train.social_gan_samples import HORIZON, Samples, load_samples
 
 BATCH = 64
 """Scenes of an update."""
@@ -116,12 +105,7 @@ class Training:
     def __init__(self, request: Any, device: str) -> None:
         self.request = request
         self.device = device
-        if request.data is None:
-            scenario = load_scenario(request.scenario, request.overrides)
-            self.training, self.validation = samples.of_scenario(scenario)
-        else:
-            recordings = Path(request.data)
-            self.training, self.validation = samples.of_recordings(recordings, request.held_out, request.dt)
+        self.training, self.validation = load_samples(request)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(request.seed)
             self.generator = Generator(request.pooling).to(device)
@@ -222,17 +206,12 @@ class Training:
 
     def state(self) -> State:
         """The state of the training, for a checkpoint."""
-        tensors = networks_state(self, NETWORKS)
-        for part in OPTIMIZERS:
-            tensors |= optimizer_state(part, getattr(self, part))
+        tensors = parts_state(self, NETWORKS + OPTIMIZERS)
         return State(tensors, {"epochs": self.epochs, "seconds": self.seconds}, self.curve)
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        tensors = rename_tensors(state.tensors, FORMER_NAMES)
-        restore_networks(self, NETWORKS, tensors)
-        for part in OPTIMIZERS:
-            restore_optimizer(getattr(self, part), part_of(part, tensors))
+        restore_parts(self, NETWORKS + OPTIMIZERS, rename_tensors(state.tensors, FORMER_NAMES))
         self.epochs, self.seconds = state.facts["epochs"], state.facts["seconds"]
         self.curve = [CurvePoint(**point) for point in state.curve]
 

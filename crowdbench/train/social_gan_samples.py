@@ -6,10 +6,12 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
+from crowdbench.catalog import load_scenario
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import HISTORY
 from crowdbench.planners.driver import Driver
@@ -52,33 +54,19 @@ class Samples:
         return len(self.present)
 
 
-def of_recordings(folder: Path, held_out: str | None, dt: float | None) -> tuple[Samples, Samples]:
-    """The windows of recorded tracks.
-
-    Args:
-        folder: The folder of the recordings.
-        held_out: The scene to leave out, or None.
-        dt: The time step to which recordings are resampled, in seconds, or None for their own.
-
-    Returns:
-        Windows to train on and windows to validate on.
+def load_samples(request: Any) -> tuple[Samples, Samples]:
+    """The windows that a `SocialGANRequest` asks for, to train on and to validate on.
 
     Raises:
-        InputError: There are no recordings, there is no such scene, or no recording is long enough.
+        InputError: There is no such scenario, or there are no recordings or no such scene in them, or no episode or
+            recording is long enough.
     """
-    training, validation = training_split(read_folder(folder), held_out)
-    return _validate(from_tracks(training, dt), from_tracks(validation, dt))
-
-
-def of_scenario(scenario: Scenario) -> tuple[Samples, Samples]:
-    """The windows of a scenario's pedestrians, to train on and to validate on.
-
-    Raises InputError where no episode is long enough.
-    """
-    return _validate(from_scenario(scenario, TRAINING_CASES), from_scenario(scenario, VALIDATION_CASES))
-
-
-def _validate(training: Samples, validation: Samples) -> tuple[Samples, Samples]:
+    if request.data is None:
+        scenario = load_scenario(request.scenario, request.overrides)
+        training, validation = (from_scenario(scenario, cases) for cases in (TRAINING_CASES, VALIDATION_CASES))
+    else:
+        split = training_split(read_folder(Path(request.data)), request.held_out)
+        training, validation = (from_tracks(recordings, request.dt) for recordings in split)
     if not (len(training) and len(validation)):
         raise InputError(f"there is no window of {LENGTH} consecutive steps to train and validate on")
     return training, validation
@@ -124,8 +112,8 @@ def from_scenario(scenario: Scenario, cases: Cases) -> Samples:
         under_way = norm(position[:, HISTORY - 1] - trace.goal[:, now, 1:]) >= trace.radius[:, now, 1:]
         person = persons[:, start : start + LENGTH]
         same = (person == person[:, :1]).all(axis=1) & (person[:, 0] >= 0)
-        used = same & under_way & np.isfinite(position).all(axis=(1, 3))
-        found.append(_order(position[used.any(axis=1)], used[used.any(axis=1)]))
+        complete = same & under_way & np.isfinite(position).all(axis=(1, 3))
+        found.append(_order(position[complete.any(axis=1)], complete[complete.any(axis=1)]))
     return _join(found)
 
 
@@ -146,11 +134,8 @@ def _order(
 def _join(parts: Sequence[Samples]) -> Samples:
     """All windows in one batch, padded to the largest number of pedestrians."""
     widest = max((part.present.shape[1] for part in parts), default=0)
-
-    def padded(array: np.ndarray, axis: int) -> np.ndarray:
-        widths = [(0, 0)] * array.ndim
-        widths[axis] = (0, widest - array.shape[axis])
-        return np.pad(array, widths)
-
-    position = np.concatenate([padded(part.position, 2) for part in parts])
-    return Samples(position, np.concatenate([padded(part.present, 1) for part in parts]))
+    padding = [(0, widest - part.present.shape[1]) for part in parts]
+    none = (0, 0)
+    position = [np.pad(part.position, [none, none, pad, none]) for part, pad in zip(parts, padding, strict=True)]
+    present = [np.pad(part.present, [none, pad]) for part, pad in zip(parts, padding, strict=True)]
+    return Samples(np.concatenate(position), np.concatenate(present))

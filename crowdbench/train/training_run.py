@@ -6,6 +6,7 @@ import contextlib
 import csv
 import dataclasses
 import platform
+import re
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,8 +19,8 @@ import torch
 from crowdbench.metrics.summary import wilson
 from crowdbench.networks.weights import save_network
 from crowdbench.record import curves
-from crowdbench.train import checkpoint, directories, methods
-from crowdbench.train.directories import CHECKPOINT, CURVE, RECORDING, WEIGHTS
+from crowdbench.train import checkpoint, methods
+from crowdbench.train.checkpoint import CHECKPOINT, CURVE, RECORDING, WEIGHTS
 from crowdbench.train.driving import Validation
 from crowdbench.train.method import Request, Training
 from crowdbench.utils.errors import InputError, describe_error
@@ -58,7 +59,7 @@ class TrainingRun:
             InputError: Something that is asked for does not exist, or the directory holds something or cannot be made.
         """
         _check(device)
-        directories.refuse_taken(directory, request.network)
+        checkpoint.refuse_taken(directory, request.network)
         training = request.training(device)
         try:
             directory.mkdir(parents=True, exist_ok=True)
@@ -83,7 +84,7 @@ class TrainingRun:
         path = directory / CHECKPOINT
         # The checkpoint is the last file that `finish` touches: while it is there, the training is not finished.
         if not path.exists():
-            raise InputError(directories.why_nothing_goes_on(directory))
+            raise InputError(checkpoint.why_nothing_goes_on(directory))
         about = checkpoint.read_about(path)
         _check(device)
         with _readable(path):
@@ -107,20 +108,18 @@ class TrainingRun:
         """
 
         def save() -> None:
-            with self._writing():
-                self._save()
+            self._save()
             after_validation(self.training.curve[-1], self.training.progress)
 
-        with self._alone():
+        with self._hold():
             try:
                 if not self.training.curve:
                     # At once, so that a place where nothing can be written is told before hours of work.
-                    with self._writing():
-                        self._save()
+                    self._save()
                 self.training.run(save)
             except BaseException:
                 if not self.training.curve:
-                    directories.remove(self.directory)
+                    checkpoint.remove(self.directory)
                 raise
 
     def finish(self, progress: Callable[[float], None]) -> Path:
@@ -138,7 +137,7 @@ class TrainingRun:
             InputError: A file cannot be written, or another process trains in the directory.
         """
         weights = self.directory / WEIGHTS
-        with self._alone():
+        with self._hold():
             about = {
                 "command": self.request.command,
                 **self.request.card(self.training, progress),
@@ -164,22 +163,20 @@ class TrainingRun:
             ranges = [wilson(np.arange(training.validated_on) < count) for count in solved]
             intervals["success"] = [(one.low, one.high) for one in ranges]
         points = [dataclasses.asdict(point) for point in curve]
-        kept = curve.index(training.best_point())
-        curves.write(self.directory / RECORDING, self.request.command, points, kept=kept, intervals=intervals)
+        best = curve.index(training.best_point())
+        curves.write(self.directory / RECORDING, self.request.command, points, kept=best, intervals=intervals)
 
     def _save(self) -> None:
         """Write a checkpoint, and the curve where it has points."""
-        checkpoint.save(self.training.state(), self.directory / CHECKPOINT, dataclasses.asdict(self.request))
-        if self.training.curve:
-            _write_curve(self.training.curve, self.directory / CURVE)
+        with self._writing():
+            checkpoint.save(self.training.state(), self.directory / CHECKPOINT, dataclasses.asdict(self.request))
+            if self.training.curve:
+                _write_curve(self.training.curve, self.directory / CURVE)
 
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
+    def _hold(self) -> contextlib.ExitStack:
         """Keep other processes out of the directory."""
-        with contextlib.ExitStack() as stack:
-            with self._writing():
-                stack.enter_context(directories.hold(self.directory))
-            yield
+        with self._writing():
+            return checkpoint.hold(self.directory)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -240,8 +237,5 @@ def _commit() -> str | None:
 def _processor() -> str:
     """The name of the processor."""
     cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        for line in cpuinfo.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+    found = re.search(r"^model name.*?:(.*)", cpuinfo.read_text() if cpuinfo.exists() else "", re.MULTILINE)
+    return found[1].strip() if found else platform.processor() or platform.machine()

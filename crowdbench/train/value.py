@@ -37,14 +37,7 @@ from crowdbench.predict import ConstantVelocity
 from crowdbench.predict.load import load_predictor
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.train.checkpoint import (
-    State,
-    networks_state,
-    optimizer_state,
-    part_of,
-    restore_networks,
-    restore_optimizer,
-)
+from crowdbench.train.checkpoint import State, part_of, parts_state, restore_parts
 from crowdbench.train.driving import DrivingTraining
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
 
@@ -90,8 +83,8 @@ VALIDATIONS = 8
 CASES_PER_SEED = 1_000_000
 """Number of training cases that belong to each seed."""
 
-PARTS = ("network", "average")
-"""The networks of a training."""
+PARTS = ("network", "average", "optimizer")
+"""The networks and the optimizer of a training."""
 
 
 @dataclass(frozen=True)
@@ -245,21 +238,12 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
     def _validate(self, loss: float) -> None:
         """Add a point to the curve, and keep its network."""
         mean = self.drive_validation()
-        self.curve.append(
-            CurvePoint(
-                episodes=self.rounds * ROUND,
-                seconds=self.seconds,
-                exploration=self.exploration,
-                loss=loss,
-                success=mean(success_rate),
-                navigation_time_or_limit=mean(navigation_time_or_limit),
-                discounted_return=mean(discounted_return),
-            )
-        )
+        measured = [mean(metric) for metric in (success_rate, navigation_time_or_limit, discounted_return)]
+        self.curve.append(CurvePoint(self.rounds * ROUND, self.seconds, self.exploration, loss, *measured))
 
     def state(self) -> State:
         """The state of the training, for a checkpoint."""
-        tensors = networks_state(self, PARTS) | self.validated_tensors() | optimizer_state("optimizer", self.optimizer)
+        tensors = parts_state(self, PARTS) | self.validated_tensors()
         if self.replay.transitions is not None:
             transitions = self.replay.transitions.take(slice(0, len(self.replay)))
             tensors |= {f"replay.{name}": torch.from_numpy(array) for name, array in vars(transitions).items()}
@@ -267,9 +251,8 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        restore_networks(self, PARTS, state.tensors)
+        restore_parts(self, PARTS, state.tensors)
         self.restore_curve(state, CurvePoint)
-        restore_optimizer(self.optimizer, part_of("optimizer", state.tensors))
         if replay := part_of("replay", state.tensors):
             self.replay.add(Transitions(**{name: tensor.numpy() for name, tensor in replay.items()}))
         self.replay.added, self.rounds = state.facts["added"], state.facts["rounds"]

@@ -8,6 +8,7 @@ belong; what a policy has answered for an image is not used.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
@@ -17,7 +18,9 @@ from crowdbench.core.types import World
 from crowdbench.scenario.placement import Placement
 from crowdbench.sim import simulator
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.study.validity.people import spread
+from crowdbench.utils.errors import InputError
+
+OfPeople = Float[np.ndarray, "world person"]
 
 FAR = 1000.0
 """How far ahead goals are, in metres: nobody arrives, and all walk straight along the corridor."""
@@ -56,6 +59,40 @@ def corridor(length: float, width: float, backward: float) -> Callable[..., Plac
     return layout
 
 
+def spread(
+    rng: np.random.Generator, number: int, radius: float, length: float, width: float
+) -> Float[np.ndarray, "{number} 2"]:
+    """Places on a rectangle at which discs do not overlap.
+
+    The rectangle is divided into cells, as square as can be, at least one per disc. Each disc lies in a cell of its
+    own, drawn by chance, somewhere within it.
+
+    Args:
+        rng: The random stream to draw from.
+        number: Number of discs.
+        radius: Their radius in metres.
+        length: Extent of the rectangle along x in metres, from 0.
+        width: Extent along y in metres, with 0 in the middle.
+
+    Returns:
+        Centres in metres.
+
+    Raises:
+        InputError: There is no room for so many.
+    """
+    rows = range(1, int(width / (2.0 * radius) + 1e-9) + 1)
+    fits = [(min(length / math.ceil(number / row), width / row), row) for row in rows]
+    size, across = max(fits, default=(0.0, 1))
+    if size < 2.0 * radius - 1e-9:
+        raise InputError(f"{number} people of radius {radius:g} m have no room on {length:g} m x {width:g} m")
+    cell = np.array([length / math.ceil(number / across), width / across])
+    along = math.ceil(number / across)
+    chosen = rng.permutation(along * across)[:number]
+    middle = (np.stack([chosen % along, chosen // along], axis=1) + 0.5) * cell
+    play = np.maximum(cell / 2.0 - radius, 0.0)
+    return middle + rng.uniform(-play, play, (number, 2)) - [0.0, width / 2.0]
+
+
 def walk(
     world: World, policies: Mapping[str, PedestrianPolicy], length: float, steps: int, single_file: bool = False
 ) -> Iterator[World]:
@@ -85,21 +122,19 @@ def people_of(world: World) -> slice:
     return slice(1, 1 + world.person.shape[1] // 2)
 
 
-def forward_speed(world: World) -> Float[np.ndarray, "world person"]:
+def forward_speed(world: World) -> OfPeople:
     """How fast each person walks in the direction of its goal, in m/s."""
     who = people_of(world)
     return world.velocity[:, who, 0] * direction(world)
 
 
-def direction(world: World) -> Float[np.ndarray, "world person"]:
+def direction(world: World) -> OfPeople:
     """1 for each person who walks towards larger x, -1 for those who walk the other way."""
     who = people_of(world)
     return np.sign(world.goal[:, who, 0] - world.position[:, who, 0])
 
 
-def lane_order(
-    across: Float[np.ndarray, "world person"], direction: Float[np.ndarray, "world person"], radius: float
-) -> Float[np.ndarray, "world"]:
+def lane_order(across: OfPeople, direction: OfPeople, radius: float) -> Float[np.ndarray, "world"]:
     """The reduced order parameter of lane formation.
 
     For each person, with n people in the same lane in its own direction (itself among them) and m in the other one,

@@ -13,7 +13,7 @@ from crowdbench.core.types import World
 from crowdbench.scenario.placement import Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.simulator import crowd_velocities, walk
-from crowdbench.study.validity.people import spread
+from crowdbench.study.validity.corridor import spread
 
 NUMBER = 60
 """How many people leave."""
@@ -98,8 +98,8 @@ class Passages:
         number = (self.step >= 0).sum(axis=1)
         first = np.where(self.step >= 0, self.step, self.steps).min(axis=1)
         last = np.where(self.share < 1.0, self.steps - 1, self.step.max(axis=1))
-        took = (last - first) * self.dt
-        return np.divide(number - 1, took, out=np.full(len(took), np.nan), where=took > 0.0)
+        duration = (last - first) * self.dt
+        return np.divide(number - 1, duration, out=np.full(len(duration), np.nan), where=duration > 0.0)
 
 
 def leave(world: World, policies: Mapping[str, PedestrianPolicy]) -> Passages:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from crowdbench import catalog
+from crowdbench.scenario import load as scenario_file
 from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.scenario.tracks.scenes import load_scene
 from crowdbench.study.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
 from crowdbench.study.validity.door import NUMBER, Passages, hall, leave
-from crowdbench.study.validity.people import EVERYBODY, People, crowd
 
 WORLDS = 6
 """Worlds of an experiment."""
@@ -34,6 +38,49 @@ STUCK = 0.1
 
 DOORS = (0.8, 1.0, 1.2, 1.6)
 """Widths of the door in metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """What the people of a crowd have in common.
+
+    Attributes:
+        title: What tables call them.
+        radius: In metres.
+        preferred_speed: In m/s, as a scenario's file writes it.
+        densities: How many of them per square metre walk in a corridor, in 1/m^2. More than the last number would not
+            fit, or hardly.
+        per_metre: How many of them per metre walk in single file, in 1/m.
+        waiting: How many of them per square metre wait before a door, in 1/m^2; None where they do not walk through it.
+    """
+
+    title: str
+    radius: float
+    preferred_speed: float | Mapping[str, float]
+    densities: tuple[float, ...]
+    per_metre: tuple[float, ...]
+    waiting: float | None
+
+    @property
+    def free_speed(self) -> float:
+        """Their mean preferred speed in m/s."""
+        speed = self.preferred_speed
+        return speed["mean"] if isinstance(speed, Mapping) else speed
+
+
+DEFAULT = People("radius 0.3 m, 1 m/s", 0.3, 1.0, (0.5, 1.0, 1.5, 2.0, 2.5), (0.8, 1.0, 1.2, 1.4), 1.6)
+"""As in most scenarios."""
+
+_WALKERS = {"mean": 1.34, "std": 0.26, "low": 0.82, "high": 1.86}
+"""Walking speeds of pedestrians in m/s (Weidmann 1993), within two standard deviations."""
+
+MEASURED = People("radius 0.2 m, 1.34 m/s", 0.2, _WALKERS, (0.5, 1.0, 2.0, 3.0, 4.0), (0.8, 1.2, 1.6, 2.0), 3.3)
+"""With measured speeds, and bodies 0.4 m across, of which as many fit on a square metre as in experiments."""
+
+POINTS = People("radius 0.01 m, 1.34 m/s", 0.01, _WALKERS, (0.5, 1.0, 2.0, 3.0), (), None)
+"""Almost points, as in the paper on the social force model (Helbing and Molnár 1995)."""
+
+EVERYBODY = (DEFAULT, MEASURED, POINTS)
 
 
 @dataclass(frozen=True)
@@ -78,6 +125,29 @@ def settings(policies: Sequence[str]) -> Iterator[Setting]:
             if people.waiting is not None:
                 values["door"] = DOORS
             yield from (Setting(experiment, policy, people, at) for experiment in values for at in values[experiment])
+
+
+def crowd(policy: str, people: People, number: int, layout: Callable[..., Placement]) -> Scenario:
+    """A scenario without a vehicle in the way: pedestrians do not see it.
+
+    Args:
+        policy: The name of a pedestrian policy, or a file with one.
+        people: Who walks.
+        number: How many.
+        layout: Places them. It is not a plug-in that a user could name.
+
+    Returns:
+        The scenario, with the policy's default parameters.
+
+    Raises:
+        InputError: There is no such policy.
+    """
+    size = {"radius": people.radius}  # the vehicle has to fit where people do
+    pedestrians = {"number": number, "policy": policy, "preferred_speed": people.preferred_speed, **size}
+    load = scenario_file.Loaders(
+        lambda _: ("validity", layout, None), catalog.load_policy, lambda scene, files: load_scene(scene, None, files)
+    )
+    return scenario_file.parse({"vehicle": size, "pedestrians": pedestrians}, "validity", "validity", load)
 
 
 def run_experiment(setting: Setting, worlds: int = WORLDS, time: float = TIME) -> Walk | Passages:

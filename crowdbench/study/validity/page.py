@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Shaped
@@ -13,15 +14,11 @@ from jaxtyping import Shaped
 from crowdbench.study.intervals import mean_over_networks
 from crowdbench.study.measures import Measure
 from crowdbench.study.validity import door
-from crowdbench.study.validity.door import Passages
-from crowdbench.study.validity.experiments import LAST, LENGTH, STUCK, TIME, WIDTH, Setting, Walk
-from crowdbench.study.validity.people import EVERYBODY, People
+from crowdbench.study.validity.experiments import EVERYBODY, LAST, LENGTH, STUCK, TIME, WIDTH, People, Setting
 from crowdbench.utils.tables import markdown, printed_by
 
-Results = Mapping[Setting, Walk | Passages]
-"""What was measured of each setting."""
-
-Kind = TypeVar("Kind", Walk, Passages)
+Results = Mapping[Setting, Any]
+"""What was measured of each setting: a `Passages` of a door, a `Walk` of all others."""
 
 SPEED = Measure("speed", "speed", "m/s", sign=1, digits=2)
 SHARE = Measure("share", "share", "%", sign=1, digits=0, scale=100.0)
@@ -105,7 +102,7 @@ def page(results: Results, command: str) -> str:
         command: The command that prints the page, without the name of the program.
     """
     policies = list(dict.fromkeys(setting.policy for setting in results))
-    worlds = len(next(result.speed for result in results.values() if isinstance(result, Walk)))
+    worlds = len(_of(results, "one way", policies[0])[0][1].speed)
     in_file = [people for people in EVERYBODY if people.per_metre]
     parts = [
         "# Validity of the pedestrian policies",
@@ -131,13 +128,12 @@ def page(results: Results, command: str) -> str:
 
 def _speeds(results: Results, policies: list[str], experiment: str, people: People, at: str) -> str:
     """The speeds of one kind of people by density, under all policies."""
-    walks = [_of(results, Walk, experiment, policy, people) for policy in policies]
+    in_file = experiment == "single file"
     rows = []
-    for each in zip(*walks, strict=True):
-        density = each[0][0].at
-        in_file = experiment == "single file"
+    for density in people.per_metre if in_file else people.densities:
         published = single_file_speed(density) if in_file else weidmann_speed(density, people.free_speed)
-        cells = [text for _, walk in each for text in (_estimate(SPEED, walk.speed), _mean(walk.overlapping))]
+        walks = [results[Setting(experiment, policy, people, density)] for policy in policies]
+        cells = [text for walk in walks for text in (_estimate(SPEED, walk.speed), _mean(walk.overlapping))]
         rows.append([f"{density:g}", SPEED.number(published), *cells])
     header = [heading for policy in policies for heading in (policy, "overlapping")]
     return f"{people.title}:\n\n" + markdown([at, "published", *header], rows)
@@ -145,10 +141,9 @@ def _speeds(results: Results, policies: list[str], experiment: str, people: Peop
 
 def _lanes(results: Results, policy: str) -> str:
     """Lanes under one policy, by kinds of people and density."""
-    one_way = {(setting.people, setting.at): walk for setting, walk in _of(results, Walk, "one way", policy)}
     rows = []
-    for setting, walk in _of(results, Walk, "two ways", policy):
-        free = float(one_way[setting.people, setting.at].speed.mean())
+    for setting, walk in _of(results, "two ways", policy):
+        free = float(results[replace(setting, experiment="one way")].speed.mean())
         cells = [_estimate(SHARE, walk.order), _estimate(SPEED, walk.speed), SPEED.number(free), _count(walk.stuck)]
         rows.append([setting.people.title, f"{setting.at:g}", *cells])
     header = ["people", "per m²", "order of lanes", "speed", "speed in one direction", "worlds stuck"]
@@ -158,7 +153,7 @@ def _lanes(results: Results, policy: str) -> str:
 def _doors(results: Results, policy: str) -> str:
     """The flow through doors under one policy, by kinds of people and width."""
     rows = []
-    for setting, passages in _of(results, Passages, "door", policy):
+    for setting, passages in _of(results, "door", policy):
         published = FLOW.reported(DOOR_FLOW.get(setting.at)) or "-"
         flow = _estimate(FLOW, passages.flow() / setting.at)
         cells = [published, flow, _mean(passages.share), _count(passages.blocked)]
@@ -192,16 +187,9 @@ def single_file_speed(per_metre: float) -> float:
     return (1.0 / per_metre - 0.36) / 1.06
 
 
-def _of(
-    results: Results, kind: type[Kind], experiment: str, policy: str, people: People | None = None
-) -> list[tuple[Setting, Kind]]:
-    """What was measured in one experiment with one policy, with one kind of people or with all."""
-    return [
-        (setting, result)
-        for setting, result in results.items()
-        if isinstance(result, kind) and (setting.experiment, setting.policy) == (experiment, policy)
-        if people is None or setting.people is people
-    ]
+def _of(results: Results, experiment: str, policy: str) -> list[tuple[Setting, Any]]:
+    """What was measured in one experiment with one policy."""
+    return [(s, result) for s, result in results.items() if (s.experiment, s.policy) == (experiment, policy)]
 
 
 def _estimate(measure: Measure, values: Shaped[np.ndarray, "world"]) -> str:

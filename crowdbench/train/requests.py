@@ -1,0 +1,320 @@
+"""What a user asks for in a training: of a value network, of a policy (PPO), or of a Social GAN."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from crowdbench.networks import card as cards
+from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.load import file_and_function
+from crowdbench.train.method import CardText, Request, Training, option
+from crowdbench.utils.errors import InputError
+
+EPISODES = 4000
+"""The episodes of the training of a value network where their number is not given."""
+
+UNLIMITED = {"max_acceleration": math.inf, "max_turn": math.pi, "max_velocity_change": math.inf}
+"""The limits of `Limits` that exclude nothing."""
+
+
+class DrivingRequest(Request):
+    """A request for a training of `crowdbench.train.driving`. Every subclass has the option `validation`.
+
+    Attributes:
+        validation: The scenarios that choose the checkpoint, by name or path, with commas between them; None for the
+            one that is trained in.
+    """
+
+    validation: str | None
+
+    measured: ClassVar[Sequence[str]] = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
+    """The metrics on the card."""
+
+    @property
+    def validation_names(self) -> list[str]:
+        """The scenarios of `validation`, one by one."""
+        return [name.strip() for name in self.validation.split(",")] if self.validation is not None else []
+
+    @property
+    def arguments(self) -> Sequence[str]:
+        """See `Request`: the options that do not have their defaults, and those that are always named."""
+        words = [*self.scenario_arguments]
+        values = {**vars(self), "validation": ",".join(self.validation_names) or None}
+        for field in dataclasses.fields(self):
+            value = values[field.name]
+            if field.metadata and field.name != self.length and (value != field.default or field.metadata["always"]):
+                words += [f"--{field.name.replace('_', '-')}", shlex.quote(str(value))]
+        return words
+
+    @abc.abstractmethod
+    def about(self, training: Any) -> dict[str, Any]:
+        """What the card says of the training that only this method has."""
+
+    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
+        """See `Request`. The figures are those of the best network in the scenario that it was trained in."""
+        from crowdbench.train.driving import VALIDATION_CASES
+
+        scenario, last = training.scenario, training.curve[-1]
+        validation = {"scenarios": [each.name for each in training.validation], "cases": str(VALIDATION_CASES)}
+        return {
+            "training": {
+                "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
+                **self.about(training),
+                "validation": validation,
+                "seed": self.seed,
+                self.length: getattr(last, self.length),
+                f"kept_after_{self.length}": getattr(training.best_point(), self.length),
+                "minutes": round(training.seconds / 60, 1),
+            },
+            "figures": training.measure(self.measured, progress),
+            "data": cards.episodes(scenario.table),
+        }
+
+    @property
+    def card_cases(self) -> int:
+        """See `Request`."""
+        from crowdbench.train.driving import CASES
+
+        return sum(map(len, CASES.values()))
+
+    @classmethod
+    def driving_text(cls, card: Mapping[str, Any], place: str, rows: Mapping[str, str], conditions: str) -> CardText:
+        """What a card says, for people.
+
+        Args:
+            card: The card.
+            place: Where the network was trained, for the headline.
+            rows: The rows of the table between scenario and checkpoint.
+            conditions: How the network was measured in the scenario that it was trained in.
+        """
+        trained, figures, unit = card["training"], card["figures"], cls.length
+        chosen = f"chosen at {unit[:-1]} {trained[f'kept_after_{unit}']} of {trained[unit]}{cards.chosen_on(trained)}"
+        scenario = f"{cards.crowd(trained['scenario'])} (digest {trained['scenario']['digest']})"
+        measured = f"Measured once, after training, in the same scenario{conditions} (95 % intervals):"
+        return CardText(
+            f"{place}: {cards.rate(figures['test']['metrics']['success_rate'])} success on test cases",
+            {"scenario": scenario, **rows, "checkpoint": chosen},
+            [measured, "", *cards.driving_table(figures)],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValueRequest(DrivingRequest):
+    """What is asked for of the training in `crowdbench.train.value`.
+
+    Attributes:
+        predictor: The predictor in the lookahead: a name, or the path of its file.
+        episodes: The episodes that the network drives, demonstrations not counted.
+        max_acceleration: As in `Limits`; None for no limit, and so are the next two.
+        max_turn: As in `Limits`.
+        max_velocity_change: As in `Limits`.
+        validation: See `DrivingRequest`.
+    """
+
+    predictor: str = option("oracle", "The predictor in the lookahead: a name or ./mine.py", always=True)
+    episodes: int = option(EPISODES, "Train for this many episodes", least=1)
+    max_acceleration: float | None = option(None, "Limit the commands: largest change of speed, per second [m/s^2]")
+    max_turn: float | None = option(None, "Limit the commands: largest change of heading in a step [rad]")
+    max_velocity_change: float | None = option(None, "Limit the commands: largest change of velocity in a step [m/s]")
+    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
+
+    length: ClassVar[str] = "episodes"
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """The limits to the commands that are given, by their names in `Limits`."""
+        return {name: limit for name in UNLIMITED if (limit := getattr(self, name)) is not None}
+
+    @property
+    def all_limits(self) -> dict[str, float]:
+        """The limits with those that are not given, which exclude nothing."""
+        return {**UNLIMITED, **self.limits}
+
+    @property
+    def use(self) -> str:
+        """See `Request`."""
+        # The planner `sarl` is privileged, as published.
+        run = f"run --planner {'sarl_cvm' if self.network == 'sarl' else self.network}"
+        limits = ", ".join(f"{name}={limit}" for name, limit in self.all_limits.items())
+        return f"{run} --option 'limits={{{limits}}}'" if self.limits else run
+
+    def training(self, device: str) -> Training:
+        """See `Request`. Raises InputError where there is no such scenario or predictor."""
+        # Imported here, because torch and the simulator take seconds and the options are shown without them.
+        from crowdbench.train.value import Training
+
+        return Training(self, device)
+
+    def about(self, training: Any) -> dict[str, Any]:
+        """See `DrivingRequest`."""
+        return {"predictor": self.predictor, "limits": self.limits}
+
+    @classmethod
+    def card_text(cls, card: Mapping[str, Any]) -> CardText:
+        """See `Request`."""
+        trained = card["training"]
+        limits = ", ".join(f"{name} {limit:g}" for name, limit in trained.get("limits", {}).items())
+        place = f"with the {trained['predictor']} predictor in {cards.crowd(trained['scenario'])}"
+        rows = {"predictor in the lookahead": trained["predictor"]}
+        conditions = ", with the constant-velocity predictor in the lookahead"
+        if limits:
+            place += f", {limits}"
+            rows["limits"] = limits
+            conditions = f" and within the same limits{conditions}"
+        return cls.driving_text(card, place, rows, conditions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPORequest(DrivingRequest):
+    """What is asked for of the training in `crowdbench.train.ppo`.
+
+    Attributes:
+        steps: The steps that the vehicles of all worlds drive together.
+        reward: The name of a reward of the environments, or a file.
+        nearest: How many pedestrians the policy is shown, at most; None for as many as the scenario has.
+        validation: See `DrivingRequest`.
+    """
+
+    steps: int = option(5_000_000, "Train for this many steps, of all worlds together", least=1)
+    reward: str = option("progress", "The reward: crowdnav, progress or ./mine.py")
+    nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
+    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
+
+    length: ClassVar[str] = "steps"
+    measured: ClassVar[Sequence[str]] = (*DrivingRequest.measured, "jerk", "max_velocity_change")
+    use = "run --planner ppo"
+
+    def training(self, device: str) -> Training:
+        """See `Request`. Raises InputError where there is no such scenario, or stable-baselines3 is missing."""
+        try:
+            from crowdbench.train.ppo import Training
+        except ModuleNotFoundError as error:
+            if error.name != "stable_baselines3":
+                raise
+            raise InputError("crowdbench train ppo needs stable-baselines3: pip install 'crowdbench[ppo]'") from None
+        return Training(self, device)
+
+    def about(self, training: Any) -> dict[str, Any]:
+        """See `DrivingRequest`."""
+        file, _ = file_and_function(self.reward)
+        files = {} if file is None else {"reward_files": file_digests(file)}
+        return {"nearest": training.nearest, "reward": self.reward, **files}
+
+    @classmethod
+    def card_text(cls, card: Mapping[str, Any]) -> CardText:
+        """See `Request`."""
+        trained = card["training"]
+        rows = {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
+        return cls.driving_text(card, f"in {cards.crowd(trained['scenario'])}", rows, "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SocialGANRequest(Request):
+    """What is asked for of the training in `crowdbench.train.social_gan`: on recorded tracks, or else in a scenario.
+
+    `data` is the folder of the recordings, or None to train on the pedestrians of the scenario.
+
+    Attributes:
+        held_out: The scene of the recordings that is not trained on, or None to train on all.
+        dt: The time step to which recordings are resampled, in seconds, or None for their own.
+        pooling: Whether the generator has the social pooling module.
+        epochs: How often every training window is used.
+    """
+
+    held_out: str | None = option(None, "With --data, the scene to leave out, to be tested on")
+    dt: float | None = option(None, "With --data, resample the tracks to this many seconds per step", least=0.01)
+    pooling: bool = option(False, "Use the social pooling module")
+    epochs: int = option(50, "Train for this many epochs", least=1)
+
+    length: ClassVar[str] = "epochs"
+    use = "evaluate-predictor sgan"
+
+    @classmethod
+    def check(cls, options: Mapping[str, Any]) -> None:
+        """See `Request`. Recordings and scenario exclude each other, and some options are for recordings only."""
+        if "data" in options and ("scenario" in options or "overrides" in options):
+            raise InputError(
+                "sgan learns from the tracks in --data themselves: leave out --scenario and --set, or else --data"
+            )
+        if "data" not in options and ("held_out" in options or "dt" in options):
+            raise InputError("--held-out and --dt are for recorded tracks: give them with --data")
+
+    @property
+    def arguments(self) -> Sequence[str]:
+        """See `Request`."""
+        words = list(self.scenario_arguments)
+        if self.data is not None:
+            words = ["--data", Path(self.data).name]
+            words += [] if self.dt is None else [f"--dt {self.dt:g}"]
+            words += [] if self.held_out is None else ["--held-out", self.held_out]
+        return [*words, "--pooling"] if self.pooling else words
+
+    def training(self, device: str) -> Training:
+        """See `Request`. Raises InputError where recordings, scene or scenario do not exist, or are too short."""
+        from crowdbench.train.social_gan import Training
+
+        return Training(self, device)
+
+    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
+        """See `Request`. The figures are the errors on the validation windows."""
+        from crowdbench.train.social_gan import MODES
+
+        best = training.best_point()
+        source, data = self._source()
+        return {
+            "training": {
+                **source,
+                "pooling": self.pooling,
+                "seed": self.seed,
+                "windows": len(training.training),
+                "epochs": training.curve[-1].epochs,
+                "kept_after_epochs": best.epochs,
+                "minutes": round(training.seconds / 60, 1),
+            },
+            "figures": {
+                "validation": {"windows": len(training.validation), "modes": MODES, "ade": best.ade, "fde": best.fde}
+            },
+            "data": data,
+        }
+
+    def _source(self) -> tuple[dict[str, Any], str]:
+        """What a card says of the pedestrians that were learned from: as JSON, and in words."""
+        from crowdbench.catalog import load_scenario
+        from crowdbench.scenario.tracks.eth_ucy import DT, read_folder, scenes
+
+        if self.data is None:
+            scenario = load_scenario(self.scenario, self.overrides)
+            description = {"name": scenario.name, "digest": scenario.digest, **scenario.table}
+            return {"scenario": description, "dt": scenario.rules.dt, "scenes": []}, "simulated crowds only"
+        trained_on = [scene for scene in scenes(read_folder(Path(self.data))) if scene != self.held_out]
+        source = {"held_out": self.held_out, "dt": DT if self.dt is None else self.dt, "scenes": trained_on}
+        return source, f"recorded tracks: {', '.join(trained_on)}, and those that are in no scene's test"
+
+    @classmethod
+    def card_text(cls, card: Mapping[str, Any]) -> CardText:
+        """See `Request`."""
+        trained, figures = card["training"], card["figures"]["validation"]
+        ade, modes, step = f"ADE {figures['ade']:.3f} m", figures["modes"], f"{trained['dt']:g} s"
+        simulated = "scenario" in trained
+        source = cards.crowd(trained["scenario"]) if simulated else trained["held_out"] or "none"
+        rows = {
+            "scenario" if simulated else "scene held out": source,
+            "time step": step,
+            "social pooling": "yes" if trained["pooling"] else "no",
+            "training windows": str(trained["windows"]),
+            "checkpoint": f"chosen at epoch {trained['kept_after_epochs']} of {trained['epochs']}",
+        }
+        errors = (
+            f"Errors on the {figures['windows']} validation windows, by which the checkpoint was chosen: {ade} and FDE "
+            f"{figures['fde']:.3f} m after 8 steps, for the best of {modes} futures, chosen jointly for all "
+            "pedestrians of a window."
+        )
+        headline = f"on {card['data']}; {ade}, best of {modes}, on validation windows with {step} per step"
+        return CardText(headline, rows, [errors])
