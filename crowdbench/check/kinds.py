@@ -18,7 +18,7 @@ from crowdbench.check.planner import check_planner
 from crowdbench.check.policy import check_policy
 from crowdbench.check.predictor import check_predictor
 from crowdbench.check.result import CheckResult
-from crowdbench.metrics.load import METRIC, load_metric
+from crowdbench.metrics.load import METRIC
 from crowdbench.plugins.load import Kind, file_and_function, load_module
 from crowdbench.plugins.options import read_options
 from crowdbench.predict.load import PREDICTORS, load_predictor
@@ -107,7 +107,7 @@ def _check_planner(request: CheckRequest) -> tuple[str, list[CheckResult]]:
 
 def _check_policy(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     request.refuse_options("pedestrian policy")
-    load = functools.partial(catalog.load_policy, request.plugin)
+    load = functools.partial(catalog.PEDESTRIANS.load, request.plugin)
     name, scenario = load()[0], request.load_scenario(pedestrians=request.plugin)
     return name, check_policy(lambda: load()[1], name, scenario, request.cases, request.limit, _tolerance())
 
@@ -127,12 +127,12 @@ def _check_predictor(request: CheckRequest) -> tuple[str, list[CheckResult]]:
 
 def _check_metric(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     request.refuse_options("metric")
-    name, _ = load_metric(request.plugin)
-    return name, check_metric(lambda: load_metric(request.plugin)[1], name, request.load_scenario(), request.cases)
+    name, _ = METRIC.load(request.plugin)
+    return name, check_metric(lambda: METRIC.load(request.plugin)[1], name, request.load_scenario(), request.cases)
 
 
 def _check_layout(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    name, _, digest = catalog.load_layout(request.plugin)
+    name, _, digest = catalog.LAYOUTS.load_with_digest(request.plugin)
     generator = str(Path.cwd() / request.plugin) if digest else name
     # As a part of the scenario, so that its options are checked.
     scenario = request.load_scenario({"layout": {"generator": generator, **request.options}})

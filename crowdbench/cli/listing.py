@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -83,12 +82,12 @@ def _weights_page(name: str) -> Page:
 
 
 def _scenario_page(name: str) -> Page:
-    from crowdbench.catalog import SCENARIOS, load_scenario, scenarios, simulated_scenarios
+    from crowdbench.catalog import load_scenario, scenario_path, scenarios, simulated_scenarios
 
     recorded = {each for each, _ in scenarios()} - set(simulated_scenarios())
     if name not in recorded:  # which could be loaded only with their data
         load_scenario(name)
-    return Page(read_text(Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"))
+    return Page(read_text(scenario_path(name)))
 
 
 def _plugin_page(kind: str, name: str) -> Page:

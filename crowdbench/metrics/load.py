@@ -34,26 +34,11 @@ def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
     for spec in specs:
         if file_and_function(spec)[0] is None:
             raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")
-        name, metric = load_metric(spec)
+        name, metric = METRIC.load(spec)
         if name in metrics or name in RESERVED:
             raise InputError(f"{spec}: a column {name} exists already: give the metric another name")
         metrics[name] = metric
     return metrics
-
-
-def load_metric(spec: str) -> tuple[str, Metric]:
-    """Find a metric.
-
-    Args:
-        spec: The name of a built-in metric, `file.py`, whose function is `metric`, or `file.py:function`.
-
-    Returns:
-        The metric's name, and the metric.
-
-    Raises:
-        InputError: There is no such function.
-    """
-    return METRIC.find(spec)
 
 
 LARGEST = 1e150

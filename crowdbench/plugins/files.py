@@ -45,7 +45,10 @@ def module_digests(folder: Path, module: Module, package: str = "") -> dict[str,
         for path in _files(folder, waiting.pop(), package):
             name = path.relative_to(folder).as_posix()
             if name not in found:
-                content = _content(path)
+                try:
+                    content = path.read_bytes()
+                except OSError as error:
+                    raise InputError(f"{path}, which a plug-in imports, cannot be read: {error.strerror}") from None
                 found[name] = hashlib.sha256(content).hexdigest()
                 waiting += _imports(content, (*path.relative_to(folder).parent.parts,)) if path.suffix == ".py" else []
     return dict(sorted(found.items()))
@@ -94,10 +97,3 @@ def _imports(content: bytes, package: Module) -> list[Module]:
             base = (*above, *(node.module or "").split(".")) if node.module else above
             found += [base, *((*base, alias.name) for alias in node.names)]
     return found
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}, which a plug-in imports, cannot be read: {error.strerror}") from None

@@ -86,7 +86,9 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
         },
     }
     load = scenario_file.Loaders(
-        lambda _: ("validity", layout, None), catalog.load_policy, lambda scene, files: load_scene(scene, None, files)
+        lambda _: ("validity", layout, None),
+        catalog.PEDESTRIANS.load_with_digest,
+        lambda scene, files: load_scene(scene, None, files),
     )
     return scenario_file.parse(table, "validity", "validity", load)
 
