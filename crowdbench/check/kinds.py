@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import sys
 from collections.abc import Callable, Mapping
@@ -21,7 +22,7 @@ from crowdbench.check.result import CheckResult
 from crowdbench.metrics.load import METRIC
 from crowdbench.plugins.load import Kind, file_and_function, load_module
 from crowdbench.plugins.options import read_options
-from crowdbench.predict.load import PREDICTORS, load_predictor
+from crowdbench.predict.load import PREDICTORS
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.respawn import LayoutWithRespawn
 from crowdbench.scenario.scenario import Scenario
@@ -75,10 +76,15 @@ class CheckRequest:
         scenario.check_data(self.data)
         return scenario
 
-    def refuse_options(self, what: str) -> None:
+    def load(self, kind: Kind, **more: Any) -> tuple[str, Callable[[], Any]]:
+        """The plug-in's name, and what makes a new one, with more options if any."""
+        load = functools.partial(kind.load, self.plugin, {**self.options, **more})
+        return load()[0], lambda: load()[1]
+
+    def refuse_options(self, kind: Kind) -> None:
         """Raises InputError where options are given."""
         if self.options:
-            raise InputError(f"--option does not go with a {what}, which has no options")
+            raise InputError(f"--option does not go with a {kind.word}, which has no options")
 
 
 @dataclass(frozen=True)
@@ -95,45 +101,36 @@ class PluginKind:
 
 
 def _check_planner(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    load = functools.partial(catalog.load_planner, request.plugin, request.options)
-    scenario, limited = (
-        catalog.load_scenario(request.scenario or "circle_crossing_5", changes, data=request.data)
-        for changes in ({}, LIMITED_SIGHT)
-    )
-    scenario.check_data(request.data)
-    name, _ = load()
-    return name, check_planner(lambda: load()[1], name, scenario, request.cases, request.limit, limited)
+    request = dataclasses.replace(request, scenario=request.scenario or "circle_crossing_5")
+    scenario, limited = map(request.load_scenario, ({}, LIMITED_SIGHT))
+    name, make = request.load(catalog.PLANNERS)
+    return name, check_planner(make, name, scenario, request.cases, request.limit, limited)
 
 
 def _check_policy(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    request.refuse_options("pedestrian policy")
-    load = functools.partial(catalog.PEDESTRIANS.load, request.plugin)
-    name, scenario = load()[0], request.load_scenario(pedestrians=request.plugin)
-    return name, check_policy(lambda: load()[1], name, scenario, request.cases, request.limit, _tolerance())
+    request.refuse_options(catalog.PEDESTRIANS)
+    name, make = request.load(catalog.PEDESTRIANS)
+    scenario = request.load_scenario(pedestrians=request.plugin)
+    return name, check_policy(make, name, scenario, request.cases, request.limit, _tolerance())
 
 
 def _check_predictor(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    def load(**others: Any) -> tuple[str, Any]:
-        return load_predictor(request.plugin, {**request.options, **others})
-
-    name, _ = load()
+    name, make = request.load(PREDICTORS)
     has_modes = any(option.name == "modes" for option in read_options(PREDICTORS.find(request.plugin)[1]))
-    with_modes = (lambda modes: load(modes=modes)[1]) if has_modes else None
+    with_modes = (lambda modes: request.load(PREDICTORS, modes=modes)[1]()) if has_modes else None
     scenario, limited = map(request.load_scenario, ({}, LIMITED_SIGHT))
-    return name, check_predictor(
-        lambda: load()[1], name, scenario, request.cases, request.limit, with_modes, _tolerance(), limited
-    )
+    return name, check_predictor(make, name, scenario, request.cases, request.limit, with_modes, _tolerance(), limited)
 
 
 def _check_metric(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    request.refuse_options("metric")
-    name, _ = METRIC.load(request.plugin)
-    return name, check_metric(lambda: METRIC.load(request.plugin)[1], name, request.load_scenario(), request.cases)
+    request.refuse_options(METRIC)
+    name, make = request.load(METRIC)
+    return name, check_metric(make, name, request.load_scenario(), request.cases)
 
 
 def _check_layout(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    name, _, digest = catalog.LAYOUTS.load_with_digest(request.plugin)
-    generator = str(Path.cwd() / request.plugin) if digest else name
+    name, _ = request.load(catalog.LAYOUTS)
+    generator = str(Path.cwd() / request.plugin) if file_and_function(request.plugin)[0] else name
     # As a part of the scenario, so that its options are checked.
     scenario = request.load_scenario({"layout": {"generator": generator, **request.options}})
     layout, again = scenario.layout, None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +39,7 @@ class _Crowd:
     key: np.uint64
     radius: Float[np.ndarray, "agent"]
     speed: Float[np.ndarray, "agent"]
-    before: _GlobalState
+    before: tuple[Any, Any]
 
     def __len__(self) -> int:
         return 1
@@ -64,7 +65,7 @@ def check_layout(
         traits = scenario.crowd.draw(rng.generator(key, "crowd"))
         radius = np.append(scenario.vehicle.radius, traits.radius)
         speed = np.append(scenario.vehicle.speed, traits.preferred_speed)
-        crowd = _Crowd(case, key, radius, speed, _GlobalState.now())
+        crowd = _Crowd(case, key, radius, speed, _shared_state())
         placement = examination.ask(crowd)
         if placement is not None:
             placed.append((crowd, placement))
@@ -92,31 +93,31 @@ class _LayoutExamination(Examination[Layout, _Crowd]):
         """Let the layout place a crowd, and examine also what would not keep it from being used."""
         placement: Placement | None = super().ask(shown)
         name = self._called(shown)
-        used = _GlobalState.now().find_used(shown.before)
+        used = _find_used(shown.before)
         self.findings.note("random numbers", 1, f"{name} draws from {used} instead of its stream" if used else None)
         if placement is not None:
             radius = shown.radius
             self.findings.note("overlap", 1, _find_overlap(placement.start, radius, name))
             self.findings.note("goal", 1, _find_at_goal(placement, radius, name))
             steps = {
-                "obstacles": _named(name, lambda _: check_obstacles(placement, radius)),
-                "ways": _named(name, lambda among: check_routes(add_routes(among, radius), radius)),
+                "obstacles": _named(name)(lambda _: check_obstacles(placement, radius)),
+                "ways": _named(name)(lambda among: check_routes(add_routes(among, radius), radius)),
             }
             self.findings.examine(1, steps)
         return placement
 
     def query(self, plugin: Layout, shown: _Crowd) -> object:
         # Whoever draws from the shared generators is told so by another check.
-        shown.before.restore()
+        python, numpy = shown.before
+        random.setstate(python)
+        np.random.set_state(numpy)  # noqa: NPY002
         with plugin_errors(f"{self._called(shown)} raised"):
             return plugin(rng.generator(shown.key, "places"), shown.radius.copy(), shown.speed.copy())
 
     def validators(self, shown: _Crowd) -> dict[str, Callable[[Any], Any]]:
         name, agents = self._called(shown), len(shown.radius)
-        return {
-            "shape": _named(name, lambda answer: check_shape(answer, agents)),
-            "finite": _named(name, check_finite),
-        }
+        shape = _named(name)(lambda answer: check_shape(answer, agents))
+        return {"shape": shape, "finite": _named(name)(check_finite)}
 
     def numbers(self, plugin: Layout, answer: Placement, shown: _Crowd) -> Float[np.ndarray, "1 n"]:
         parts = (answer.start, answer.goal, answer.route, answer.obstacles)
@@ -129,16 +130,13 @@ class _LayoutExamination(Examination[Layout, _Crowd]):
         return f"layout {self.name} in case {crowd.case}"
 
 
-def _named(name: str, step: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A step whose errors begin with the name of what is examined."""
-
-    def examine(answer: Any) -> Any:
-        try:
-            return step(answer)
-        except InputError as error:
-            raise InputError(f"{name}: {error}") from None
-
-    return examine
+@contextlib.contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Begins the sentence of an InputError that is raised within with the name of what is examined."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def _check_respawn(
@@ -203,23 +201,14 @@ def _find_at_goal(placement: Placement, radius: Float[np.ndarray, "agent"], name
     return None
 
 
-@dataclass(frozen=True)
-class _GlobalState:
-    """The state of the two random generators that all code shares."""
+def _shared_state() -> tuple[Any, Any]:
+    """The state of the two random generators that all code shares, Python's and NumPy's."""
+    return random.getstate(), np.random.get_state(legacy=True)  # noqa: NPY002 (to find who uses it)
 
-    python: Any
-    numpy: Any
 
-    @classmethod
-    def now(cls) -> _GlobalState:
-        return cls(random.getstate(), np.random.get_state(legacy=True))  # noqa: NPY002 (to find who uses it)
-
-    def restore(self) -> None:
-        random.setstate(self.python)
-        np.random.set_state(self.numpy)  # noqa: NPY002
-
-    def find_used(self, before: _GlobalState) -> str:
-        """The names of the generators whose state has changed."""
-        same_numpy = all(np.array_equal(*pair) for pair in zip(self.numpy, before.numpy, strict=True))
-        names = {"Python's shared generator": self.python != before.python, "NumPy's shared generator": not same_numpy}
-        return " and ".join(name for name, changed in names.items() if changed)
+def _find_used(before: tuple[Any, Any]) -> str:
+    """The names of the shared generators whose state is not as before."""
+    (python, numpy), (python_before, numpy_before) = _shared_state(), before
+    same_numpy = all(np.array_equal(*pair) for pair in zip(numpy, numpy_before, strict=True))
+    names = {"Python's shared generator": python != python_before, "NumPy's shared generator": not same_numpy}
+    return " and ".join(name for name, changed in names.items() if changed)

@@ -42,7 +42,7 @@ def new_directory(path: Path, overwrite: bool, mark: str = RUN) -> Iterator[Path
     Raises:
         NotWritten: `path` exists and may not be overwritten, or cannot be written.
     """
-    path = _prepare(path, overwrite, mark)
+    path = check_free(path, overwrite, mark)
     try:
         with parent_of(path), _partial(path) as partial:
             yield partial
@@ -51,21 +51,12 @@ def new_directory(path: Path, overwrite: bool, mark: str = RUN) -> Iterator[Path
         raise NotWritten(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
 
 
-def check_free(path: Path, overwrite: bool) -> None:
-    """Find out before anything is made whether `new_directory` could write.
+def check_free(path: Path, overwrite: bool, mark: str = RUN) -> Path:
+    """Find out before anything is made whether `new_directory` could write; its arguments and errors are the same.
 
-    Args:
-        path: The name of the directory.
-        overwrite: Whether an earlier run of that name is replaced.
-
-    Raises:
-        NotWritten: `path` exists and may not be overwritten, or cannot be written.
+    Returns:
+        The resolved path.
     """
-    _prepare(path, overwrite, RUN)
-
-
-def _prepare(path: Path, overwrite: bool, mark: str) -> Path:
-    """The resolved path, once it is known that it can be written."""
     try:
         path = path.resolve()
         # Before the name is refused: an earlier run may have to get its name back.
@@ -115,19 +106,14 @@ def _partial(path: Path) -> Iterator[Path]:
 
 def _clear_abandoned(folder: Path) -> None:
     """Remove what killed processes have left in a folder: whatever has a lock that no process holds."""
-    # Raised where the folder is not there yet, or may not be read.
-    with contextlib.suppress(OSError):
-        for name in os.listdir(folder):
-            match = _LOCK.fullmatch(name)
-            if match:
-                _clear_if_abandoned(folder / name, folder / f"{match[1]}partial-{match[2]}")
-
-
-def _clear_if_abandoned(lock: Path, partial: Path) -> None:
-    # Raised where the lock is held, which says that its process is alive, or where it is somebody else's file.
-    with contextlib.suppress(OSError), FileLock(lock, timeout=0):
-        shutil.rmtree(partial, ignore_errors=True)
-        _release(lock, partial)
+    with contextlib.suppress(OSError):  # raised where the folder is not there yet, or may not be read
+        for match in filter(None, map(_LOCK.fullmatch, os.listdir(folder))):
+            lock, partial = folder / match[0], folder / f"{match[1]}partial-{match[2]}"
+            # Raised where the lock is held, which says that its process is alive, where it is somebody else's file, and
+            # on a file system without locks, where `hold_lock` would go on.
+            with contextlib.suppress(OSError, NotImplementedError), FileLock(lock, timeout=0):
+                shutil.rmtree(partial, ignore_errors=True)
+                _release(lock, partial)
 
 
 def _release(lock: Path, partial: Path) -> None:
