@@ -31,6 +31,9 @@ Shown = TypeVar("Shown", bound=Batch)
 
 Answers = Shaped[np.ndarray, "_ ..."]
 
+Ask = Callable[[], Sequence[Answers]]
+"""Asks a plug-in again, and returns the answers to the same calls."""
+
 Split = Callable[[int], list[Int[np.ndarray, "_"]]]
 """Divides the rows of a batch among other batches."""
 
@@ -74,8 +77,9 @@ BATCHES: Mapping[str, Split] = {
 def compare_answers(
     check: str,
     answers: str,
+    missing: str,
     first: Sequence[Answers],
-    again: Mapping[str, Callable[[], Sequence[Answers]]],
+    again: Mapping[str, Ask],
     tolerance: Tolerance,
 ) -> CheckResult:
     """Whether a plug-in gives the same answers again.
@@ -83,11 +87,14 @@ def compare_answers(
     Args:
         check: Name of the check.
         answers: What the answers are called.
+        missing: What is said where there are none.
         first: The answers to each call.
         again: By when they might differ, what asks again and returns the answers to the same calls. It raises
             InputError where the plug-in fails a check that it passed before.
         tolerance: What may differ.
     """
+    if not first:
+        return CheckResult(check, None, missing)
     total = sum(map(len, first))
     most = 0
     for when, ask in again.items():
@@ -175,10 +182,8 @@ class Examination(ABC, Generic[Plugin, Shown]):
             The answer, None where it fails a check.
         """
         before = self.copy(shown)
-        answer = self.findings.examine(
-            len(before),
-            {"exceptions": lambda _: self._query_timed(shown), **self.validators(before)},
-        )
+        steps = {"exceptions": lambda _: self._query_timed(shown), **self.validators(before)}
+        answer = self.findings.examine(len(before), steps)
         path, check = self.shown_as
         change = find_change(path, before, shown)
         sentence = change and f"changes {change[0]} ({self.locate(before, change[1])})"
@@ -244,14 +249,10 @@ class Examination(ABC, Generic[Plugin, Shown]):
 
         return self.compare(check, {when: functools.partial(ask_changed, change) for when, change in changes.items()})
 
-    def compare(
-        self, check: str, again: Mapping[str, Callable[[], Sequence[Answers]]], tolerance: Tolerance | None = None
-    ) -> CheckResult:
+    def compare(self, check: str, again: Mapping[str, Ask], tolerance: Tolerance | None = None) -> CheckResult:
         """Whether the answers are the same again: see `compare_answers`."""
-        if not self.kept:
-            return CheckResult(check, None, self.missing)
         first = [answer for _, answer in self.kept]
-        return compare_answers(check, self.answers, first, again, tolerance or self.tolerance)
+        return compare_answers(check, self.answers, self.missing, first, again, tolerance or self.tolerance)
 
     def _query_timed(self, shown: Shown) -> Any:
         start = time.perf_counter()

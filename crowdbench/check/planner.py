@@ -6,13 +6,13 @@ import contextlib
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.check.examination import BATCHES, NETWORKS, ROUNDING, Answers, Tolerance, compare_answers
+from crowdbench.check.examination import BATCHES, NETWORKS, ROUNDING, Answers, Ask, Tolerance, compare_answers
 from crowdbench.check.inputs import first_cases
 from crowdbench.check.result import UNEXAMINED_SIGHT, CheckResult, Findings, find_change
 from crowdbench.core.dynamics import FREE, Dynamics, Holonomic
@@ -169,12 +169,10 @@ class _Witness(Planner):
         """The calls in which the planner returned an array of commands in time."""
         return [call for call in self.calls if call.seconds <= self.decision_limit and call.command is not None]
 
-    def compare(
-        self, check: str, again: Mapping[str, Callable[[], Sequence[Answers]]], tolerance: Tolerance
-    ) -> CheckResult:
+    def compare(self, check: str, again: Mapping[str, Ask], tolerance: Tolerance) -> CheckResult:
         """Whether planners give the same commands again: see `compare_answers`."""
         first = [np.asarray(call.command) for call in self.answered]
-        return compare_answers(check, COMMANDS, first, again, tolerance) if first else CheckResult(check, None, MISSING)
+        return compare_answers(check, COMMANDS, MISSING, first, again, tolerance)
 
     def replay(self, make: Callable[[], Planner], batches: list[Int[np.ndarray, "_"]]) -> list[Answers]:
         """The commands of planners that are shown the same again: each drives some rows, a batch of their own.

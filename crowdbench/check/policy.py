@@ -105,8 +105,6 @@ class _PolicyExamination(Examination[PedestrianPolicy, World]):
 
     def check_padding(self) -> CheckResult:
         """Whether the velocities are the same with more absent pedestrians, of whom there are memories too."""
-        if not self.kept:
-            return CheckResult("padding", None, self.missing)
 
         def ask_padded() -> list[Float[np.ndarray, "world number"]]:
             policy, found = self.make(), []
@@ -122,7 +120,8 @@ class _PolicyExamination(Examination[PedestrianPolicy, World]):
 
         first = [answer[:, : 2 * (world.radius.shape[1] - 1)] for world, answer in self.kept]
         again = {f"with {MORE} more absent pedestrians": ask_padded}
-        return compare_answers("padding", _PolicyExamination.answers, first, again, self.tolerance)
+        answers = _PolicyExamination.answers  # without the memories, which have other pedestrians in them
+        return compare_answers("padding", answers, self.missing, first, again, self.tolerance)
 
     def _remember(self, policy: PolicyWithMemory, world: World, before: World | None) -> Memory:
         """What a policy remembers in worlds, some of those that it was shown before unless they start."""

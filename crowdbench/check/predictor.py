@@ -83,10 +83,11 @@ def check_predictor(
     ]
     if with_modes is not None:
         results.append(_check_modes(examination, with_modes))
-    if limited is not None:
-        sound = all(result.kept for result in results)
-        again = _PredictorExamination(make, name, tolerance) if sound else None
-        results.append(_check_limited_sight(again, limited, first_cases(cases)) if again else UNEXAMINED_SIGHT)
+    if limited is not None and all(result.kept for result in results):
+        again = _PredictorExamination(make, name, tolerance)
+        results.append(_check_limited_sight(again, limited, first_cases(cases)))
+    elif limited is not None:
+        results.append(UNEXAMINED_SIGHT)
     return results
 
 
@@ -132,14 +133,12 @@ def _check_modes(examination: _PredictorExamination, with_modes: Callable[[int],
         shown = (obs.take(slice(None)) for obs, _ in examination.kept)
         return [examination.answer_numbers(predictor, obs)[:, :FEW] for obs in shown]
 
-    if not examination.kept:
-        return CheckResult("modes", None, examination.missing)
     try:
         few = predict(FEW)
     except InputError as error:
         return CheckResult("modes", False, f"with {FEW} modes: {error}")
     again = {f"in the first {FEW} of {MANY} modes": lambda: predict(MANY)}
-    return compare_answers("modes", examination.answers, few, again, examination.tolerance)
+    return compare_answers("modes", examination.answers, examination.missing, few, again, examination.tolerance)
 
 
 def _check_limited_sight(examination: _PredictorExamination, scenario: Scenario, cases: Cases) -> CheckResult:
