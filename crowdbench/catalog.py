@@ -18,9 +18,7 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import PedestriansSpec
 from crowdbench.scenario.tracks.scenes import load_scene
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.utils.errors import InputError, plugin_errors
-from crowdbench.utils.files import sha256
-from crowdbench.utils.numbers import is_number
+from crowdbench.utils.errors import InputError, is_number, plugin_errors
 
 SCENARIOS = ROOT / "scenarios"
 
@@ -93,9 +91,7 @@ def _files_named(value: Any) -> dict[str, str]:
     built_in = ROOT / "agents" / "weights" / f"{value}.safetensors"
     for path in (built_in, file_and_function(value)[0] or Path(value)):
         if _is_file(path):
-            card = [path.with_suffix(".json")] if path.suffix == ".safetensors" else []
-            others = {each.name: sha256(each) for each in (path, *card) if _is_file(each)}
-            return file_digests(path) if path.suffix == ".py" else others
+            return file_digests(path)
     return {}
 
 

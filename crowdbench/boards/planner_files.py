@@ -13,6 +13,7 @@ from typing import Any
 
 from crowdbench import catalog
 from crowdbench.boards.entry import PLANNER, EntrySpec
+from crowdbench.plugins.files import file_digests
 from crowdbench.plugins.load import file_and_function
 from crowdbench.utils.errors import InputError
 
@@ -59,9 +60,7 @@ def _copy(value: str, copies: Path) -> str:
         if not path.is_file():
             return value
         path = path.resolve()  # the files beside a linked one are those beside its target
-        card = path.with_suffix(".json")
-        weights = [path.name, card.name] if path.suffix == ".safetensors" and card.is_file() else [path.name]
-        names = list(catalog.PLANNERS.files(str(path))) if file else weights
+        names = list(file_digests(path))
         places = itertools.chain([copies], (copies / f"other_{number}" for number in itertools.count(2)))
         target = next(place for place in places if _is_free(place, path.parent, names))
         for name in names:

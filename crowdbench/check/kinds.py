@@ -28,15 +28,9 @@ from crowdbench.scenario.respawn import LayoutWithRespawn
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
+_NOISE = {"position": 0.05, "velocity": 0.1}
 LIMITED_SIGHT = {
-    "sensor": {
-        "range": 3.0,
-        "occlusion": True,
-        "noise": {"position": 0.05, "velocity": 0.1},
-        "missed": 0.1,
-        "delay": 1,
-        "remember": 1.0,
-    }
+    "sensor": {"range": 3.0, "occlusion": True, "noise": _NOISE, "missed": 0.1, "delay": 1, "remember": 1.0}
 }
 """What changes in the scenario where a planner or a predictor is checked without seeing everybody."""
 

@@ -144,15 +144,15 @@ class Kind:
         return _docstring(file_and_function(spec)[0] or self.sources()[spec])
 
     def files(self, spec: str) -> dict[str, str]:
-        """The sha256 of every Python file of a plug-in that `find` finds, by its path: see `plugins.files`.
+        """The sha256 of every file of a plug-in that `find` finds, or of a program, by its path: see `plugins.files`.
 
-        No file is run. Of a program it is the sha256 of its file.
+        No file is run. crowdbench's own functions do not count.
         """
-        source = file_and_function(spec)[0] or self.sources().get(spec)
+        source = file_and_function(spec)[0] or self.sources().get(spec, Path(spec))
         if isinstance(source, Path):
             return file_digests(source)
         if not isinstance(source, EntryPoint):
-            return {Path(spec).name: files.sha256(Path(spec))}
+            return {}
         parts = tuple(source.module.split("."))
         found = _find_module(parts)
         if found is None or found.origin is None:

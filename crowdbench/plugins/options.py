@@ -12,8 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from crowdbench.utils.errors import InputError, plugin_errors
-from crowdbench.utils.numbers import is_integer, is_number
+from crowdbench.utils.errors import InputError, is_integer, is_number, plugin_errors
 
 REQUIRED = inspect.Parameter.empty
 """The default of an option that has none."""

@@ -17,7 +17,7 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome
 from crowdbench.planners.scene import Scene
-from crowdbench.utils.numbers import is_number, require, require_count
+from crowdbench.utils.errors import is_number, require, require_count
 
 ROUNDING = 1e-9
 """How far a command may be beyond a limit by rounding, in m/s or, where speeds are multiplied, m^2/s^2."""

@@ -23,7 +23,7 @@ from crowdbench.planners.lookahead.one_step import propagate_vehicle, try_comman
 from crowdbench.planners.scene import Scene, scene_of
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.validation import validate_prediction
-from crowdbench.utils.numbers import require_count
+from crowdbench.utils.errors import require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 Actions = Callable[[Float[np.ndarray, "world"]], Float[np.ndarray, "world action 2"]]

@@ -15,8 +15,7 @@ from crowdbench.planners.base import Planner
 from crowdbench.planners.policy.features import features, in_disc, to_world
 from crowdbench.planners.policy.network import NAME, Policy
 from crowdbench.planners.reactive import along_walls
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.numbers import is_integer
+from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.threads import in_chunks
 
 CHUNK = 4096

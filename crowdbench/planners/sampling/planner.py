@@ -19,7 +19,7 @@ from crowdbench.planners.sampling.futures import try_sequences
 from crowdbench.planners.scene import Scene, scene_of
 from crowdbench.predict import Prediction
 from crowdbench.sim.routes import next_waypoints
-from crowdbench.utils.numbers import is_number, require, require_count
+from crowdbench.utils.errors import is_number, require, require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 SMOOTH = 0.5
