@@ -18,7 +18,7 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import PedestriansSpec
 from crowdbench.scenario.tracks.scenes import load_scene
 from crowdbench.sim.pedestrians import PedestrianPolicy
-from crowdbench.utils.errors import InputError, is_number, plugin_errors
+from crowdbench.utils.errors import InputError, find_named, is_number, plugin_errors
 
 SCENARIOS = ROOT / "scenarios"
 
@@ -148,9 +148,7 @@ def scenario_path(spec: str) -> Path:
     if spec.endswith(".toml"):
         return Path(spec)
     files = {path.stem: path for path in _scenario_files()}
-    if spec not in files:
-        raise InputError(f"no scenario is called {spec!r}; there are {', '.join(files)}, or give a file: ./mine.toml")
-    return files[spec]
+    return find_named("scenario", spec, files, ", or give a file: ./mine.toml")
 
 
 def load_recorded_scenario(

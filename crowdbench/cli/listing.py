@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.tables import print_table
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import read_text
 from crowdbench.utils.tables import Grid
 
@@ -96,8 +96,8 @@ def _plugin_page(kind: str, name: str) -> Page:
     from crowdbench.cli.explain import description, option_rows, parameter_rows
 
     plugins = KINDS[kind].plugins
-    if kind == "metrics" and name not in plugins.functions:
-        raise InputError(f"no metric is called {name!r}; there are {', '.join(plugins.functions)}")
+    if kind == "metrics":
+        find_named("metric", name, plugins.functions)  # a file says nothing of its metrics
     found, factory = plugins.find(name)
     text = description(factory.__doc__) if plugins.functions else plugins.docstring(name)
     text = text or f"{name} has no docstring: its file says nothing about the {plugins.word}."

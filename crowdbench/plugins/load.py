@@ -21,7 +21,7 @@ from typing import Any
 from crowdbench.plugins.files import file_digests, joint, module_digests
 from crowdbench.plugins.options import read_options, takes_any
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.errors import InputError, find_named, plugin_errors
 
 _PACKAGE = Path(__file__).parent.parent
 
@@ -84,10 +84,7 @@ class Kind:
         file, function = file_and_function(spec)
         if file is not None:
             return function or file.stem, _load_function(file, function or self.function)
-        source = self.sources().get(spec)
-        if source is None:
-            known = ", ".join(self.sources())
-            raise InputError(f"no {self.word} is called {spec!r}; there are {known}, or give a file: ./mine.py")
+        source = find_named(self.word, spec, self.sources(), ", or give a file: ./mine.py")
         if isinstance(source, Path):
             return spec, _load_function(source, self.function)
         if isinstance(source, EntryPoint):

@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from typing import Any, NoReturn
+from collections.abc import Mapping
+from typing import Any, NoReturn, TypeVar
+
+Found = TypeVar("Found")
 
 LONGEST = 500
 """Characters of somebody else's message that are shown."""
@@ -126,3 +129,17 @@ def require(name: str, value: object, good: bool, right: str) -> None:
 def require_count(name: str, value: object) -> None:
     """Raise InputError unless the value called `name` is a whole number above 0."""
     require(name, value, is_integer(value) and value >= 1, "a whole number, 1 or more")  # type: ignore[operator]
+
+
+def find_named(kind: str, name: str, known: Mapping[str, Found], hint: str = "") -> Found:
+    """The one of several things that has a name. Raises InputError, which tells their names, where none has it.
+
+    Args:
+        kind: What each of them is, such as `planner`.
+        name: The name.
+        known: The things by their names.
+        hint: How the sentence ends, such as `, or give a file: ./mine.py`.
+    """
+    if name not in known:
+        raise InputError(f"no {kind} is called {name!r}; there are {', '.join(known)}{hint}")
+    return known[name]
