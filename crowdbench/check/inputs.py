@@ -25,7 +25,7 @@ MORE = 3
 LIMITED = 5
 """The number of cases with limited sight."""
 
-_ABSENT: Sequence[tuple[int, float, str]] = (
+_ABSENT: Sequence[tuple[int, Any, str]] = (
     (1, 0, "position velocity origin goal waypoint present since policy seen observed"),
     (1, 1.0, "radius preferred_speed"),
     (1, -1, "person group unseen"),
@@ -105,8 +105,9 @@ def _pad_fields(whole: Any) -> dict[str, np.ndarray]:
 
 
 def _pad(array: np.ndarray, axis: int, value: Any) -> np.ndarray:
-    widths = [(0, MORE if each == axis else 0) for each in range(array.ndim)]
-    return np.pad(array, widths, constant_values=value)
+    shape = list(array.shape)
+    shape[axis] = MORE
+    return np.concatenate([array, np.full(shape, value, array.dtype)], axis)
 
 
 def with_nan_hidden(obs: Observation) -> Observation:
