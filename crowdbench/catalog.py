@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
+import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -90,15 +90,9 @@ def _files_named(value: Any) -> dict[str, str]:
         return {}
     built_in = ROOT / "agents" / "weights" / f"{value}.safetensors"
     for path in (built_in, file_and_function(value)[0] or Path(value)):
-        if _is_file(path):
+        if os.path.isfile(path):  # False too where a text can be no path
             return file_digests(path)
     return {}
-
-
-def _is_file(path: Path) -> bool:
-    with contextlib.suppress(OSError, ValueError):  # raised where a text can be no path
-        return path.is_file()
-    return False
 
 
 def load_scenario(

@@ -24,7 +24,6 @@ from crowdbench.plugins.load import Kind, file_and_function, load_module
 from crowdbench.plugins.options import read_options
 from crowdbench.predict.load import PREDICTORS
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.respawn import LayoutWithRespawn
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
@@ -124,14 +123,10 @@ def _check_metric(request: CheckRequest) -> tuple[str, list[CheckResult]]:
 
 def _check_layout(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     name, _ = request.load(catalog.LAYOUTS)
-    generator = str(Path.cwd() / request.plugin) if file_and_function(request.plugin)[0] else name
     # As a part of the scenario, so that its options are checked.
-    scenario = request.load_scenario({"layout": {"generator": generator, **request.options}})
-    layout, again = scenario.layout, None
-    assert layout is not None  # a scenario with recorded people would have refused the changes
-    if isinstance(layout.function, LayoutWithRespawn):
-        again = functools.partial(layout.function.again, **layout.options)
-    return name, check_layout(layout, name, scenario, request.cases, again)
+    scenario = request.load_scenario({"layout": dict(request.options), "layout.generator": request.plugin})
+    assert scenario.layout is not None  # a scenario with recorded people would have refused the changes
+    return name, check_layout(scenario.layout, name, scenario, request.cases)
 
 
 def _tolerance() -> Tolerance:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.place_agents import add_routes, check_finite, check_obstacles, check_routes, check_shape
-from crowdbench.scenario.placement import Layout, Placement
+from crowdbench.scenario.placement import Layout, LayoutCall, Placement
 from crowdbench.scenario.respawn import LayoutWithRespawn, Respawn, Room, Way, draw_again, find_respawn
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, plugin_errors
@@ -45,9 +46,7 @@ class _Crowd:
         return 1
 
 
-def check_layout(
-    layout: Layout, name: str, scenario: Scenario, cases: Cases, again: Respawn | None = None
-) -> list[CheckResult]:
+def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) -> list[CheckResult]:
     """Let a layout place the crowds of some cases and examine each part of its contract by itself.
 
     Args:
@@ -55,7 +54,6 @@ def check_layout(
         name: What the layout is called in errors.
         scenario: The scenario whose crowds are placed.
         cases: The cases.
-        again: How it draws people again, with its options if any; as `find_respawn` says if None.
     """
     examination = _LayoutExamination(lambda: layout, name)
     findings = examination.findings
@@ -79,7 +77,7 @@ def check_layout(
         findings.result("goal", "no start is its own goal"),
         findings.result("random numbers", "only from its stream"),
         examination.check_deterministic("when it is given the same again, from the last to the first"),
-        _check_respawn(again, layout, f"layout {name}", placed),
+        _check_respawn(layout, f"layout {name}", placed),
     ]
 
 
@@ -139,13 +137,12 @@ def _named(name: str) -> Iterator[None]:
         raise InputError(f"{name}: {error}") from None
 
 
-def _check_respawn(
-    again: Respawn | None, layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]
-) -> CheckResult:
+def _check_respawn(layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]) -> CheckResult:
     """Whether somebody new, and another goal, can be drawn among those who are placed."""
     # Whether a layout that draws by itself is deterministic is another check.
-    times = 1 if again is None and not isinstance(layout, LayoutWithRespawn) else 2
-    draw = again or find_respawn(layout)
+    function, options = (layout.function, layout.options) if isinstance(layout, LayoutCall) else (layout, {})
+    draw = functools.partial(find_respawn(function), **options)
+    times = 2 if isinstance(function, LayoutWithRespawn) else 1
     crowds = [(crowd, placement) for crowd, placement in placed if len(crowd.radius) > 1]
     if not crowds:
         return CheckResult("again", None, "not examined: the layout placed no pedestrian")
