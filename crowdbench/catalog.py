@@ -77,15 +77,15 @@ def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, 
         By `planner`, its Python files; by `option weights` and the like, the files that an option names, such as
         trained weights with their card, or a predictor's file with what it imports. Files are named by their paths.
     """
-    named = {f"option {name}": _files_named(value) for name, value in options.items()}
-    return {"planner": PLANNERS.files(spec)} | {name: files for name, files in named.items() if files}
+    by_option = {f"option {name}": _digest_files(value) for name, value in options.items()}
+    return {"planner": PLANNERS.files(spec)} | {name: files for name, files in by_option.items() if files}
 
 
-def _files_named(value: Any) -> dict[str, str]:
+def _digest_files(value: Any) -> dict[str, str]:
     """The sha256 of every file that the value of an option names, perhaps within a table or a list."""
     if isinstance(value, Mapping | list):
         values = value.values() if isinstance(value, Mapping) else value
-        return {name: digest for each in values for name, digest in _files_named(each).items()}
+        return {name: digest for each in values for name, digest in _digest_files(each).items()}
     if not isinstance(value, str):
         return {}
     built_in = ROOT / "agents" / "weights" / f"{value}.safetensors"
@@ -123,9 +123,9 @@ def load_scenario(
     crowd = table.get("pedestrians", {})
     if pedestrians is not None and isinstance(crowd, dict):
         table["pedestrians"] = {key: crowd[key] for key in crowd if key in PedestriansSpec.model_fields}
-        table["pedestrians"]["policy"] = _from_here(pedestrians)
+        table["pedestrians"]["policy"] = _resolve_files(pedestrians)
     for key, value in (overrides or {}).items():
-        _set(table, key, _from_here(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
+        _set(table, key, _resolve_files(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
     load = scenario_file.Loaders(
         functools.partial(LAYOUTS.load_with_digest, folder=path.parent),
         functools.partial(PEDESTRIANS.load_with_digest, folder=path.parent),
@@ -175,14 +175,14 @@ def load_recorded_scenario(
     places = table.get("layout", {})
     layouts = {places.get("generator"): places["generator_file"]} if "generator_file" in places else {}
     load = scenario_file.Loaders(
-        _only_given(LAYOUTS, "--layout", [layout] if layout else [], layouts, source),
-        _only_given(PEDESTRIANS, "--pedestrians", pedestrians, policies, source),
+        _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layouts, source),
+        _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, policies, source),
         lambda scene, files: load_scene(scene, data, files),
     )
     return scenario_file.restore(table, source, load)
 
 
-def _only_given(
+def _make_loader(
     kind: Kind, option: str, specs: Iterable[str], digests: Mapping[str, str], source: str
 ) -> Callable[[str], Loaded]:
     """What loads the plug-ins of a run by name: those that are built in, and the files that the user gives.
@@ -197,8 +197,8 @@ def _only_given(
     Raises:
         InputError: The run had no such file, or another one of the same name.
     """
-    given = {plugin[0]: plugin for plugin in map(kind.load_with_digest, specs)}
-    for name, _, digest in given.values():
+    plugins = {plugin[0]: plugin for plugin in map(kind.load_with_digest, specs)}
+    for name, _, digest in plugins.values():
         if name not in digests:
             raise InputError(f"{source}: no {kind.word} of the run is a file called {name}")
         if digest != digests[name]:
@@ -207,15 +207,15 @@ def _only_given(
                 f"is given has {digest}: give the file as it was"
             )
 
-    def find(name: str) -> Loaded:
-        if name not in given and (name in digests or file_and_function(name)[0] is not None):
+    def load(name: str) -> Loaded:
+        if name not in plugins and (name in digests or file_and_function(name)[0] is not None):
             raise InputError(
                 f"the {kind.word} {name} of the run is a file of somebody's own: give it with "
                 f"{option} ./{name}.py, and it is loaded if its digest is {digests.get(name)}"
             )
-        return given[name] if name in given else kind.load_with_digest(name)
+        return plugins[name] if name in plugins else kind.load_with_digest(name)
 
-    return find
+    return load
 
 
 def simulated_scenarios() -> list[str]:
@@ -232,10 +232,10 @@ def _scenario_files() -> list[Path]:
     return sorted(SCENARIOS.glob("*.toml"))
 
 
-def _from_here(policy: Any) -> Any:
+def _resolve_files(policy: Any) -> Any:
     """A policy, or a table of several with their shares; files are relative to the current directory."""
     if isinstance(policy, dict):
-        return {_from_here(name): share for name, share in policy.items()}
+        return {_resolve_files(name): share for name, share in policy.items()}
     is_file = isinstance(policy, str) and file_and_function(policy)[0] is not None
     return str(Path.cwd() / policy) if is_file else policy
 

@@ -126,6 +126,6 @@ def with_people_hidden(obs: Observation) -> Observation:
 def _with_hidden(obs: Observation, **values: Any) -> Observation:
     """A copy of an observation with other values, by array, in the rows of the pedestrians that are not seen."""
     crowd, seen = obs.pedestrians, obs.pedestrians.seen
-    shown = {"position": seen[:, :, None], "velocity": seen[:, :, None], "history": seen[:, None, :, None]}
-    arrays = {name: np.where(shown.get(name, seen), getattr(crowd, name), value) for name, value in values.items()}
+    masks = {"position": seen[:, :, None], "velocity": seen[:, :, None], "history": seen[:, None, :, None]}
+    arrays = {name: np.where(masks.get(name, seen), getattr(crowd, name), value) for name, value in values.items()}
     return dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, **arrays))

@@ -85,16 +85,16 @@ class _LayoutExamination(Examination[Layout, _Crowd]):
     units = "cases"
     answers = "placements"
     missing = "not examined: the layout returned no placement"
-    shown_as = "crowd", "crowd"
+    batch_names = "crowd", "crowd"
 
-    def ask(self, shown: _Crowd) -> Placement | None:
+    def ask(self, batch: _Crowd) -> Placement | None:
         """Let the layout place a crowd, and examine also what would not keep it from being used."""
-        placement: Placement | None = super().ask(shown)
-        name = self._called(shown)
-        used = _find_used(shown.before)
+        placement: Placement | None = super().ask(batch)
+        name = self._title(batch)
+        used = _find_used(batch.before)
         self.findings.note("random numbers", 1, f"{name} draws from {used} instead of its stream" if used else None)
         if placement is not None:
-            radius = shown.radius
+            radius = batch.radius
             self.findings.note("overlap", 1, _find_overlap(placement.start, radius, name))
             self.findings.note("goal", 1, _find_at_goal(placement, radius, name))
             steps = {
@@ -104,27 +104,27 @@ class _LayoutExamination(Examination[Layout, _Crowd]):
             self.findings.examine(1, steps)
         return placement
 
-    def query(self, plugin: Layout, shown: _Crowd) -> object:
+    def query(self, plugin: Layout, batch: _Crowd) -> object:
         # Whoever draws from the shared generators is told so by another check.
-        python, numpy = shown.before
+        python, numpy = batch.before
         random.setstate(python)
         np.random.set_state(numpy)  # noqa: NPY002
-        with plugin_errors(f"{self._called(shown)} raised"):
-            return plugin(rng.generator(shown.key, "places"), shown.radius.copy(), shown.speed.copy())
+        with plugin_errors(f"{self._title(batch)} raised"):
+            return plugin(rng.generator(batch.key, "places"), batch.radius.copy(), batch.speed.copy())
 
-    def validators(self, shown: _Crowd) -> dict[str, Callable[[Any], Any]]:
-        name, agents = self._called(shown), len(shown.radius)
+    def validators(self, batch: _Crowd) -> dict[str, Callable[[Any], Any]]:
+        name, agents = self._title(batch), len(batch.radius)
         shape = _named(name)(lambda answer: check_shape(answer, agents))
         return {"shape": shape, "finite": _named(name)(check_finite)}
 
-    def numbers(self, plugin: Layout, answer: Placement, shown: _Crowd) -> Float[np.ndarray, "1 n"]:
+    def numbers(self, plugin: Layout, answer: Placement, batch: _Crowd) -> Float[np.ndarray, "1 n"]:
         parts = (answer.start, answer.goal, answer.route, answer.obstacles)
         return np.concatenate([part.ravel() for part in parts if part is not None])[None]
 
-    def take(self, shown: _Crowd, rows: Int[np.ndarray, "row"]) -> _Crowd:
-        return shown
+    def take(self, batch: _Crowd, rows: Int[np.ndarray, "row"]) -> _Crowd:
+        return batch
 
-    def _called(self, crowd: _Crowd) -> str:
+    def _title(self, crowd: _Crowd) -> str:
         return f"layout {self.name} in case {crowd.case}"
 
 

@@ -142,20 +142,20 @@ class _Witness(Planner):
             self.planner.reset(rows)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        shown = obs.take(slice(None))
+        before = obs.take(slice(None))
         start = time.perf_counter()
         with self._notice_exceptions():
             answer = self.planner.plan(obs)
         seconds = time.perf_counter() - start
         self.dtypes.add(str(answer.dtype) if isinstance(answer, np.ndarray) else type(answer).__name__)
-        dynamics = shown.vehicle.dynamics if self.native else FREE
-        validation = validate_commands(answer, shown.vehicle.preferred_speed, dynamics=dynamics)
-        self.calls.append(_Call(shown, validation.commands, seconds))
+        dynamics = before.vehicle.dynamics if self.native else FREE
+        validation = validate_commands(answer, before.vehicle.preferred_speed, dynamics=dynamics)
+        self.calls.append(_Call(before, validation.commands, seconds))
         for check, fault in validation.points.items():
-            self._note(check, fault, shown)
-        found = find_change("obs", shown, obs)
-        self._note("observation", found and Fault(f"changes {found[0]}", found[1]), shown)
-        return _limit_commands(validation.commands, shown.vehicle.preferred_speed, dynamics)
+            self._note(check, fault, before)
+        found = find_change("obs", before, obs)
+        self._note("observation", found and Fault(f"changes {found[0]}", found[1]), before)
+        return _limit_commands(validation.commands, before.vehicle.preferred_speed, dynamics)
 
     def plan_ahead(self, obs: Observation, steps: int) -> Any:
         try:
@@ -165,13 +165,13 @@ class _Witness(Planner):
             raise
 
     @property
-    def answered(self) -> list[_Call]:
+    def valid_calls(self) -> list[_Call]:
         """The calls in which the planner returned an array of commands in time."""
         return [call for call in self.calls if call.seconds <= self.decision_limit and call.command is not None]
 
     def compare(self, check: str, again: Mapping[str, Ask], tolerance: Tolerance) -> CheckResult:
         """Whether planners give the same commands again: see `compare_answers`."""
-        first = [np.asarray(call.command) for call in self.answered]
+        first = [np.asarray(call.command) for call in self.valid_calls]
         return compare_answers(check, COMMANDS, MISSING, first, again, tolerance)
 
     def replay(self, make: Callable[[], Planner], batches: list[Int[np.ndarray, "_"]]) -> list[Answers]:
@@ -179,14 +179,14 @@ class _Witness(Planner):
 
         Raises InputError where one raises, takes too long, or fails a check that this one has passed.
         """
-        again = [np.full((len(call.obs), 2), np.nan) for call in self.answered]
+        again = [np.full((len(call.obs), 2), np.nan) for call in self.valid_calls]
         for group in batches:
             cases = self.cases[group]
             witness = _Witness(make(), self.name, self.decision_limit, cases)
             witness.driver.reset(cases)
             row_of = np.full(len(self.cases), -1)
             row_of[group] = np.arange(len(group))
-            for call, commands in zip(self.answered, again, strict=True):
+            for call, commands in zip(self.valid_calls, again, strict=True):
                 own = row_of[call.obs.row]
                 running = np.argsort(own)[(own < 0).sum() :]
                 if len(running):
@@ -206,9 +206,9 @@ class _Witness(Planner):
             self.raised = True
             raise
 
-    def _note(self, check: str, fault: Fault | None, shown: Observation) -> None:
-        sentence = None if fault is None else fault.at(Decision.of(shown, self.cases))
-        self.findings.note(check, len(shown), sentence)
+    def _note(self, check: str, fault: Fault | None, before: Observation) -> None:
+        sentence = None if fault is None else fault.at(Decision.of(before, self.cases))
+        self.findings.note(check, len(before), sentence)
 
 
 def _decision_time(witness: _Witness, late: str, limit: float) -> CheckResult:

@@ -94,7 +94,7 @@ def check_predictor(
 class _PredictorExamination(Examination[Predictor, Observation]):
     answers = "worlds' predictions"
     missing = "not examined: the predictor returned no prediction"
-    shown_as = "obs", "observation"
+    batch_names = "obs", "observation"
 
     def ask_in(self, scenario: Scenario, cases: Cases) -> None:
         """Let the predictor predict in some cases."""
@@ -102,22 +102,22 @@ class _PredictorExamination(Examination[Predictor, Observation]):
         for obs in observed[::EVERY]:
             self.ask(obs)
 
-    def query(self, plugin: Predictor, shown: Observation) -> object:
+    def query(self, plugin: Predictor, batch: Observation) -> object:
         with plugin_errors(f"predictor {self.name} raised"):
-            return plugin.predict(shown, _steps(shown))
+            return plugin.predict(batch, _steps(batch))
 
-    def validators(self, shown: Observation) -> dict[str, Callable[[Any], Any]]:
+    def validators(self, batch: Observation) -> dict[str, Callable[[Any], Any]]:
         return {
-            "type and shape": lambda answer: validate_shape(answer, self.name, shown, _steps(shown)),
-            "finite": lambda prediction: validate_numbers(prediction, self.name, shown),
+            "type and shape": lambda answer: validate_shape(answer, self.name, batch, _steps(batch)),
+            "finite": lambda prediction: validate_numbers(prediction, self.name, batch),
         }
 
-    def numbers(self, plugin: Predictor, answer: Prediction, shown: Observation) -> Futures:
+    def numbers(self, plugin: Predictor, answer: Prediction, batch: Observation) -> Futures:
         futures = np.concatenate([answer.position, answer.velocity], axis=4)
-        return np.where(shown.pedestrians.seen[:, None, None, :, None], futures, 0.0)
+        return np.where(batch.pedestrians.seen[:, None, None, :, None], futures, 0.0)
 
-    def locate(self, shown: Observation, row: int) -> str:
-        return f"step {shown.step[0]}"
+    def locate(self, batch: Observation, row: int) -> str:
+        return f"step {batch.step[0]}"
 
 
 def _steps(obs: Observation) -> int:
@@ -130,8 +130,8 @@ def _check_modes(examination: _PredictorExamination, with_modes: Callable[[int],
 
     def predict(modes: int) -> list[Futures]:
         predictor = with_modes(modes)
-        shown = (obs.take(slice(None)) for obs, _ in examination.kept)
-        return [examination.answer_numbers(predictor, obs)[:, :FEW] for obs in shown]
+        batch = (obs.take(slice(None)) for obs, _ in examination.calls)
+        return [examination.answer_numbers(predictor, obs)[:, :FEW] for obs in batch]
 
     try:
         few = predict(FEW)

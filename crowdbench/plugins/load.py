@@ -83,7 +83,7 @@ class Kind:
         """
         file, function = file_and_function(spec)
         if file is not None:
-            return function or file.stem, _load_function(file, function or self.function)
+            return plugin_name(spec), _load_function(file, function or self.function)
         source = find_named(self.word, spec, self.sources(), ", or give a file: ./mine.py")
         if isinstance(source, Path):
             return spec, _load_function(source, self.function)
@@ -182,6 +182,14 @@ def program(spec: str) -> Path | None:
     path = Path(spec)
     is_program = "/" in spec and file_and_function(spec)[0] is None and path.is_file() and os.access(path, os.X_OK)
     return path if is_program else None
+
+
+def plugin_name(spec: str) -> str:
+    """The name of a plug-in: that of its function or else its file, of a program its file's; without loading it."""
+    file, function = file_and_function(spec)
+    if file is not None:
+        return function or file.stem
+    return spec if program(spec) is None else Path(spec).name
 
 
 def _load_function(path: Path, name: str) -> Callable[..., Any]:

@@ -84,7 +84,7 @@ class Run:
             episodes = Episodes.join(measured)
             result = self._result(part, episodes, recorder.number, time.perf_counter() - start)
             write_run(folder, episodes, result, self._manifest())
-        if interrupts.asked and part != self.spec.cases:
+        if interrupts.pending and part != self.spec.cases:
             raise Interrupted
 
     def _traces(
