@@ -75,12 +75,7 @@ BATCHES: Mapping[str, Split] = {
 
 
 def compare_answers(
-    check: str,
-    answers: str,
-    missing: str,
-    first: Sequence[Answers],
-    again: Mapping[str, Ask],
-    tolerance: Tolerance,
+    check: str, answers: str, missing: str, first: Sequence[Answers], again: Mapping[str, Ask], tolerance: Tolerance
 ) -> CheckResult:
     """Whether a plug-in gives the same answers again.
 
