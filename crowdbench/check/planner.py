@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -112,7 +111,7 @@ class _Witness(Planner):
     """Keeps all that a planner is shown and answers, and passes on commands that keep the contract.
 
     Attributes:
-        raised: Whether the planner raised an exception.
+        raised: Whether the planner raised an exception, or is being asked.
         calls: Its answers.
         dtypes: The types that they had.
         findings: What each check has found, with case and step.
@@ -138,14 +137,16 @@ class _Witness(Planner):
         self.driver = Driver(self, name, decision_limit)
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
-        with self._notice_exceptions():
-            self.planner.reset(rows)
+        self.raised = True
+        self.planner.reset(rows)
+        self.raised = False
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         before = obs.take(slice(None))
         start = time.perf_counter()
-        with self._notice_exceptions():
-            answer = self.planner.plan(obs)
+        self.raised = True
+        answer = self.planner.plan(obs)
+        self.raised = False
         seconds = time.perf_counter() - start
         self.dtypes.add(str(answer.dtype) if isinstance(answer, np.ndarray) else type(answer).__name__)
         dynamics = before.vehicle.dynamics if self.native else FREE
@@ -197,14 +198,6 @@ class _Witness(Planner):
                 if check not in self.findings.faults:
                     raise InputError(f"planner {self.name} {fault}")
         return again
-
-    @contextlib.contextmanager
-    def _notice_exceptions(self) -> Iterator[None]:
-        try:
-            yield
-        except BaseException:
-            self.raised = True
-            raise
 
     def _note(self, check: str, fault: Fault | None, before: Observation) -> None:
         sentence = None if fault is None else fault.at(Decision.of(before, self.cases))
