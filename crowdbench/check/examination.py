@@ -8,9 +8,9 @@ from __future__ import annotations
 import functools
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Int, Shaped
@@ -18,16 +18,9 @@ from jaxtyping import Int, Shaped
 from crowdbench.check.result import CheckResult, Findings, find_change
 from crowdbench.utils.errors import InputError
 
-
-@runtime_checkable
-class Batch(Protocol):
-    """What a plug-in is shown: worlds, observations, a trace or a crowd."""
-
-    def __len__(self) -> int: ...
-
-
 Plugin = TypeVar("Plugin")
-BatchType = TypeVar("BatchType", bound=Batch)
+Batch = TypeVar("Batch", bound=Sized)
+"""What a plug-in is asked about: worlds, observations, a trace or a crowd."""
 
 Answers = Shaped[np.ndarray, "_ ..."]
 
@@ -112,7 +105,7 @@ def _count_differing(first: Answers, again: Answers, rounding: float) -> int:
     return int((~same.reshape(len(first), -1).all(axis=1)).sum())
 
 
-class Examination(ABC, Generic[Plugin, BatchType]):
+class Examination(ABC, Generic[Plugin, Batch]):
     """Asks a plug-in without a memory of its own, examines each answer, and asks again.
 
     A subclass for each kind of plug-in says what is asked, and what an answer must be.
@@ -143,34 +136,34 @@ class Examination(ABC, Generic[Plugin, BatchType]):
         self.plugin = make()
         self.findings = Findings(self.units, self.missing)
         self.seconds: list[float] = []
-        self.calls: list[tuple[BatchType, Answers]] = []
+        self.calls: list[tuple[Batch, Answers]] = []
 
     @abstractmethod
-    def query(self, plugin: Plugin, batch: BatchType) -> Any:
+    def query(self, plugin: Plugin, batch: Batch) -> Any:
         """What a plug-in answers, whatever that is. Raises InputError where it raises."""
 
     @abstractmethod
-    def validators(self, batch: BatchType) -> dict[str, Callable[[Any], Any]]:
+    def validators(self, batch: Batch) -> dict[str, Callable[[Any], Any]]:
         """By check, in this order, what makes an answer of the one before it, or raises InputError."""
 
-    def numbers(self, plugin: Plugin, answer: Any, batch: BatchType) -> Answers:
+    def numbers(self, plugin: Plugin, answer: Any, batch: Batch) -> Answers:
         """All numbers of a valid answer that matter, those of each world in a row."""
         return np.asarray(answer)
 
-    def take(self, batch: BatchType, rows: Int[np.ndarray, "row"]) -> BatchType:
+    def take(self, batch: Batch, rows: Int[np.ndarray, "row"]) -> Batch:
         """Some worlds of what is shown, as a copy."""
-        taken: BatchType = batch.take(rows)  # type: ignore[attr-defined]  # overridden where there is no such method
+        taken: Batch = batch.take(rows)  # type: ignore[attr-defined]  # overridden where there is no such method
         return taken
 
-    def locate(self, batch: BatchType, row: int) -> str:
+    def locate(self, batch: Batch, row: int) -> str:
         """Where a world is, for a sentence."""
         return f"case {batch.case[row]}"  # type: ignore[attr-defined]  # overridden where there is no such attribute
 
-    def copy(self, batch: BatchType) -> BatchType:
+    def copy(self, batch: Batch) -> Batch:
         """A copy of what is shown."""
         return self.take(batch, np.arange(len(batch)))
 
-    def ask(self, batch: BatchType) -> Any:
+    def ask(self, batch: Batch) -> Any:
         """Show the plug-in something, and keep that with the answer.
 
         Returns:
@@ -187,14 +180,14 @@ class Examination(ABC, Generic[Plugin, BatchType]):
             self.calls.append((before, self.numbers(self.plugin, answer, before)))
         return answer
 
-    def answer(self, plugin: Plugin, batch: BatchType) -> Any:
+    def answer(self, plugin: Plugin, batch: Batch) -> Any:
         """What a plug-in answers. Raises InputError where that fails a check."""
         answer = self.query(plugin, batch)
         for validate in self.validators(batch).values():
             answer = validate(answer)
         return answer
 
-    def answer_numbers(self, plugin: Plugin, batch: BatchType) -> Answers:
+    def answer_numbers(self, plugin: Plugin, batch: Batch) -> Answers:
         """All numbers of what a plug-in answers. Raises InputError where that fails a check."""
         return self.numbers(plugin, self.answer(plugin, batch), batch)
 
@@ -227,7 +220,7 @@ class Examination(ABC, Generic[Plugin, BatchType]):
     def check_unaffected(
         self,
         check: str,
-        changes: Mapping[str, Callable[[BatchType], BatchType]],
+        changes: Mapping[str, Callable[[Batch], Batch]],
         back: Callable[[np.ndarray], np.ndarray] = lambda answer: answer,
     ) -> CheckResult:
         """Whether the answers are the same where something is changed that must not matter.
@@ -238,7 +231,7 @@ class Examination(ABC, Generic[Plugin, BatchType]):
             back: The part of the new answer that must be as before.
         """
 
-        def ask_changed(change: Callable[[BatchType], BatchType]) -> list[np.ndarray]:
+        def ask_changed(change: Callable[[Batch], Batch]) -> list[np.ndarray]:
             plugin = self.make()
             return [back(self.answer_numbers(plugin, change(self.copy(batch)))) for batch, _ in self.calls]
 
@@ -249,7 +242,7 @@ class Examination(ABC, Generic[Plugin, BatchType]):
         first = [answer for _, answer in self.calls]
         return compare_answers(check, self.answers, self.missing, first, again, tolerance or self.tolerance)
 
-    def _query_timed(self, batch: BatchType) -> Any:
+    def _query_timed(self, batch: Batch) -> Any:
         start = time.perf_counter()
         answer = self.query(self.plugin, batch)
         self.seconds.append(time.perf_counter() - start)

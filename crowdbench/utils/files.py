@@ -100,11 +100,16 @@ def check_free(path: Path, overwrite: bool, mark: str = RUN) -> Path:
         path = path.resolve()
         # Before the name is refused: an earlier run may have to get its name back.
         _restore_earlier(path)
-        _refuse_taken(path, overwrite, mark)
-    except NotWritten:
-        raise
+        is_there, is_directory = path.exists(), path.is_dir()
+        holds_other = overwrite and is_directory and any(path.iterdir()) and not (path / mark).is_file()
     except (OSError, RuntimeError, ValueError) as error:
         raise NotWritten(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
+    if is_there and not is_directory:
+        raise NotWritten(f"{path} is a file: name a directory with --out")
+    if is_there and not overwrite:
+        raise NotWritten(f"{path} exists already: name another place with --out, or allow --overwrite")
+    if holds_other:
+        raise NotWritten(f"{path} holds something other than a run and is not overwritten: choose another --out")
     return path
 
 
@@ -184,15 +189,6 @@ def _restore_earlier(path: Path) -> None:
             shutil.rmtree(earlier, ignore_errors=True)
         else:
             earlier.rename(path)
-
-
-def _refuse_taken(path: Path, overwrite: bool, mark: str) -> None:
-    if path.exists() and not path.is_dir():
-        raise NotWritten(f"{path} is a file: name a directory with --out")
-    if path.exists() and not overwrite:
-        raise NotWritten(f"{path} exists already: name another place with --out, or allow --overwrite")
-    if path.exists() and any(path.iterdir()) and not (path / mark).is_file():
-        raise NotWritten(f"{path} holds something other than a run and is not overwritten: choose another --out")
 
 
 def check_regular(path: Path) -> None:
