@@ -46,7 +46,7 @@ PEDESTRIANS = Kind(
 )
 LAYOUTS = Kind("layout", "layout", layouts.LAYOUTS, SCENARIOS, "crowdbench.layouts")
 
-Loaded = tuple[str, Any, str | None]
+PluginWithDigest = tuple[str, Any, str | None]
 """Name, plug-in, and the digest of its file."""
 
 
@@ -184,7 +184,7 @@ def load_recorded_scenario(
 
 def _make_loader(
     kind: Kind, option: str, specs: Iterable[str], digests: Mapping[str, str], source: str
-) -> Callable[[str], Loaded]:
+) -> Callable[[str], PluginWithDigest]:
     """What loads the plug-ins of a run by name: those that are built in, and the files that the user gives.
 
     Args:
@@ -207,7 +207,7 @@ def _make_loader(
                 f"is given has {digest}: give the file as it was"
             )
 
-    def load(name: str) -> Loaded:
+    def load(name: str) -> PluginWithDigest:
         if name not in plugins and (name in digests or file_and_function(name)[0] is not None):
             raise InputError(
                 f"the {kind.word} {name} of the run is a file of somebody's own: give it with "

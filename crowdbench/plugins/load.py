@@ -28,7 +28,6 @@ _PACKAGE = Path(__file__).parent.parent
 ROOT = _PACKAGE if (_PACKAGE / "agents").is_dir() else _PACKAGE.parent
 """Where the folders `agents` and `scenarios` lie: inside the package in a wheel, beside it in a checkout."""
 
-
 Source = Callable[..., Any] | Path | EntryPoint
 """Where a plug-in comes from: a function, a file, or an installed package."""
 
@@ -126,15 +125,15 @@ class Kind:
             arguments = {
                 option: known[option].argument(value) if option in known else value for option, value in options.items()
             }
-            made = factory(**arguments)
+            plugin = factory(**arguments)
             # In here, because it asks an object of the plug-in's for its class.
-            fits = isinstance(made, self.makes)
-        if not fits:
+            is_right = isinstance(plugin, self.makes)
+        if not is_right:
             right = f"must make a crowdbench.{self.makes.__name__}"
-            raise InputError(f"{name}: the factory made a {type(made).__name__}, but {right}")
+            raise InputError(f"{name}: the factory made a {type(plugin).__name__}, but {right}")
         if self.validate is not None:
-            self.validate(name, made)
-        return made
+            self.validate(name, plugin)
+        return plugin
 
     def docstring(self, spec: str) -> str:
         """The docstring of the file of a plug-in that `find` finds, or of its function, empty if it has none."""
