@@ -54,11 +54,15 @@ class Kind:
     makes: type | None = None
     validate: Callable[[str, Any], None] | None = None
 
+    def built_in(self) -> dict[str, Source]:
+        """Where each plug-in comes from that is built in, by name."""
+        paths = sorted(self.folder.glob("*.py")) if self.folder else []
+        return {**self.functions, **{path.stem: path for path in paths}}
+
     def sources(self) -> dict[str, Source]:
-        """Where each plug-in comes from that is built in or installed, by name."""
-        built_in = sorted(self.folder.glob("*.py")) if self.folder else []
+        """Where each plug-in comes from that is built in or installed, by name. Takes 10 ms, unlike `built_in`."""
+        sources = self.built_in()
         installed = sorted(importlib.metadata.entry_points(group=self.entry_points)) if self.entry_points else []
-        sources: dict[str, Source] = {**self.functions, **{path.stem: path for path in built_in}}
         for entry in installed:
             sources.setdefault(entry.name, entry)
         return sources
@@ -83,7 +87,8 @@ class Kind:
         file, function = file_and_function(spec)
         if file is not None:
             return plugin_name(spec), _load_function(file, function or self.function)
-        source = find_named(self.word, spec, self.sources(), ", or give a file: ./mine.py")
+        hint = ", or give a file: ./mine.py"
+        source = self.built_in().get(spec) or find_named(self.word, spec, self.sources(), hint)
         if isinstance(source, Path):
             return spec, _load_function(source, self.function)
         if isinstance(source, EntryPoint):
@@ -137,14 +142,14 @@ class Kind:
 
     def docstring(self, spec: str) -> str:
         """The docstring of the file of a plug-in that `find` finds, or of its function, empty if it has none."""
-        return _docstring(file_and_function(spec)[0] or self.sources()[spec])
+        return _docstring(file_and_function(spec)[0] or self.built_in().get(spec) or self.sources()[spec])
 
     def files(self, spec: str) -> dict[str, str]:
         """The sha256 of every file of a plug-in that `find` finds, or of a program, by its path: see `plugins.files`.
 
         No file is run. crowdbench's own functions do not count.
         """
-        source = file_and_function(spec)[0] or self.sources().get(spec, Path(spec))
+        source = file_and_function(spec)[0] or self.built_in().get(spec) or self.sources().get(spec, Path(spec))
         if isinstance(source, Path):
             return file_digests(source)
         if not isinstance(source, EntryPoint):
