@@ -11,34 +11,43 @@ from typing import TYPE_CHECKING
 
 from crowdbench import envs
 
-if TYPE_CHECKING:
-    from crowdbench.catalog import load_planner, load_scenario
-    from crowdbench.core.types import Observation, Outcome, Rules, Trace, World
-    from crowdbench.envs.observations import flatten
-    from crowdbench.envs.parallel import parallel_env
-    from crowdbench.metrics import METRICS
-    from crowdbench.networks.value import load_network
-    from crowdbench.planners.base import OneWorldPlanner, Planner
-    from crowdbench.planners.driver import Driver
-    from crowdbench.planners.lookahead import ValuePlanner
-    from crowdbench.predict import Prediction, Predictor
-    from crowdbench.predict.load import load_predictor
-    from crowdbench.runs.api import Result, run
-    from crowdbench.runs.results import Episodes
-    from crowdbench.runs.rollout import rollout
-    from crowdbench.scenario.cases import Cases
-    from crowdbench.scenario.scenario import Scenario
-    from crowdbench.sim.pedestrians import PedestrianPolicy, PolicyWithMemory
-    from crowdbench.utils.errors import InputError
+if TYPE_CHECKING:  # the aliases tell type checkers that these are public
+    from crowdbench.catalog import load_planner as load_planner
+    from crowdbench.catalog import load_scenario as load_scenario
+    from crowdbench.core.types import Observation as Observation
+    from crowdbench.core.types import Outcome as Outcome
+    from crowdbench.core.types import Rules as Rules
+    from crowdbench.core.types import Trace as Trace
+    from crowdbench.core.types import World as World
+    from crowdbench.envs.observations import flatten as flatten
+    from crowdbench.envs.parallel import parallel_env as parallel_env
+    from crowdbench.metrics import METRICS as METRICS
+    from crowdbench.networks.value import load_network as load_network
+    from crowdbench.planners.base import OneWorldPlanner as OneWorldPlanner
+    from crowdbench.planners.base import Planner as Planner
+    from crowdbench.planners.driver import Driver as Driver
+    from crowdbench.planners.lookahead import ValuePlanner as ValuePlanner
+    from crowdbench.predict import Prediction as Prediction
+    from crowdbench.predict import Predictor as Predictor
+    from crowdbench.predict.load import load_predictor as load_predictor
+    from crowdbench.runs.api import Result as Result
+    from crowdbench.runs.api import run as run
+    from crowdbench.runs.results import Episodes as Episodes
+    from crowdbench.runs.rollout import rollout as rollout
+    from crowdbench.scenario.cases import Cases as Cases
+    from crowdbench.scenario.scenario import Scenario as Scenario
+    from crowdbench.sim.pedestrians import PedestrianPolicy as PedestrianPolicy
+    from crowdbench.sim.pedestrians import PolicyWithMemory as PolicyWithMemory
+    from crowdbench.utils.errors import InputError as InputError
 
 envs.register()
 
 _HOMES = {
+    "METRICS": "metrics",
     "Cases": "scenario.cases",
     "Driver": "planners.driver",
     "Episodes": "runs.results",
     "InputError": "utils.errors",
-    "METRICS": "metrics",
     "Observation": "core.types",
     "OneWorldPlanner": "planners.base",
     "Outcome": "core.types",
@@ -62,36 +71,9 @@ _HOMES = {
     "rollout": "runs.rollout",
     "run": "runs.api",
 }
+"""The module of each public name."""
 
-__all__ = [
-    "METRICS",
-    "Cases",
-    "Driver",
-    "Episodes",
-    "InputError",
-    "Observation",
-    "OneWorldPlanner",
-    "Outcome",
-    "PedestrianPolicy",
-    "Planner",
-    "PolicyWithMemory",
-    "Prediction",
-    "Predictor",
-    "Result",
-    "Rules",
-    "Scenario",
-    "Trace",
-    "ValuePlanner",
-    "World",
-    "flatten",
-    "load_network",
-    "load_planner",
-    "load_predictor",
-    "load_scenario",
-    "parallel_env",
-    "rollout",
-    "run",
-]
+__all__ = [*_HOMES]
 
 
 def __getattr__(name: str) -> object:

@@ -12,8 +12,8 @@ from crowdbench.cli import console, failures
 from crowdbench.cli.options import assignments
 from crowdbench.runs.results import read_result
 from crowdbench.scenario.cases import Cases, parse_case
-from crowdbench.utils.directory import new_directory
 from crowdbench.utils.errors import InputError, Interrupted
+from crowdbench.utils.files import new_directory
 from crowdbench.utils.toml import DEEPEST
 
 DEEP = "[" * 5000 + "]" * 5000

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from crowdbench.catalog import load_policy, load_scenario
+from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.check import check_layout, check_metric, check_policy, check_predictor
 from crowdbench.check.examination import EXACT, NETWORKS
 from crowdbench.check.kinds import LIMITED_SIGHT
@@ -161,7 +161,7 @@ def test_a_policy_with_a_state_or_dice_of_its_own_is_found():
 
 
 def test_good_policies_keep_every_point():
-    for make in (Walk, lambda: load_policy("orca")[1]):
+    for make in (Walk, lambda: PEDESTRIANS.load("orca")[1]):
         assert verdicts(policy_points(make)) == (set(), set())
 
 

@@ -14,9 +14,8 @@ import pytest
 
 import crowdbench
 from crowdbench.sim.pedestrians import orca
-from crowdbench.utils.compiled import njit, store
+from crowdbench.utils.compiled import named_tuples, njit, store
 from crowdbench.utils.compiled.digest import code_digest
-from crowdbench.utils.compiled.kernel import named_tuples
 
 PACKAGE = Path(crowdbench.__file__).parent
 LIMIT = 2.0

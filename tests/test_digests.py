@@ -7,7 +7,7 @@ import pytest
 
 from crowdbench.boards import schema as board_schema
 from crowdbench.boards.board import read_boards
-from crowdbench.catalog import PEDESTRIANS, load_policy, load_scenario, scenarios, simulated_scenarios
+from crowdbench.catalog import PEDESTRIANS, load_scenario, scenarios, simulated_scenarios
 from crowdbench.scenario import schema
 from crowdbench.scenario.digest import BUILT_IN, compute_digest
 from crowdbench.scenario.layouts import LAYOUTS
@@ -268,7 +268,7 @@ def test_a_new_key_with_a_default_changes_no_digest_of_a_board(monkeypatch):
 
 
 def test_the_digest_knows_all_built_in_policies():
-    built_in = {path.stem: load_policy(path.stem)[1].parameters for path in PEDESTRIANS.folder.glob("*.py")}
+    built_in = {path.stem: PEDESTRIANS.load(path.stem)[1].parameters for path in PEDESTRIANS.folder.glob("*.py")}
     assert {name: policy.parameters for name, policy in BUILT_IN.items()} == built_in
 
 

@@ -18,8 +18,9 @@ from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, chain
 from crowdbench.core.types import Lidar, Rules, Sensor
 from crowdbench.isolation import protocol, sandbox
-from crowdbench.isolation.planner import IsolatedPlanner, Limits, called
+from crowdbench.isolation.planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import DecisionLimitExceeded, Driver
+from crowdbench.plugins.load import plugin_name
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP, Replanning
 from crowdbench.scenario.cases import Cases
@@ -355,7 +356,8 @@ def test_names_are_those_of_planners_that_are_loaded(mine, tmp_path):
     (tmp_path / "straight").write_text("")
     (tmp_path / "straight").chmod(0o755)
     spec = mine("")
-    assert [called(spec), called(f"{spec}:other"), called("orca"), called(str(tmp_path / "straight"))] == [
+    names = [spec, f"{spec}:other", "orca", str(tmp_path / "straight")]
+    assert [plugin_name(name) for name in names] == [
         load_planner(spec)[0],
         "other",
         "orca",

@@ -7,7 +7,7 @@ import pytest
 from helpers import Still, drive, same
 from test_check_kinds import verdicts
 
-from crowdbench.catalog import load_policy, load_scenario
+from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.check import check_policy
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
@@ -197,7 +197,7 @@ def test_who_stops_and_goes_pauses_for_its_share_of_each_period():
 
 
 def test_the_other_parameters_of_who_stops_and_goes_are_those_of_its_walk():
-    policy = load_policy("distracted")[1]
+    policy = PEDESTRIANS.load("distracted")[1]
     assert policy.parameters == {**ORCA.parameters, **HABITS}
 
 
@@ -211,7 +211,7 @@ def test_who_gives_way_to_nobody_walks_straight():
 @pytest.mark.parametrize("name", ["distracted", "straight", "standing"])
 def test_policies_of_habits_keep_every_point(name):
     place = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5}, name)
-    points = check_policy(lambda: load_policy(name)[1], name, place, Cases.parse("val:5"), 60.0)
+    points = check_policy(lambda: PEDESTRIANS.load(name)[1], name, place, Cases.parse("val:5"), 60.0)
     assert verdicts(points) == (set(), set())
 
 

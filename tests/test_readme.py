@@ -12,7 +12,7 @@ import torch
 from crowdnav_policies import NativeStraight, Straight
 from helpers import drive, same
 
-from crowdbench.catalog import load_planner, load_policy, load_scenario
+from crowdbench.catalog import PEDESTRIANS, load_planner, load_scenario
 from crowdbench.check import check_layout, check_planner, check_policy
 from crowdbench.cli import app
 from crowdbench.networks.weights import digest
@@ -59,10 +59,10 @@ def test_the_policies_of_the_docs_keep_the_contract(name, parameters, tmp_path):
     path = tmp_path / f"{name}.py"
     (text,) = [block for block in blocks("docs/plugins.md") if f"class {name.title()}" in block]
     path.write_text(text)
-    loaded, policy, _ = load_policy(str(path))
+    loaded, policy = PEDESTRIANS.load(str(path))
     assert (loaded, policy.parameters) == (name, parameters)
     place = load_scenario("circle_crossing_5", {"time_limit": 3.0}, str(path))
-    points = check_policy(lambda: load_policy(str(path))[1], name, place, Cases.parse("val:3"), 60.0)
+    points = check_policy(lambda: PEDESTRIANS.load(str(path))[1], name, place, Cases.parse("val:3"), 60.0)
     assert all(point.kept for point in points)
 
 

@@ -22,9 +22,9 @@ from crowdbench.runs.compare import compare, mcnemar
 from crowdbench.runs.results import Episodes, planner_label, read_result, replanning_of
 from crowdbench.runs.spec import RunSpec, directory_name
 from crowdbench.scenario.cases import Cases
-from crowdbench.utils import directory
-from crowdbench.utils.directory import new_directory
+from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, Interrupted
+from crowdbench.utils.files import new_directory
 
 
 def go(out, planner="orca", cases="30", **settings):
@@ -97,7 +97,7 @@ def test_what_a_killed_run_left_is_cleared_away_but_not_a_live_one(tmp_path):
 WRITES_UNTIL_KILLED = """
 import sys, time
 from pathlib import Path
-from crowdbench.utils.directory import new_directory
+from crowdbench.utils.files import new_directory
 with new_directory(Path(sys.argv[1]), False) as directory:
     (directory / "episodes.csv").write_text("half")
     print("written", flush=True)
@@ -442,7 +442,7 @@ def test_a_file_system_without_locks_does_without(tmp_path, monkeypatch):
     def acquire(self):
         raise NotImplementedError
 
-    monkeypatch.setattr(directory.FileLock, "acquire", acquire)
+    monkeypatch.setattr(files.FileLock, "acquire", acquire)
     with new_directory(tmp_path / "run", False) as partial:
         (partial / "result.json").write_text("{}")
     assert (tmp_path / "run" / "result.json").exists()

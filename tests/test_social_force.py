@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import advance, drive, same
 
-from crowdbench.catalog import load_policy, load_scenario
+from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.core import rng
 from crowdbench.planners.reactive import SocialForcePlanner
 from crowdbench.scenario.cases import Cases
@@ -119,7 +119,7 @@ def slow_step(position, velocity, goal, radius, speed, noise, seen, moves, trait
 def test_a_step_agrees_with_the_equations(traits):
     inputs = scenes(15, 5)
     seen, moves = np.random.default_rng(3).random((2, 15, 5)) < 0.8
-    complete = dict(load_policy("social_force")[1].parameters) | traits
+    complete = dict(PEDESTRIANS.load("social_force")[1].parameters) | traits
     slow = [slow_step(*(array[w] for array in inputs), seen[w], moves[w], complete) for w in range(15)]
     fast = social_force_velocities(*inputs, seen=seen, moves=moves, **traits)
     assert np.abs(fast - slow).max() < 1e-6

@@ -13,6 +13,7 @@ from typing import Any
 
 from crowdbench import catalog
 from crowdbench.boards.entry import PLANNER, EntrySpec
+from crowdbench.plugins.files import file_digests
 from crowdbench.plugins.load import file_and_function
 from crowdbench.utils.errors import InputError
 
@@ -59,9 +60,7 @@ def _copy(value: str, copies: Path) -> str:
         if not path.is_file():
             return value
         path = path.resolve()  # the files beside a linked one are those beside its target
-        card = path.with_suffix(".json")
-        weights = [path.name, card.name] if path.suffix == ".safetensors" and card.is_file() else [path.name]
-        names = list(catalog.PLANNERS.files(str(path))) if file else weights
+        names = list(file_digests(path))
         places = itertools.chain([copies], (copies / f"other_{number}" for number in itertools.count(2)))
         target = next(place for place in places if _is_free(place, path.parent, names))
         for name in names:
@@ -97,9 +96,9 @@ def package(planner: str) -> str:
     """The distribution with its version that a planner comes from; empty for one whose files are in its entry."""
     if _is_in_entry(planner):
         return ""
-    for plugin in _installed():
-        if plugin.name == planner and plugin.dist is not None:
-            return f"{plugin.dist.name}=={plugin.dist.version}"
+    source = catalog.PLANNERS.sources().get(planner)
+    if isinstance(source, importlib.metadata.EntryPoint) and source.dist is not None:
+        return f"{source.dist.name}=={source.dist.version}"
     return f"crowdbench=={importlib.metadata.version('crowdbench')}"
 
 
@@ -111,8 +110,7 @@ def package_files(planner: str) -> dict[str, str]:
     """
     if _is_in_entry(planner):
         return {}
-    built_in = catalog.PLANNERS.built_in()
-    if planner not in [*built_in, *_installed().names]:
+    if planner not in catalog.PLANNERS.sources():
         raise InputError(f"no planner that is built in or installed is called {planner!r}")
     return catalog.PLANNERS.files(planner)
 
@@ -128,10 +126,6 @@ def describe_change(spec: EntrySpec) -> str:
     if package_files(spec.planner) != spec.package_files:
         return f"the files of the planner {spec.planner} are others than those that were entered"
     return ""
-
-
-def _installed() -> importlib.metadata.EntryPoints:
-    return importlib.metadata.entry_points(group=catalog.PLANNERS.entry_points)
 
 
 def _is_in_entry(planner: str) -> bool:

@@ -6,8 +6,8 @@ import keyword
 from pathlib import Path
 
 from crowdbench.boards.entry import NAMES
-from crowdbench.utils.directory import new_directory
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import new_directory
 
 PLANNER = '''"""{title}: drives straight to the goal, and slowly where a pedestrian is near."""
 

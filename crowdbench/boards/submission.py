@@ -38,8 +38,8 @@ from crowdbench.boards.schema import CardSpec
 from crowdbench.runs.results import read_result
 from crowdbench.runs.run import read_versions
 from crowdbench.runs.shards import WHOLE, Shard
-from crowdbench.utils.directory import new_directory
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import new_directory
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
 ENTRIES = "entries"

@@ -8,9 +8,9 @@ from __future__ import annotations
 import functools
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Int, Shaped
@@ -18,18 +18,14 @@ from jaxtyping import Int, Shaped
 from crowdbench.check.result import CheckResult, Findings, find_change
 from crowdbench.utils.errors import InputError
 
-
-@runtime_checkable
-class Batch(Protocol):
-    """What a plug-in is shown: worlds, observations, a trace or a crowd."""
-
-    def __len__(self) -> int: ...
-
-
 Plugin = TypeVar("Plugin")
-Shown = TypeVar("Shown", bound=Batch)
+Batch = TypeVar("Batch", bound=Sized)
+"""What a plug-in is asked about: worlds, observations, a trace or a crowd."""
 
 Answers = Shaped[np.ndarray, "_ ..."]
+
+Ask = Callable[[], Sequence[Answers]]
+"""Asks a plug-in again, and returns the answers to the same calls."""
 
 Split = Callable[[int], list[Int[np.ndarray, "_"]]]
 """Divides the rows of a batch among other batches."""
@@ -72,22 +68,21 @@ BATCHES: Mapping[str, Split] = {
 
 
 def compare_answers(
-    check: str,
-    answers: str,
-    first: Sequence[Answers],
-    again: Mapping[str, Callable[[], Sequence[Answers]]],
-    tolerance: Tolerance,
+    check: str, answers: str, missing: str, first: Sequence[Answers], again: Mapping[str, Ask], tolerance: Tolerance
 ) -> CheckResult:
     """Whether a plug-in gives the same answers again.
 
     Args:
         check: Name of the check.
         answers: What the answers are called.
+        missing: What is said where there are none.
         first: The answers to each call.
         again: By when they might differ, what asks again and returns the answers to the same calls. It raises
             InputError where the plug-in fails a check that it passed before.
         tolerance: What may differ.
     """
+    if not first:
+        return CheckResult(check, None, missing)
     total = sum(map(len, first))
     most = 0
     for when, ask in again.items():
@@ -110,7 +105,7 @@ def _count_differing(first: Answers, again: Answers, rounding: float) -> int:
     return int((~same.reshape(len(first), -1).all(axis=1)).sum())
 
 
-class Examination(ABC, Generic[Plugin, Shown]):
+class Examination(ABC, Generic[Plugin, Batch]):
     """Asks a plug-in without a memory of its own, examines each answer, and asks again.
 
     A subclass for each kind of plug-in says what is asked, and what an answer must be.
@@ -119,11 +114,11 @@ class Examination(ABC, Generic[Plugin, Shown]):
         units: What there is one of for each answer.
         answers: What the answers are called where they are compared.
         missing: What is said of a check that could not be made.
-        shown_as: What the plug-in knows the thing as that it is shown, and the check that it leaves it unchanged.
+        batch_names: What the plug-in calls a batch, and the name of the check that it leaves it unchanged.
         plugin: The plug-in that is asked first.
         findings: What each check of its answers has found.
         seconds: How long each call took.
-        kept: What was shown at each call, with all numbers of the answer, those of each world in a row.
+        calls: What was shown at each call, with all numbers of the answer, those of each world in a row.
 
     Args:
         make: Makes a new plug-in.
@@ -134,69 +129,67 @@ class Examination(ABC, Generic[Plugin, Shown]):
     units = "worlds"
     answers: str
     missing: str
-    shown_as: tuple[str, str]
+    batch_names: tuple[str, str]
 
     def __init__(self, make: Callable[[], Plugin], name: str, tolerance: Tolerance = EXACT) -> None:
         self.make, self.name, self.tolerance = make, name, tolerance
         self.plugin = make()
         self.findings = Findings(self.units, self.missing)
         self.seconds: list[float] = []
-        self.kept: list[tuple[Shown, Answers]] = []
+        self.calls: list[tuple[Batch, Answers]] = []
 
     @abstractmethod
-    def query(self, plugin: Plugin, shown: Shown) -> Any:
+    def query(self, plugin: Plugin, batch: Batch) -> Any:
         """What a plug-in answers, whatever that is. Raises InputError where it raises."""
 
     @abstractmethod
-    def validators(self, shown: Shown) -> dict[str, Callable[[Any], Any]]:
+    def validators(self, batch: Batch) -> dict[str, Callable[[Any], Any]]:
         """By check, in this order, what makes an answer of the one before it, or raises InputError."""
 
-    def numbers(self, plugin: Plugin, answer: Any, shown: Shown) -> Answers:
+    def numbers(self, plugin: Plugin, answer: Any, batch: Batch) -> Answers:
         """All numbers of a valid answer that matter, those of each world in a row."""
         return np.asarray(answer)
 
-    def take(self, shown: Shown, rows: Int[np.ndarray, "row"]) -> Shown:
+    def take(self, batch: Batch, rows: Int[np.ndarray, "row"]) -> Batch:
         """Some worlds of what is shown, as a copy."""
-        taken: Shown = shown.take(rows)  # type: ignore[attr-defined]  # overridden where there is no such method
+        taken: Batch = batch.take(rows)  # type: ignore[attr-defined]  # overridden where there is no such method
         return taken
 
-    def locate(self, shown: Shown, row: int) -> str:
+    def locate(self, batch: Batch, row: int) -> str:
         """Where a world is, for a sentence."""
-        return f"case {shown.case[row]}"  # type: ignore[attr-defined]  # overridden where there is no such attribute
+        return f"case {batch.case[row]}"  # type: ignore[attr-defined]  # overridden where there is no such attribute
 
-    def copy(self, shown: Shown) -> Shown:
+    def copy(self, batch: Batch) -> Batch:
         """A copy of what is shown."""
-        return self.take(shown, np.arange(len(shown)))
+        return self.take(batch, np.arange(len(batch)))
 
-    def ask(self, shown: Shown) -> Any:
+    def ask(self, batch: Batch) -> Any:
         """Show the plug-in something, and keep that with the answer.
 
         Returns:
             The answer, None where it fails a check.
         """
-        before = self.copy(shown)
-        answer = self.findings.examine(
-            len(before),
-            {"exceptions": lambda _: self._query_timed(shown), **self.validators(before)},
-        )
-        path, check = self.shown_as
-        change = find_change(path, before, shown)
+        before = self.copy(batch)
+        steps = {"exceptions": lambda _: self._query_timed(batch), **self.validators(before)}
+        answer = self.findings.examine(len(before), steps)
+        path, check = self.batch_names
+        change = find_change(path, before, batch)
         sentence = change and f"changes {change[0]} ({self.locate(before, change[1])})"
         self.findings.note(check, len(before), sentence)
         if answer is not None:
-            self.kept.append((before, self.numbers(self.plugin, answer, before)))
+            self.calls.append((before, self.numbers(self.plugin, answer, before)))
         return answer
 
-    def answer(self, plugin: Plugin, shown: Shown) -> Any:
+    def answer(self, plugin: Plugin, batch: Batch) -> Any:
         """What a plug-in answers. Raises InputError where that fails a check."""
-        answer = self.query(plugin, shown)
-        for validate in self.validators(shown).values():
+        answer = self.query(plugin, batch)
+        for validate in self.validators(batch).values():
             answer = validate(answer)
         return answer
 
-    def answer_numbers(self, plugin: Plugin, shown: Shown) -> Answers:
+    def answer_numbers(self, plugin: Plugin, batch: Batch) -> Answers:
         """All numbers of what a plug-in answers. Raises InputError where that fails a check."""
-        return self.numbers(plugin, self.answer(plugin, shown), shown)
+        return self.numbers(plugin, self.answer(plugin, batch), batch)
 
     def time_result(self, limit: float) -> CheckResult:
         """Whether no call took longer than a limit in seconds."""
@@ -215,7 +208,7 @@ class Examination(ABC, Generic[Plugin, Shown]):
         """
 
         def backwards() -> list[Answers]:
-            return [self.answer_numbers(self.plugin, self.copy(shown)) for shown, _ in reversed(self.kept)][::-1]
+            return [self.answer_numbers(self.plugin, self.copy(batch)) for batch, _ in reversed(self.calls)][::-1]
 
         return self.compare("deterministic", {when: backwards}, Tolerance(self.tolerance.rounding, 0.0))
 
@@ -227,7 +220,7 @@ class Examination(ABC, Generic[Plugin, Shown]):
     def check_unaffected(
         self,
         check: str,
-        changes: Mapping[str, Callable[[Shown], Shown]],
+        changes: Mapping[str, Callable[[Batch], Batch]],
         back: Callable[[np.ndarray], np.ndarray] = lambda answer: answer,
     ) -> CheckResult:
         """Whether the answers are the same where something is changed that must not matter.
@@ -238,24 +231,20 @@ class Examination(ABC, Generic[Plugin, Shown]):
             back: The part of the new answer that must be as before.
         """
 
-        def ask_changed(change: Callable[[Shown], Shown]) -> list[np.ndarray]:
+        def ask_changed(change: Callable[[Batch], Batch]) -> list[np.ndarray]:
             plugin = self.make()
-            return [back(self.answer_numbers(plugin, change(self.copy(shown)))) for shown, _ in self.kept]
+            return [back(self.answer_numbers(plugin, change(self.copy(batch)))) for batch, _ in self.calls]
 
         return self.compare(check, {when: functools.partial(ask_changed, change) for when, change in changes.items()})
 
-    def compare(
-        self, check: str, again: Mapping[str, Callable[[], Sequence[Answers]]], tolerance: Tolerance | None = None
-    ) -> CheckResult:
+    def compare(self, check: str, again: Mapping[str, Ask], tolerance: Tolerance | None = None) -> CheckResult:
         """Whether the answers are the same again: see `compare_answers`."""
-        if not self.kept:
-            return CheckResult(check, None, self.missing)
-        first = [answer for _, answer in self.kept]
-        return compare_answers(check, self.answers, first, again, tolerance or self.tolerance)
+        first = [answer for _, answer in self.calls]
+        return compare_answers(check, self.answers, self.missing, first, again, tolerance or self.tolerance)
 
-    def _query_timed(self, shown: Shown) -> Any:
+    def _query_timed(self, batch: Batch) -> Any:
         start = time.perf_counter()
-        answer = self.query(self.plugin, shown)
+        answer = self.query(self.plugin, batch)
         self.seconds.append(time.perf_counter() - start)
         return answer
 
@@ -263,10 +252,10 @@ class Examination(ABC, Generic[Plugin, Shown]):
         """The answers of a new plug-in that is shown the rows of each call in other batches."""
         plugin = self.make()
         together = []
-        for shown, answer in self.kept:
+        for batch, answer in self.calls:
             again = np.empty(answer.shape)
             for rows in split(len(answer)):
-                part = self.answer_numbers(plugin, self.take(shown, rows))
+                part = self.answer_numbers(plugin, self.take(batch, rows))
                 if part.shape[1:] != answer.shape[1:]:
                     expected = [len(rows), *answer.shape[1:]]
                     raise InputError(f"the answer has shape {list(part.shape)} instead of {expected}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,33 +25,20 @@ MORE = 3
 LIMITED = 5
 """The number of cases with limited sight."""
 
-ABSENT: Mapping[str, tuple[int, Any]] = {
-    "position": (1, 0.0),
-    "velocity": (1, 0.0),
-    "origin": (1, 0.0),
-    "goal": (1, 0.0),
-    "route": (1, np.nan),
-    "waypoint": (1, 0),
-    "radius": (1, 1.0),
-    "preferred_speed": (1, 1.0),
-    "present": (1, False),
-    "person": (1, -1),
-    "since": (1, 0),
-    "track": (2, np.nan),
-    "group": (1, -1),
-    "history": (2, 0.0),
-    "policy": (1, 0),
-    "seen": (1, False),
-    "observed": (1, 0),
-    "age": (1, np.inf),
-    "filled": (2, False),
-    "sent": (2, np.nan),
-    "sender": (2, -1),
-    "state": (1, PADDING),
-    "unseen": (1, -1),
-}
+_ABSENT: Sequence[tuple[int, Any, str]] = (
+    (1, 0, "position velocity origin goal waypoint present since policy seen observed"),
+    (1, 1.0, "radius preferred_speed"),
+    (1, -1, "person group unseen"),
+    (1, np.nan, "route"),
+    (1, np.inf, "age"),
+    (1, PADDING, "state"),
+    (2, 0, "history filled"),
+    (2, -1, "sender"),
+    (2, np.nan, "track sent"),
+)
+ABSENT = {name: (axis, value) for axis, value, names in _ABSENT for name in names.split()}
 """The arrays with an entry per agent or pedestrian in `World`, `World.sight` and `Pedestrians`: the axis of the agents,
-and the value of an absent one."""
+and the value of an absent one, 0 for False."""
 
 
 def drive_trial(scenario: Scenario, cases: Cases, privileged: bool = False) -> tuple[Trace, list[Observation]]:
@@ -125,30 +112,20 @@ def _pad(array: np.ndarray, axis: int, value: Any) -> np.ndarray:
 
 def with_nan_hidden(obs: Observation) -> Observation:
     """A copy of an observation with NaN in the rows of all pedestrians that are not seen."""
-    return _with_hidden(obs, dict.fromkeys(("position", "velocity", "radius", "history"), np.nan))
+    return _with_hidden(obs, position=np.nan, velocity=np.nan, radius=np.nan, history=np.nan)
 
 
 def with_people_hidden(obs: Observation) -> Observation:
     """A copy of an observation in which all rows of pedestrians that are not seen are of one who passes the vehicle."""
     here = obs.vehicle.position[:, None] + 1.0
     velocity = np.broadcast_to(np.array([-1.0, 0.0]), obs.pedestrians.velocity.shape)
-    past = obs.dt * np.arange(1 - HISTORY, 1)[:, None, None]
-    return _with_hidden(
-        obs,
-        {
-            "position": here,
-            "velocity": velocity,
-            "radius": 0.3,
-            "history": here[:, None] + past * velocity[:, None],
-            "observed": HISTORY,
-            "age": 0.0,
-        },
-    )
+    past = here[:, None] + obs.dt * np.arange(1 - HISTORY, 1)[:, None, None] * velocity[:, None]
+    return _with_hidden(obs, position=here, velocity=velocity, radius=0.3, history=past, observed=HISTORY, age=0.0)
 
 
-def _with_hidden(obs: Observation, values: Mapping[str, Any]) -> Observation:
+def _with_hidden(obs: Observation, **values: Any) -> Observation:
     """A copy of an observation with other values, by array, in the rows of the pedestrians that are not seen."""
     crowd, seen = obs.pedestrians, obs.pedestrians.seen
-    shown = {"position": seen[:, :, None], "velocity": seen[:, :, None], "history": seen[:, None, :, None]}
-    arrays = {name: np.where(shown.get(name, seen), getattr(crowd, name), value) for name, value in values.items()}
+    masks = {"position": seen[:, :, None], "velocity": seen[:, :, None], "history": seen[:, None, :, None]}
+    arrays = {name: np.where(masks.get(name, seen), getattr(crowd, name), value) for name, value in values.items()}
     return dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, **arrays))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import sys
 from collections.abc import Callable, Mapping
@@ -21,21 +22,14 @@ from crowdbench.check.result import CheckResult
 from crowdbench.metrics.load import METRIC
 from crowdbench.plugins.load import Kind, file_and_function, load_module
 from crowdbench.plugins.options import read_options
-from crowdbench.predict.load import PREDICTORS, load_predictor
+from crowdbench.predict.load import PREDICTORS
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.respawn import LayoutWithRespawn
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
+_NOISE = {"position": 0.05, "velocity": 0.1}
 LIMITED_SIGHT = {
-    "sensor": {
-        "range": 3.0,
-        "occlusion": True,
-        "noise": {"position": 0.05, "velocity": 0.1},
-        "missed": 0.1,
-        "delay": 1,
-        "remember": 1.0,
-    }
+    "sensor": {"range": 3.0, "occlusion": True, "noise": _NOISE, "missed": 0.1, "delay": 1, "remember": 1.0}
 }
 """What changes in the scenario where a planner or a predictor is checked without seeing everybody."""
 
@@ -75,10 +69,15 @@ class CheckRequest:
         scenario.check_data(self.data)
         return scenario
 
-    def refuse_options(self, what: str) -> None:
+    def load(self, kind: Kind, **more: Any) -> tuple[str, Callable[[], Any]]:
+        """The plug-in's name, and what makes a new one, with more options if any."""
+        load = functools.partial(kind.load, self.plugin, {**self.options, **more})
+        return load()[0], lambda: load()[1]
+
+    def refuse_options(self, kind: Kind) -> None:
         """Raises InputError where options are given."""
         if self.options:
-            raise InputError(f"--option does not go with a {what}, which has no options")
+            raise InputError(f"--option does not go with a {kind.word}, which has no options")
 
 
 @dataclass(frozen=True)
@@ -95,52 +94,39 @@ class PluginKind:
 
 
 def _check_planner(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    load = functools.partial(catalog.load_planner, request.plugin, request.options)
-    scenario, limited = (
-        catalog.load_scenario(request.scenario or "circle_crossing_5", changes, data=request.data)
-        for changes in ({}, LIMITED_SIGHT)
-    )
-    scenario.check_data(request.data)
-    name, _ = load()
-    return name, check_planner(lambda: load()[1], name, scenario, request.cases, request.limit, limited)
+    request = dataclasses.replace(request, scenario=request.scenario or "circle_crossing_5")
+    scenario, limited = map(request.load_scenario, ({}, LIMITED_SIGHT))
+    name, make = request.load(catalog.PLANNERS)
+    return name, check_planner(make, name, scenario, request.cases, request.limit, limited)
 
 
 def _check_policy(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    request.refuse_options("pedestrian policy")
-    load = functools.partial(catalog.load_policy, request.plugin)
-    name, scenario = load()[0], request.load_scenario(pedestrians=request.plugin)
-    return name, check_policy(lambda: load()[1], name, scenario, request.cases, request.limit, _tolerance())
+    request.refuse_options(catalog.PEDESTRIANS)
+    name, make = request.load(catalog.PEDESTRIANS)
+    scenario = request.load_scenario(pedestrians=request.plugin)
+    return name, check_policy(make, name, scenario, request.cases, request.limit, _tolerance())
 
 
 def _check_predictor(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    def load(**others: Any) -> tuple[str, Any]:
-        return load_predictor(request.plugin, {**request.options, **others})
-
-    name, _ = load()
+    name, make = request.load(PREDICTORS)
     has_modes = any(option.name == "modes" for option in read_options(PREDICTORS.find(request.plugin)[1]))
-    with_modes = (lambda modes: load(modes=modes)[1]) if has_modes else None
+    with_modes = (lambda modes: request.load(PREDICTORS, modes=modes)[1]()) if has_modes else None
     scenario, limited = map(request.load_scenario, ({}, LIMITED_SIGHT))
-    return name, check_predictor(
-        lambda: load()[1], name, scenario, request.cases, request.limit, with_modes, _tolerance(), limited
-    )
+    return name, check_predictor(make, name, scenario, request.cases, request.limit, with_modes, _tolerance(), limited)
 
 
 def _check_metric(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    request.refuse_options("metric")
-    name, _ = METRIC.find(request.plugin)
-    return name, check_metric(lambda: METRIC.find(request.plugin)[1], name, request.load_scenario(), request.cases)
+    request.refuse_options(METRIC)
+    name, make = request.load(METRIC)
+    return name, check_metric(make, name, request.load_scenario(), request.cases)
 
 
 def _check_layout(request: CheckRequest) -> tuple[str, list[CheckResult]]:
-    name, _, digest = catalog.load_layout(request.plugin)
-    generator = str(Path.cwd() / request.plugin) if digest else name
+    name, _ = request.load(catalog.LAYOUTS)
     # As a part of the scenario, so that its options are checked.
-    scenario = request.load_scenario({"layout": {"generator": generator, **request.options}})
-    layout, again = scenario.layout, None
-    assert layout is not None  # a scenario with recorded people would have refused the changes
-    if isinstance(layout.function, LayoutWithRespawn):
-        again = functools.partial(layout.function.again, **layout.options)
-    return name, check_layout(layout, name, scenario, request.cases, again)
+    scenario = request.load_scenario({"layout": dict(request.options), "layout.generator": request.plugin})
+    assert scenario.layout is not None  # a scenario with recorded people would have refused the changes
+    return name, check_layout(scenario.layout, name, scenario, request.cases)
 
 
 def _tolerance() -> Tolerance:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +18,7 @@ from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.place_agents import add_routes, check_finite, check_obstacles, check_routes, check_shape
-from crowdbench.scenario.placement import Layout, Placement
+from crowdbench.scenario.placement import Layout, LayoutCall, Placement
 from crowdbench.scenario.respawn import LayoutWithRespawn, Respawn, Room, Way, draw_again, find_respawn
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, plugin_errors
@@ -38,15 +40,13 @@ class _Crowd:
     key: np.uint64
     radius: Float[np.ndarray, "agent"]
     speed: Float[np.ndarray, "agent"]
-    before: _GlobalState
+    before: tuple[Any, Any]
 
     def __len__(self) -> int:
         return 1
 
 
-def check_layout(
-    layout: Layout, name: str, scenario: Scenario, cases: Cases, again: Respawn | None = None
-) -> list[CheckResult]:
+def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) -> list[CheckResult]:
     """Let a layout place the crowds of some cases and examine each part of its contract by itself.
 
     Args:
@@ -54,7 +54,6 @@ def check_layout(
         name: What the layout is called in errors.
         scenario: The scenario whose crowds are placed.
         cases: The cases.
-        again: How it draws people again, with its options if any; as `find_respawn` says if None.
     """
     examination = _LayoutExamination(lambda: layout, name)
     findings = examination.findings
@@ -64,7 +63,7 @@ def check_layout(
         traits = scenario.crowd.draw(rng.generator(key, "crowd"))
         radius = np.append(scenario.vehicle.radius, traits.radius)
         speed = np.append(scenario.vehicle.speed, traits.preferred_speed)
-        crowd = _Crowd(case, key, radius, speed, _GlobalState.now())
+        crowd = _Crowd(case, key, radius, speed, _shared_state())
         placement = examination.ask(crowd)
         if placement is not None:
             placed.append((crowd, placement))
@@ -78,7 +77,7 @@ def check_layout(
         findings.result("goal", "no start is its own goal"),
         findings.result("random numbers", "only from its stream"),
         examination.check_deterministic("when it is given the same again, from the last to the first"),
-        _check_respawn(again, layout, f"layout {name}", placed),
+        _check_respawn(layout, f"layout {name}", placed),
     ]
 
 
@@ -86,68 +85,64 @@ class _LayoutExamination(Examination[Layout, _Crowd]):
     units = "cases"
     answers = "placements"
     missing = "not examined: the layout returned no placement"
-    shown_as = "crowd", "crowd"
+    batch_names = "crowd", "crowd"
 
-    def ask(self, shown: _Crowd) -> Placement | None:
+    def ask(self, batch: _Crowd) -> Placement | None:
         """Let the layout place a crowd, and examine also what would not keep it from being used."""
-        placement: Placement | None = super().ask(shown)
-        name = self._called(shown)
-        used = _GlobalState.now().find_used(shown.before)
+        placement: Placement | None = super().ask(batch)
+        name = self._title(batch)
+        used = _find_used(batch.before)
         self.findings.note("random numbers", 1, f"{name} draws from {used} instead of its stream" if used else None)
         if placement is not None:
-            radius = shown.radius
+            radius = batch.radius
             self.findings.note("overlap", 1, _find_overlap(placement.start, radius, name))
             self.findings.note("goal", 1, _find_at_goal(placement, radius, name))
             steps = {
-                "obstacles": _named(name, lambda _: check_obstacles(placement, radius)),
-                "ways": _named(name, lambda among: check_routes(add_routes(among, radius), radius)),
+                "obstacles": _named(name)(lambda _: check_obstacles(placement, radius)),
+                "ways": _named(name)(lambda among: check_routes(add_routes(among, radius), radius)),
             }
             self.findings.examine(1, steps)
         return placement
 
-    def query(self, plugin: Layout, shown: _Crowd) -> object:
+    def query(self, plugin: Layout, batch: _Crowd) -> object:
         # Whoever draws from the shared generators is told so by another check.
-        shown.before.restore()
-        with plugin_errors(f"{self._called(shown)} raised"):
-            return plugin(rng.generator(shown.key, "places"), shown.radius.copy(), shown.speed.copy())
+        python, numpy = batch.before
+        random.setstate(python)
+        np.random.set_state(numpy)  # noqa: NPY002
+        with plugin_errors(f"{self._title(batch)} raised"):
+            return plugin(rng.generator(batch.key, "places"), batch.radius.copy(), batch.speed.copy())
 
-    def validators(self, shown: _Crowd) -> dict[str, Callable[[Any], Any]]:
-        name, agents = self._called(shown), len(shown.radius)
-        return {
-            "shape": _named(name, lambda answer: check_shape(answer, agents)),
-            "finite": _named(name, check_finite),
-        }
+    def validators(self, batch: _Crowd) -> dict[str, Callable[[Any], Any]]:
+        name, agents = self._title(batch), len(batch.radius)
+        shape = _named(name)(lambda answer: check_shape(answer, agents))
+        return {"shape": shape, "finite": _named(name)(check_finite)}
 
-    def numbers(self, plugin: Layout, answer: Placement, shown: _Crowd) -> Float[np.ndarray, "1 n"]:
+    def numbers(self, plugin: Layout, answer: Placement, batch: _Crowd) -> Float[np.ndarray, "1 n"]:
         parts = (answer.start, answer.goal, answer.route, answer.obstacles)
         return np.concatenate([part.ravel() for part in parts if part is not None])[None]
 
-    def take(self, shown: _Crowd, rows: Int[np.ndarray, "row"]) -> _Crowd:
-        return shown
+    def take(self, batch: _Crowd, rows: Int[np.ndarray, "row"]) -> _Crowd:
+        return batch
 
-    def _called(self, crowd: _Crowd) -> str:
+    def _title(self, crowd: _Crowd) -> str:
         return f"layout {self.name} in case {crowd.case}"
 
 
-def _named(name: str, step: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A step whose errors begin with the name of what is examined."""
-
-    def examine(answer: Any) -> Any:
-        try:
-            return step(answer)
-        except InputError as error:
-            raise InputError(f"{name}: {error}") from None
-
-    return examine
+@contextlib.contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Begins the sentence of an InputError that is raised within with the name of what is examined."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
-def _check_respawn(
-    again: Respawn | None, layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]
-) -> CheckResult:
+def _check_respawn(layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]) -> CheckResult:
     """Whether somebody new, and another goal, can be drawn among those who are placed."""
     # Whether a layout that draws by itself is deterministic is another check.
-    times = 1 if again is None and not isinstance(layout, LayoutWithRespawn) else 2
-    draw = again or find_respawn(layout)
+    function, options = (layout.function, layout.options) if isinstance(layout, LayoutCall) else (layout, {})
+    draw = functools.partial(find_respawn(function), **options)
+    times = 2 if isinstance(function, LayoutWithRespawn) else 1
     crowds = [(crowd, placement) for crowd, placement in placed if len(crowd.radius) > 1]
     if not crowds:
         return CheckResult("again", None, "not examined: the layout placed no pedestrian")
@@ -203,23 +198,14 @@ def _find_at_goal(placement: Placement, radius: Float[np.ndarray, "agent"], name
     return None
 
 
-@dataclass(frozen=True)
-class _GlobalState:
-    """The state of the two random generators that all code shares."""
+def _shared_state() -> tuple[Any, Any]:
+    """The state of the two random generators that all code shares, Python's and NumPy's."""
+    return random.getstate(), np.random.get_state(legacy=True)  # noqa: NPY002 (to find who uses it)
 
-    python: Any
-    numpy: Any
 
-    @classmethod
-    def now(cls) -> _GlobalState:
-        return cls(random.getstate(), np.random.get_state(legacy=True))  # noqa: NPY002 (to find who uses it)
-
-    def restore(self) -> None:
-        random.setstate(self.python)
-        np.random.set_state(self.numpy)  # noqa: NPY002
-
-    def find_used(self, before: _GlobalState) -> str:
-        """The names of the generators whose state has changed."""
-        same_numpy = all(np.array_equal(*pair) for pair in zip(self.numpy, before.numpy, strict=True))
-        names = {"Python's shared generator": self.python != before.python, "NumPy's shared generator": not same_numpy}
-        return " and ".join(name for name, changed in names.items() if changed)
+def _find_used(before: tuple[Any, Any]) -> str:
+    """The names of the shared generators whose state is not as before."""
+    (python, numpy), (python_before, numpy_before) = _shared_state(), before
+    same_numpy = all(np.array_equal(*pair) for pair in zip(numpy, numpy_before, strict=True))
+    names = {"Python's shared generator": python != python_before, "NumPy's shared generator": not same_numpy}
+    return " and ".join(name for name, changed in names.items() if changed)

@@ -51,19 +51,19 @@ class _MetricExamination(Examination[Metric, Trace]):
     units = "episodes"
     answers = "values"
     missing = "not examined: the metric returned no values"
-    shown_as = "trace", "trace"
+    batch_names = "trace", "trace"
 
-    def query(self, plugin: Metric, shown: Trace) -> object:
-        return query_metric(self.name, plugin, shown)
+    def query(self, plugin: Metric, batch: Trace) -> object:
+        return query_metric(self.name, plugin, batch)
 
-    def validators(self, shown: Trace) -> dict[str, Callable[[Any], Any]]:
+    def validators(self, batch: Trace) -> dict[str, Callable[[Any], Any]]:
         return {
-            "one value": lambda values: check_shape(values, self.name, shown),
-            "finite": lambda values: check_bounds(values, self.name, shown),
+            "one value": lambda values: check_shape(values, self.name, batch),
+            "finite": lambda values: check_bounds(values, self.name, batch),
         }
 
-    def take(self, shown: Trace, rows: Int[np.ndarray, "row"]) -> Trace:
-        parts: dict[str, Any] = {field.name: getattr(shown, field.name) for field in dataclasses.fields(shown)}
+    def take(self, batch: Trace, rows: Int[np.ndarray, "row"]) -> Trace:
+        parts: dict[str, Any] = {field.name: getattr(batch, field.name) for field in dataclasses.fields(batch)}
         arrays = {name: part[rows] for name, part in parts.items() if isinstance(part, np.ndarray)}
-        logs = {name: values[rows] for name, values in shown.logs.items()}
-        return dataclasses.replace(shown, logs=logs, **arrays)
+        logs = {name: values[rows] for name, values in batch.logs.items()}
+        return dataclasses.replace(batch, logs=logs, **arrays)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.check.examination import BATCHES, NETWORKS, ROUNDING, Tolerance, compare_answers
+from crowdbench.check.examination import BATCHES, NETWORKS, ROUNDING, Answers, Ask, Tolerance, compare_answers
 from crowdbench.check.inputs import first_cases
 from crowdbench.check.result import UNEXAMINED_SIGHT, CheckResult, Findings, find_change
 from crowdbench.core.dynamics import FREE, Dynamics, Holonomic
@@ -59,10 +58,10 @@ def check_planner(
     Raises:
         InputError: Something other than the planner breaks its contract.
     """
-    witness = _Witness(make(), cases.indices)
+    witness = _Witness(make(), name, decision_limit, cases.indices)
     late = raised = ""
     try:
-        rollout(Driver(witness, name, decision_limit), scenario, cases)
+        rollout(witness.driver, scenario, cases)
     except DecisionLimitExceeded as error:
         late = str(error)
     except InputError as error:
@@ -71,10 +70,9 @@ def check_planner(
         raised = str(error)
     findings = witness.findings
     limits = "never beyond the vehicle's limits" if witness.native else "never above the vehicle's maximum speed"
-    again = _Replay(name, decision_limit, witness)
-    batches = {when: (make, split(len(cases))) for when, split in BATCHES.items()}
+    batches = {when: functools.partial(witness.replay, make, split(len(cases))) for when, split in BATCHES.items()}
     # The same planner, so that what it remembers beyond its `reset` is found too.
-    same = {"when it sees the same episodes again": (lambda: witness.planner, [np.arange(len(cases))])}
+    same = functools.partial(witness.replay, lambda: witness.planner, [np.arange(len(cases))])
     results = [
         CheckResult("exceptions", not raised, raised or f"none in {len(witness.calls)} calls"),
         _decision_time(witness, late, decision_limit),
@@ -83,14 +81,13 @@ def check_planner(
         findings.result("finite", "no NaN, no infinity"),
         findings.result("speed", limits),
         findings.result("observation", "left unchanged"),
-        again.compare("deterministic", same, Tolerance(ROUNDING, 0.0)),
-        again.compare("batch", batches, NETWORKS),
+        witness.compare("deterministic", {"when it sees the same episodes again": same}, Tolerance(ROUNDING, 0.0)),
+        witness.compare("batch", batches, NETWORKS),
     ]
     if witness.calls:
-        ahead = _Witness(make(), cases.indices)
+        ahead = _Witness(make(), name, decision_limit, cases.indices)
         kept = f"{AHEAD} steps at once: dtype, shape, finite and speed as above"
-        driver, replanning = Driver(ahead, name, decision_limit), Replanning(AHEAD, look_first=1)
-        result = _check_rollout("plan_ahead", driver, scenario, cases, kept, replanning)
+        result = _check_rollout("plan_ahead", ahead.driver, scenario, cases, kept, Replanning(AHEAD, look_first=1))
         if not ahead.one_step:
             results.append(result)
     if limited is not None and all(result.kept for result in results):
@@ -114,20 +111,22 @@ class _Witness(Planner):
     """Keeps all that a planner is shown and answers, and passes on commands that keep the contract.
 
     Attributes:
-        raised: Whether the planner raised an exception.
+        raised: Whether the planner raised an exception, or is being asked.
         calls: Its answers.
         dtypes: The types that they had.
         findings: What each check has found, with case and step.
         one_step: Whether it has said that it decides one step at a time.
+        driver: Asks this one for commands.
 
     Args:
         planner: The planner.
+        name: What the planner is called in errors.
+        decision_limit: Seconds that it may take for a decision.
         cases: The case numbers by `Observation.row`.
     """
 
-    def __init__(self, planner: Planner, cases: Int[np.ndarray, "case"]) -> None:
-        self.planner = planner
-        self.cases = cases
+    def __init__(self, planner: Planner, name: str, decision_limit: float, cases: Int[np.ndarray, "case"]) -> None:
+        self.planner, self.name, self.decision_limit, self.cases = planner, name, decision_limit, cases
         self.privileged = planner.privileged
         self.native = planner.native
         self.raised = False
@@ -135,26 +134,29 @@ class _Witness(Planner):
         self.dtypes: set[str] = set()
         self.findings = Findings(COMMANDS, MISSING)
         self.one_step = False
+        self.driver = Driver(self, name, decision_limit)
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
-        with self._notice_exceptions():
-            self.planner.reset(rows)
+        self.raised = True
+        self.planner.reset(rows)
+        self.raised = False
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        shown = obs.take(slice(None))
+        before = obs.take(slice(None))
         start = time.perf_counter()
-        with self._notice_exceptions():
-            answer = self.planner.plan(obs)
+        self.raised = True
+        answer = self.planner.plan(obs)
+        self.raised = False
         seconds = time.perf_counter() - start
         self.dtypes.add(str(answer.dtype) if isinstance(answer, np.ndarray) else type(answer).__name__)
-        dynamics = shown.vehicle.dynamics if self.native else FREE
-        validation = validate_commands(answer, shown.vehicle.preferred_speed, dynamics=dynamics)
-        self.calls.append(_Call(shown, validation.commands, seconds))
+        dynamics = before.vehicle.dynamics if self.native else FREE
+        validation = validate_commands(answer, before.vehicle.preferred_speed, dynamics=dynamics)
+        self.calls.append(_Call(before, validation.commands, seconds))
         for check, fault in validation.points.items():
-            self._note(check, fault, shown)
-        found = find_change("obs", shown, obs)
-        self._note("observation", found and Fault(f"changes {found[0]}", found[1]), shown)
-        return _limit_commands(validation.commands, shown.vehicle.preferred_speed, dynamics)
+            self._note(check, fault, before)
+        found = find_change("obs", before, obs)
+        self._note("observation", found and Fault(f"changes {found[0]}", found[1]), before)
+        return _limit_commands(validation.commands, before.vehicle.preferred_speed, dynamics)
 
     def plan_ahead(self, obs: Observation, steps: int) -> Any:
         try:
@@ -163,17 +165,43 @@ class _Witness(Planner):
             self.one_step = True
             raise
 
-    @contextlib.contextmanager
-    def _notice_exceptions(self) -> Iterator[None]:
-        try:
-            yield
-        except BaseException:
-            self.raised = True
-            raise
+    @property
+    def valid_calls(self) -> list[_Call]:
+        """The calls in which the planner returned an array of commands in time."""
+        return [call for call in self.calls if call.seconds <= self.decision_limit and call.command is not None]
 
-    def _note(self, check: str, fault: Fault | None, shown: Observation) -> None:
-        sentence = None if fault is None else fault.at(Decision(shown, self.cases))
-        self.findings.note(check, len(shown), sentence)
+    def compare(self, check: str, again: Mapping[str, Ask], tolerance: Tolerance) -> CheckResult:
+        """Whether planners give the same commands again: see `compare_answers`."""
+        first = [np.asarray(call.command) for call in self.valid_calls]
+        return compare_answers(check, COMMANDS, MISSING, first, again, tolerance)
+
+    def replay(self, make: Callable[[], Planner], batches: list[Int[np.ndarray, "_"]]) -> list[Answers]:
+        """The commands of planners that are shown the same again: each drives some rows, a batch of their own.
+
+        Raises InputError where one raises, takes too long, or fails a check that this one has passed.
+        """
+        again = [np.full((len(call.obs), 2), np.nan) for call in self.valid_calls]
+        for group in batches:
+            cases = self.cases[group]
+            witness = _Witness(make(), self.name, self.decision_limit, cases)
+            witness.driver.reset(cases)
+            row_of = np.full(len(self.cases), -1)
+            row_of[group] = np.arange(len(group))
+            for call, commands in zip(self.valid_calls, again, strict=True):
+                own = row_of[call.obs.row]
+                running = np.argsort(own)[(own < 0).sum() :]
+                if len(running):
+                    witness.driver.decide(dataclasses.replace(call.obs.take(running), row=own[running]))
+                    if (answer := witness.calls[-1].command) is not None:
+                        commands[running] = answer
+            for check, fault in witness.findings.faults.items():
+                if check not in self.findings.faults:
+                    raise InputError(f"planner {self.name} {fault}")
+        return again
+
+    def _note(self, check: str, fault: Fault | None, before: Observation) -> None:
+        sentence = None if fault is None else fault.at(Decision(before, self.cases))
+        self.findings.note(check, len(before), sentence)
 
 
 def _decision_time(witness: _Witness, late: str, limit: float) -> CheckResult:
@@ -195,60 +223,6 @@ def _check_rollout(
     except InputError as error:
         return CheckResult(check, False, str(error))
     return CheckResult(check, True, kept)
-
-
-class _Replay:
-    """Shows planners again what the first one was shown, and compares their commands with its own."""
-
-    def __init__(self, name: str, decision_limit: float, first: _Witness) -> None:
-        self.name, self.decision_limit, self.first = name, decision_limit, first
-        in_time = [call for call in first.calls if call.seconds <= decision_limit]
-        self.shown = [(call.obs, call.command) for call in in_time if call.command is not None]
-
-    def compare(
-        self,
-        check: str,
-        again: Mapping[str, tuple[Callable[[], Planner], list[Int[np.ndarray, "_"]]]],
-        tolerance: Tolerance,
-    ) -> CheckResult:
-        """Whether planners give the same commands.
-
-        Args:
-            check: Name of the check.
-            again: By when they might not, what makes a planner for each batch, and the rows of each batch.
-            tolerance: What may differ.
-        """
-        if not self.shown:
-            return CheckResult(check, None, MISSING)
-        asks = {when: functools.partial(self._drive, *batches) for when, batches in again.items()}
-        return compare_answers(check, COMMANDS, [command for _, command in self.shown], asks, tolerance)
-
-    def _drive(
-        self, make: Callable[[], Planner], batches: list[Int[np.ndarray, "_"]]
-    ) -> list[Float[np.ndarray, "_ 2"]]:
-        """What planners answer where each drives some rows, which it sees as a batch of their own.
-
-        Raises InputError where one raises, takes too long, or fails a check that the first one has passed.
-        """
-        again = [np.full_like(command, np.nan) for _, command in self.shown]
-        for group in batches:
-            cases = self.first.cases[group]
-            witness = _Witness(make(), cases)
-            driver = Driver(witness, self.name, self.decision_limit)
-            driver.reset(cases)
-            row_of = np.full(len(self.first.cases), -1)
-            row_of[group] = np.arange(len(group))
-            for (obs, _), commands in zip(self.shown, again, strict=True):
-                own = row_of[obs.row]
-                running = np.argsort(own)[(own < 0).sum() :]
-                if len(running):
-                    driver.decide(dataclasses.replace(obs.take(running), row=own[running]))
-                    if (answer := witness.calls[-1].command) is not None:
-                        commands[running] = answer
-            for check, fault in witness.findings.faults.items():
-                if check not in self.first.findings.faults:
-                    raise InputError(f"planner {self.name} {fault}")
-        return again
 
 
 def _limit_commands(

@@ -74,44 +74,42 @@ def check_policy(
 class _PolicyExamination(Examination[PedestrianPolicy, World]):
     answers = "worlds' velocities"
     missing = "not examined: the policy returned no array of velocities"
-    shown_as = "world", "world"
+    batch_names = "world", "world"
 
-    def query(self, plugin: PedestrianPolicy, shown: World) -> tuple[object, object]:
-        return query_unchecked(plugin, self.name, shown)
+    def query(self, plugin: PedestrianPolicy, batch: World) -> tuple[object, object]:
+        return query_unchecked(plugin, self.name, batch)
 
-    def validators(self, shown: World) -> dict[str, Callable[[Any], Any]]:
+    def validators(self, batch: World) -> dict[str, Callable[[Any], Any]]:
         def remember(answer: tuple[Velocities, object]) -> tuple[Velocities, Memory]:
             if not isinstance(self.plugin, PolicyWithMemory):
                 return answer[0], {}
-            return answer[0], validate_memory(answer[1], shown.memory[self.name], self.name)
+            return answer[0], validate_memory(answer[1], batch.memory[self.name], self.name)
 
         return {
-            "type and shape": lambda answer: (validate_shape(answer[0], self.name, shown), answer[1]),
-            "finite": lambda answer: (validate_finite(answer[0], self.name, shown), answer[1]),
+            "type and shape": lambda answer: (validate_shape(answer[0], self.name, batch), answer[1]),
+            "finite": lambda answer: (validate_finite(answer[0], self.name, batch), answer[1]),
             "memory": remember,
         }
 
     def numbers(
-        self, plugin: PedestrianPolicy, answer: tuple[Velocities, Memory], shown: World
+        self, plugin: PedestrianPolicy, answer: tuple[Velocities, Memory], batch: World
     ) -> Float[np.ndarray, "world number"]:
         """Velocities, 0 for pedestrians who are not present, then the memory; at the start also what it was before."""
         velocity, memory = answer
         memories = [memory]
-        if isinstance(plugin, PolicyWithMemory) and not shown.step.any():
-            memories.append(init_memory(plugin, self.name, shown))
+        if isinstance(plugin, PolicyWithMemory) and not batch.step.any():
+            memories.append(init_memory(plugin, self.name, batch))
         arrays = [array for each in memories for _, array in memory_arrays(self.name, each)]
-        rows = [np.reshape(array, (len(shown), -1)) for array in (_set_absent(velocity, shown), *arrays)]
+        rows = [np.reshape(array, (len(batch), -1)) for array in (_set_absent(velocity, batch), *arrays)]
         return np.concatenate(rows, axis=1, dtype=np.float64)
 
     def check_padding(self) -> CheckResult:
         """Whether the velocities are the same with more absent pedestrians, of whom there are memories too."""
-        if not self.kept:
-            return CheckResult("padding", None, self.missing)
 
         def ask_padded() -> list[Float[np.ndarray, "world number"]]:
             policy, found = self.make(), []
             before: World | None = None
-            for world, _ in self.kept:
+            for world, _ in self.calls:
                 wide = with_more_absent(world)
                 if isinstance(policy, PolicyWithMemory):
                     wide = wide.replace(memory={**wide.memory, self.name: self._remember(policy, wide, before)})
@@ -120,9 +118,10 @@ class _PolicyExamination(Examination[PedestrianPolicy, World]):
                 found.append(_set_absent(velocity, wide)[:, :-MORE].reshape(len(world), -1))
             return found
 
-        first = [answer[:, : 2 * (world.radius.shape[1] - 1)] for world, answer in self.kept]
+        first = [answer[:, : 2 * (world.radius.shape[1] - 1)] for world, answer in self.calls]
         again = {f"with {MORE} more absent pedestrians": ask_padded}
-        return compare_answers("padding", _PolicyExamination.answers, first, again, self.tolerance)
+        answers = _PolicyExamination.answers  # without the memories, which have other pedestrians in them
+        return compare_answers("padding", answers, self.missing, first, again, self.tolerance)
 
     def _remember(self, policy: PolicyWithMemory, world: World, before: World | None) -> Memory:
         """What a policy remembers in worlds, some of those that it was shown before unless they start."""

@@ -83,17 +83,18 @@ def check_predictor(
     ]
     if with_modes is not None:
         results.append(_check_modes(examination, with_modes))
-    if limited is not None:
-        sound = all(result.kept for result in results)
-        again = _PredictorExamination(make, name, tolerance) if sound else None
-        results.append(_check_limited_sight(again, limited, first_cases(cases)) if again else UNEXAMINED_SIGHT)
+    if limited is not None and all(result.kept for result in results):
+        again = _PredictorExamination(make, name, tolerance)
+        results.append(_check_limited_sight(again, limited, first_cases(cases)))
+    elif limited is not None:
+        results.append(UNEXAMINED_SIGHT)
     return results
 
 
 class _PredictorExamination(Examination[Predictor, Observation]):
     answers = "worlds' predictions"
     missing = "not examined: the predictor returned no prediction"
-    shown_as = "obs", "observation"
+    batch_names = "obs", "observation"
 
     def ask_in(self, scenario: Scenario, cases: Cases) -> None:
         """Let the predictor predict in some cases."""
@@ -101,22 +102,22 @@ class _PredictorExamination(Examination[Predictor, Observation]):
         for obs in observed[::EVERY]:
             self.ask(obs)
 
-    def query(self, plugin: Predictor, shown: Observation) -> object:
+    def query(self, plugin: Predictor, batch: Observation) -> object:
         with plugin_errors(f"predictor {self.name} raised"):
-            return plugin.predict(shown, _steps(shown))
+            return plugin.predict(batch, _steps(batch))
 
-    def validators(self, shown: Observation) -> dict[str, Callable[[Any], Any]]:
+    def validators(self, batch: Observation) -> dict[str, Callable[[Any], Any]]:
         return {
-            "type and shape": lambda answer: validate_shape(answer, self.name, shown, _steps(shown)),
-            "finite": lambda prediction: validate_numbers(prediction, self.name, shown),
+            "type and shape": lambda answer: validate_shape(answer, self.name, batch, _steps(batch)),
+            "finite": lambda prediction: validate_numbers(prediction, self.name, batch),
         }
 
-    def numbers(self, plugin: Predictor, answer: Prediction, shown: Observation) -> Futures:
+    def numbers(self, plugin: Predictor, answer: Prediction, batch: Observation) -> Futures:
         futures = np.concatenate([answer.position, answer.velocity], axis=4)
-        return np.where(shown.pedestrians.seen[:, None, None, :, None], futures, 0.0)
+        return np.where(batch.pedestrians.seen[:, None, None, :, None], futures, 0.0)
 
-    def locate(self, shown: Observation, row: int) -> str:
-        return f"step {shown.step[0]}"
+    def locate(self, batch: Observation, row: int) -> str:
+        return f"step {batch.step[0]}"
 
 
 def _steps(obs: Observation) -> int:
@@ -129,17 +130,15 @@ def _check_modes(examination: _PredictorExamination, with_modes: Callable[[int],
 
     def predict(modes: int) -> list[Futures]:
         predictor = with_modes(modes)
-        shown = (obs.take(slice(None)) for obs, _ in examination.kept)
-        return [examination.answer_numbers(predictor, obs)[:, :FEW] for obs in shown]
+        batch = (obs.take(slice(None)) for obs, _ in examination.calls)
+        return [examination.answer_numbers(predictor, obs)[:, :FEW] for obs in batch]
 
-    if not examination.kept:
-        return CheckResult("modes", None, examination.missing)
     try:
         few = predict(FEW)
     except InputError as error:
         return CheckResult("modes", False, f"with {FEW} modes: {error}")
     again = {f"in the first {FEW} of {MANY} modes": lambda: predict(MANY)}
-    return compare_answers("modes", examination.answers, few, again, examination.tolerance)
+    return compare_answers("modes", examination.answers, examination.missing, few, again, examination.tolerance)
 
 
 def _check_limited_sight(examination: _PredictorExamination, scenario: Scenario, cases: Cases) -> CheckResult:

@@ -88,8 +88,7 @@ def submit(
     from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
     from crowdbench.cli.console import announce_compilation, progress, say
-    from crowdbench.isolation.planner import called
-    from crowdbench.plugins.load import file_and_function, program
+    from crowdbench.plugins.load import file_and_function, plugin_name, program
     from crowdbench.runs.shards import WHOLE, Shard
 
     own = Shard.parse(shard) if shard else WHOLE
@@ -102,7 +101,7 @@ def submit(
     card = card or Path(planner).parent / "card.toml"
     submitter = by or read_card(card).authors[0]
     networks = [assignments([each], "--network") for each in network or []]
-    submission = Submission(rules, name or called(planner), planner, options, networks, card, submitter)
+    submission = Submission(rules, name or plugin_name(planner), planner, options, networks, card, submitter)
     announce_compilation()
     if file_and_function(planner)[0] is not None:
         say("checking the contract")

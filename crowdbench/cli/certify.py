@@ -58,7 +58,7 @@ def certify(
     print("\n".join(_report(loaded, wanted, margin, rows, seconds)))
     print(f"\nKept in {directory / wanted.split}; `crowdbench score {directory / wanted.split} --replay` checks it.")
     if wanted.start == 0:
-        there = Path(scenario).parent if scenario.endswith(".toml") else catalog.SCENARIOS
+        there = catalog.scenario_path(scenario).parent
         made, place = directory / f"{loaded.name}.toml", there / FOLDER / f"{loaded.name}.toml"
         print(f"{made} lists the cases without certificate: as {place} it keeps them out of runs.")
 

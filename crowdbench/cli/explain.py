@@ -12,7 +12,7 @@ from typing import Any
 
 from docstring_parser import Docstring, DocstringStyle, parse
 
-from crowdbench.catalog import make_policy
+from crowdbench.catalog import PEDESTRIANS
 from crowdbench.plugins.options import REQUIRED, Option, read_options
 
 WORDS: dict[Any, str] = {
@@ -97,7 +97,7 @@ def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]
     Raises:
         InputError: The factory does not make a pedestrian policy.
     """
-    policy, entries = make_policy(name, factory), _read_entries(factory)
+    policy, entries = PEDESTRIANS.make(name, factory, {}), _read_entries(factory)
     options = [Option(key, float(default), (float,)) for key, default in policy.parameters.items()]
     return [dataclasses.replace(_row(each, entries), name=f"pedestrians.{name}.{each.name}") for each in options]
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crowdbench.cli.tables import print_table
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import read_text
 from crowdbench.utils.tables import Grid
 
@@ -83,12 +82,12 @@ def _weights_page(name: str) -> Page:
 
 
 def _scenario_page(name: str) -> Page:
-    from crowdbench.catalog import SCENARIOS, load_scenario, scenarios, simulated_scenarios
+    from crowdbench.catalog import load_scenario, scenario_path, scenarios, simulated_scenarios
 
     recorded = {each for each, _ in scenarios()} - set(simulated_scenarios())
     if name not in recorded:  # which could be loaded only with their data
         load_scenario(name)
-    return Page(read_text(Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"))
+    return Page(read_text(scenario_path(name)))
 
 
 def _plugin_page(kind: str, name: str) -> Page:
@@ -97,8 +96,8 @@ def _plugin_page(kind: str, name: str) -> Page:
     from crowdbench.cli.explain import description, option_rows, parameter_rows
 
     plugins = KINDS[kind].plugins
-    if kind == "metrics" and name not in plugins.functions:
-        raise InputError(f"no metric is called {name!r}; there are {', '.join(plugins.functions)}")
+    if kind == "metrics":
+        find_named("metric", name, plugins.functions)  # a file says nothing of its metrics
     found, factory = plugins.find(name)
     text = description(factory.__doc__) if plugins.functions else plugins.docstring(name)
     text = text or f"{name} has no docstring: its file says nothing about the {plugins.word}."

@@ -97,14 +97,14 @@ def validity(
     Takes about two minutes, and prints Markdown: docs/validity.md.
     """
     use_threads(threads)
-    from crowdbench.catalog import load_policy
+    from crowdbench.catalog import PEDESTRIANS
     from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.study.validity.experiments import run_experiment, settings
     from crowdbench.study.validity.page import page
 
     chosen = policies or list(SHIPPED)
     for policy in chosen:
-        load_policy(policy)  # before minutes of work with another one
+        PEDESTRIANS.load(policy)  # before minutes of work with another one
     announce_compilation()
     experiments = list(settings(chosen))
     results = {}

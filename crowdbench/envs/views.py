@@ -45,8 +45,7 @@ from crowdbench.scenario.population import Quantity
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.numbers import is_number
+from crowdbench.utils.errors import InputError, is_number
 
 OBSERVATIONS = ("flat", "goal_frame", "dict")
 ACTIONS = ("world", "goal_frame", "native")

@@ -26,7 +26,7 @@ from crowdbench.isolation.protocol import (
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.planners.contract import Fault
 from crowdbench.planners.driver import FaultyAnswer, TimeLimit
-from crowdbench.plugins.load import file_and_function, program
+from crowdbench.plugins.load import plugin_name, program
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import LONGEST, InputError, MachineFault
 
@@ -87,7 +87,7 @@ class IsolatedPlanner(Planner):
         folder: Path | None = None,
         scene: str | None = None,
     ) -> None:
-        self.name = called(spec)
+        self.name = plugin_name(spec)
         self.limits = limits
         self.usage: dict[str, Any] = {"level": sandbox.level()}
         self.process = Process(sandbox.command(program(spec), hidden, shown, folder), limits.memory, folder)
@@ -178,11 +178,3 @@ class IsolatedPlanner(Planner):
         if how == How.ONE_STEP:
             return OneStepOnly()
         return self._fault(sentence, where, row if isinstance(row, int) else None)
-
-
-def called(spec: str) -> str:
-    """The name of a planner that is not loaded here, as `catalog.load_planner` would name it."""
-    file, function = file_and_function(spec)
-    if file is not None:
-        return function or file.stem
-    return spec if program(spec) is None else Path(spec).name

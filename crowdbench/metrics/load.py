@@ -34,7 +34,7 @@ def load_metrics(specs: Iterable[str]) -> dict[str, Metric]:
     for spec in specs:
         if file_and_function(spec)[0] is None:
             raise InputError(f"{spec!r} is no metric of your own: give a file, ./mine.py or ./mine.py:function")
-        name, metric = METRIC.find(spec)
+        name, metric = METRIC.load(spec)
         if name in metrics or name in RESERVED:
             raise InputError(f"{spec}: a column {name} exists already: give the metric another name")
         metrics[name] = metric

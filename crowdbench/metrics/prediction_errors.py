@@ -30,8 +30,7 @@ from crowdbench.scenario.tracks.eth_ucy import Tracks, scenes
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_decisions, limit_velocities, walk
 from crowdbench.utils.defaults import BATCH, HORIZON, MOST_AHEAD
-from crowdbench.utils.errors import InputError, plugin_errors
-from crowdbench.utils.numbers import is_integer, require
+from crowdbench.utils.errors import InputError, is_integer, plugin_errors, require
 
 Counted = Bool[np.ndarray, "world pedestrian"]
 Positions = Float[np.ndarray, "world time pedestrian 2"]

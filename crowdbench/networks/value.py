@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from crowdbench.core.reward import DISCOUNT, SUCCESS
 from crowdbench.networks.joint_state import DISTANCE, SIZE, VEHICLE
 from crowdbench.networks.weights import load_into, weights_file
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, find_named
 
 Joint = Float[Tensor, "*batch pedestrian 13"]
 Present = Bool[Tensor, "*batch pedestrian"]
@@ -204,9 +204,8 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
         InputError: There is no such network, or the weights do not exist, are of another network, or are not those
             that their card describes.
     """
-    if network not in NETWORKS:
-        raise InputError(f"no value network is called {network!r}; there are {', '.join(NETWORKS)}")
-    return load_into(NETWORKS[network](), network, weights_file(weights), device)
+    kind = find_named("value network", network, NETWORKS)
+    return load_into(kind(), network, weights_file(weights), device)
 
 
 @torch.inference_mode()

@@ -19,7 +19,7 @@ from torch import nn
 
 from crowdbench.plugins.load import ROOT
 from crowdbench.utils.errors import InputError, describe_error
-from crowdbench.utils.files import read_regular, whole
+from crowdbench.utils.files import read_json, read_regular, whole
 
 WEIGHTS = ROOT / "agents" / "weights"
 """The folder of the built-in weights."""
@@ -77,10 +77,10 @@ def read_card(path: Path) -> dict[str, Any]:
     """The card of the weights at `path`. Raises InputError where there is no card or it is not one."""
     card = path.with_suffix(".json")
     try:
-        table = json.loads(read_regular(card))
+        table = read_json(card)
     except OSError as error:
         raise InputError(f"the weights {path} need their card {card.name} beside them: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"{card} is not valid JSON: {describe_error(error)}") from None
     if not isinstance(table, dict) or not all(isinstance(table.get(key), str) for key in ("network", "sha256")):
         raise InputError(f"{card} is not a card of weights: it must name their network and their sha256")

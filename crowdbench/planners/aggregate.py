@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.planners.scene import Crowd, Scene
-from crowdbench.utils.numbers import require
+from crowdbench.utils.errors import require
 
 
 @dataclass(frozen=True)

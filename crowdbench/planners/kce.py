@@ -18,7 +18,7 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome
 from crowdbench.planners.scene import Commands, Scene, Velocities
-from crowdbench.utils.numbers import is_number, require, require_count
+from crowdbench.utils.errors import is_number, require, require_count
 
 Outcomes = Int[np.ndarray, "row mode"]
 PerFuture = Float[np.ndarray, "row mode"]

@@ -24,7 +24,7 @@ from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, sce
 from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.validation import validate_prediction
-from crowdbench.utils.numbers import require_count
+from crowdbench.utils.errors import require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 Actions = Callable[[Float[np.ndarray, "world"]], Commands]

@@ -16,8 +16,7 @@ from crowdbench.networks.weights import digest, load_into, read_card, weights_fi
 from crowdbench.planners.base import Planner
 from crowdbench.planners.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, features, in_disc, to_world
 from crowdbench.planners.reactive import along_walls
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.numbers import is_integer
+from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.threads import in_chunks
 
 VehicleRows = Float[Tensor, "world features"]

@@ -19,7 +19,7 @@ from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, sc
 from crowdbench.planners.trials import try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.sim.routes import next_waypoints
-from crowdbench.utils.numbers import is_number, require, require_count
+from crowdbench.utils.errors import is_number, require, require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 Noise = Float[np.ndarray, "world round sample time 2"]

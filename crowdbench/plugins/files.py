@@ -1,4 +1,4 @@
-"""The Python files that a plug-in consists of: its own, and those that it imports from its folder."""
+"""The files that a plug-in consists of: its own, and those that it imports from its folder."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from importlib.machinery import all_suffixes
 from pathlib import Path
 
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import sha256
 
 Module = tuple[str, ...]
 """A module's name, its parts one by one: a file may be called `my.planner.py`."""
 
 
 def file_digests(file: Path) -> dict[str, str]:
-    """The sha256 of a Python file and of every file that it imports from its folder, by their paths in that folder.
+    """The sha256 of a file and of those that belong to it, by their paths in its folder.
 
-    Imports count wherever they stand, also in functions, and the imports of imported files count too. A module whose
-    name is computed is not found. crowdbench itself does not count.
+    To a Python file belongs every file that it imports from its folder. Imports count wherever they stand, also in
+    functions, and the imports of imported files count too. A module whose name is computed is not found. crowdbench
+    itself does not count. To weights belongs their card.
 
     Args:
         file: The file.
@@ -27,8 +29,12 @@ def file_digests(file: Path) -> dict[str, str]:
     Raises:
         InputError: One of the files cannot be read.
     """
-    file = file.resolve()
-    return module_digests(file.parent, (file.stem,))
+    if file.suffix == ".py":
+        file = file.resolve()
+        return module_digests(file.parent, (file.stem,))
+    card = file.with_suffix(".json")
+    has_card = file.suffix == ".safetensors" and card.is_file()
+    return {each.name: sha256(each) for each in ([file, card] if has_card else [file])}
 
 
 def module_digests(folder: Path, module: Module, package: str = "") -> dict[str, str]:
@@ -45,7 +51,10 @@ def module_digests(folder: Path, module: Module, package: str = "") -> dict[str,
         for path in _files(folder, waiting.pop(), package):
             name = path.relative_to(folder).as_posix()
             if name not in found:
-                content = _content(path)
+                try:
+                    content = path.read_bytes()
+                except OSError as error:
+                    raise InputError(f"{path}, which a plug-in imports, cannot be read: {error.strerror}") from None
                 found[name] = hashlib.sha256(content).hexdigest()
                 waiting += _imports(content, (*path.relative_to(folder).parent.parts,)) if path.suffix == ".py" else []
     return dict(sorted(found.items()))
@@ -94,10 +103,3 @@ def _imports(content: bytes, package: Module) -> list[Module]:
             base = (*above, *(node.module or "").split(".")) if node.module else above
             found += [base, *((*base, alias.name) for alias in node.names)]
     return found
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}, which a plug-in imports, cannot be read: {error.strerror}") from None

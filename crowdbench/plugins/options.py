@@ -12,8 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from crowdbench.utils.errors import InputError, plugin_errors
-from crowdbench.utils.numbers import is_integer, is_number
+from crowdbench.utils.errors import InputError, is_integer, is_number, plugin_errors
 
 REQUIRED = inspect.Parameter.empty
 """The default of an option that has none."""
@@ -78,10 +77,11 @@ class Option:
         if isinstance(value, tuple(self.parts)):
             return value
         if isinstance(value, dict):
-            for make, names, needed in self._makers():
-                if needed <= value.keys() <= names:
+            for part, defaults in self._tables():
+                arguments = {**defaults, **value}
+                if arguments.keys() == defaults.keys() and all(each is not REQUIRED for each in arguments.values()):
                     try:
-                        return make(**value)
+                        return part(**arguments)
                     except InputError as error:
                         raise InputError(f"in {self.name}, {error}") from error
         right = " or ".join(f"a table with {', '.join(parameters(part))}" for part in self.parts)
@@ -96,17 +96,13 @@ class Option:
         right = " or ".join(PLAIN[kind][1] for kind in plain)
         raise InputError(f"{self.name} is {found}, but must be {'false or ' * self.can_be_off}{right}")
 
-    def _makers(self) -> list[tuple[Callable[..., object], set[str], set[str]]]:
-        """What makes a part from a table, the parameters that it takes, and those that it needs: the default first."""
-        makers: list[tuple[Callable[..., object], set[str], set[str]]] = []
-        own = self.default
-        if type(own) in self.parts:
-            makers.append((functools.partial(dataclasses.replace, own), set(parameters(type(own))), set()))
-        for part in self.parts:
-            defaults = parameters(part)
-            needed = {name for name, default in defaults.items() if default is REQUIRED}
-            makers.append((part, set(defaults), needed))
-        return makers
+    def _tables(self) -> list[tuple[type, dict[str, Any]]]:
+        """The parts that a table may be, each with the defaults of its parameters: first the part of the default."""
+        tables = [(part, parameters(part)) for part in self.parts]
+        own = type(self.default)
+        if own in self.parts:
+            tables.insert(0, (own, {name: getattr(self.default, name) for name in parameters(own)}))
+        return tables
 
 
 def parameters(part: type) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from crowdbench.core.types import Observation
 from crowdbench.predict.base import Prediction, Predictor, straight_on
-from crowdbench.utils.numbers import require
+from crowdbench.utils.errors import require
 
 
 class Linear(Predictor):

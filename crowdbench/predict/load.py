@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from crowdbench.plugins.load import Kind, make_plugin
+from crowdbench.plugins.load import Kind
 from crowdbench.predict.base import Predictor
 from crowdbench.predict.linear import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle
 
@@ -23,8 +23,7 @@ def load_predictor(spec: str, options: Mapping[str, Any] | None = None) -> tuple
     Raises:
         InputError: There is no such predictor, it does not take the options, or its file is broken.
     """
-    name, factory = PREDICTORS.find(spec)
-    return name, make_plugin(Predictor, name, factory, options or {})  # type: ignore[type-abstract]
+    return PREDICTORS.load(spec, options)
 
 
 def _sgan(weights: str = "sgan", modes: int = 20, rescaled: bool = False, device: str = "cpu") -> Predictor:
@@ -75,5 +74,6 @@ PREDICTORS = Kind(
         "sgan": _sgan,
         "sgan_simulated": _sgan_simulated,
     },
+    makes=Predictor,
 )
 """Those that are built in are classes, or functions that import torch only when they are called."""

@@ -15,8 +15,7 @@ from crowdbench.core.types import Observation, Pedestrians
 from crowdbench.networks.social_gan import NOISE, Generator
 from crowdbench.networks.weights import built_in, digest, load_into, read_card, weights_file
 from crowdbench.predict.base import Prediction, Predictor
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.numbers import is_number, require
+from crowdbench.utils.errors import InputError, is_number, require
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 NAME = "sgan"

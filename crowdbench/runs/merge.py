@@ -14,8 +14,8 @@ from crowdbench.runs.recording import most_failures
 from crowdbench.runs.results import RECORDING, Episodes, to_json
 from crowdbench.runs.store import RunResult, write_run
 from crowdbench.scenario.cases import Cases
-from crowdbench.utils.directory import new_directory
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import new_directory
 
 OWN = ("cases", "recorded", "outcomes", "metrics", "blocks", "timing", "isolation", "versions")
 """What the results of two parts may differ in."""

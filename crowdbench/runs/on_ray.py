@@ -26,8 +26,8 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.shards import Parts, Shard
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
-from crowdbench.utils.directory import check_free, new_directory
 from crowdbench.utils.errors import InputError, describe_error
+from crowdbench.utils.files import check_free, new_directory
 
 MOST_UNDER_WAY = 500
 """Parts that are with the cluster at a time, at most: each keeps a lock, and processes may open about 1000 files."""

@@ -20,8 +20,7 @@ from crowdbench.metrics.load import LARGEST, measure
 from crowdbench.metrics.summary import Estimate, summarize
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError, describe_error
-from crowdbench.utils.numbers import is_integer, is_number
+from crowdbench.utils.errors import InputError, describe_error, is_integer, is_number
 
 if TYPE_CHECKING:
     import pyarrow as pa

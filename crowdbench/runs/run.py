@@ -27,8 +27,8 @@ from crowdbench.runs.store import write_run
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.defaults import WITH_EPISODES
-from crowdbench.utils.directory import new_directory
 from crowdbench.utils.errors import Interrupted
+from crowdbench.utils.files import new_directory
 from crowdbench.utils.interrupts import Interrupts
 
 MEMORY = 256e6
@@ -84,7 +84,7 @@ class Run:
             episodes = Episodes.join(measured)
             result = self._result(part, episodes, recorder.number, time.perf_counter() - start)
             write_run(folder, episodes, result, self._manifest())
-        if interrupts.asked and part != self.spec.cases:
+        if interrupts.pending and part != self.spec.cases:
             raise Interrupted
 
     def _traces(

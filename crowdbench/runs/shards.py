@@ -29,8 +29,8 @@ from crowdbench.runs.merge import merge
 from crowdbench.runs.run import Run
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
-from crowdbench.utils.directory import check_free, new_directory, parent_of
 from crowdbench.utils.errors import InputError, NotWritten
+from crowdbench.utils.files import check_free, new_directory, parent_of
 
 ENDING = ".parts-"
 

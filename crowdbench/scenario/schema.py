@@ -20,8 +20,7 @@ from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.population import ARRIVALS
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.numbers import is_integer, is_number
+from crowdbench.utils.errors import InputError, is_integer, is_number
 from crowdbench.utils.toml import Flag, Name, Text, TomlTable, choice, integer, number, table
 
 Spec = TypeVar("Spec", bound=TomlTable)

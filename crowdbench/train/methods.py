@@ -14,7 +14,7 @@ from typing import Any
 from crowdbench.networks import card as cards
 from crowdbench.train.method import Request
 from crowdbench.train.requests import PPORequest, SocialGANRequest, ValueRequest
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, find_named
 
 METHODS: dict[str, type[Request]] = {
     "cadrl": ValueRequest,
@@ -28,9 +28,7 @@ METHODS: dict[str, type[Request]] = {
 
 def method_of(network: str) -> type[Request]:
     """The method that trains a network. Raises InputError where no network has the name."""
-    if network not in METHODS:
-        raise InputError(f"no network is called {network!r}; there are {', '.join(METHODS)}")
-    return METHODS[network]
+    return find_named("network", network, METHODS)
 
 
 def own_options() -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:

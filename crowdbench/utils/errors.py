@@ -1,12 +1,14 @@
-"""The one error that is meant for the user, and how it is made of whatever a plug-in raises."""
+"""The one error that is meant for the user: made of what a plug-in raises, or of a value that is not as it must be."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import signal
-from collections.abc import Iterator
-from typing import NoReturn
+from collections.abc import Mapping
+from typing import Any, NoReturn, TypeVar
+
+Found = TypeVar("Found")
 
 LONGEST = 500
 """Characters of somebody else's message that are shown."""
@@ -28,7 +30,29 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C or SIGTERM has arrived. Only crowdbench's own handlers raise it, never a plug-in."""
 
 
-class plugin_errors:
+class one_process:
+    """End a process that is forked in here and comes out of here: it would write, and remove, the same files.
+
+    Args:
+        who: What forks, for the message.
+    """
+
+    # Classes, and no generators: the policies of pedestrians are asked in here in every step, and a generator would
+    # take as long as all the rest of asking them.
+    __slots__ = ("_process", "_who")
+
+    def __init__(self, who: str) -> None:
+        self._who = who
+
+    def __enter__(self) -> None:
+        self._process = os.getpid()
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if os.getpid() != self._process:
+            _end_fork(self._who, error)
+
+
+class plugin_errors(one_process):
     """Turn whatever a plug-in raises, even SystemExit, into an InputError. A process that it forks ends here.
 
     Args:
@@ -40,39 +64,15 @@ class plugin_errors:
         KeyboardInterrupt: Somebody interrupted it.
     """
 
-    # A class, and not `with one_process(...)`: the policies of pedestrians are asked in here in every step, and a
-    # generator would take as long as all the rest of asking them.
-    __slots__ = ("_beginning", "_process", "_where")
+    __slots__ = ("_beginning", "_where")
 
     def __init__(self, beginning: str, where: str = "") -> None:
-        self._beginning, self._where = beginning, where
-
-    def __enter__(self) -> None:
-        self._process = os.getpid()
+        self._who, self._beginning, self._where = "a plug-in", beginning, where
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if os.getpid() != self._process:
-            _end_fork("a plug-in", error)
+        super().__exit__(kind, error, trace)
         if error is not None and not (isinstance(error, InputError) or is_interrupt(error)):
             raise InputError(f"{self._beginning} {describe_error(error, self._where)}") from error
-
-
-@contextlib.contextmanager
-def one_process(who: str) -> Iterator[None]:
-    """End a process that is forked in here and comes out of here: it would write, and remove, the same files.
-
-    Args:
-        who: What forks, for the message.
-    """
-    process = os.getpid()
-    try:
-        yield
-    except BaseException as error:
-        if os.getpid() == process:
-            raise
-        _end_fork(who, error)
-    if os.getpid() != process:
-        _end_fork(who, None)
 
 
 def _end_fork(who: str, error: BaseException | None) -> NoReturn:
@@ -108,3 +108,38 @@ def describe_error(error: BaseException, where: str = "") -> str:
             raise
         message = "its message cannot be read"
     return f"{type(error).__name__}{where}" + (f": {message}" if message else "")
+
+
+def is_integer(value: Any) -> bool:
+    """Whether a value is a whole number, and not True or False."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a number, and neither True, False nor NaN."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and value == value
+
+
+def require(name: str, value: object, good: bool, right: str) -> None:
+    """Raise InputError, which says what the value called `name` is and what it must be, unless it is good."""
+    if not good:
+        raise InputError(f"{name} is {value!r}, but must be {right}")
+
+
+def require_count(name: str, value: object) -> None:
+    """Raise InputError unless the value called `name` is a whole number above 0."""
+    require(name, value, is_integer(value) and value >= 1, "a whole number, 1 or more")  # type: ignore[operator]
+
+
+def find_named(kind: str, name: str, known: Mapping[str, Found], hint: str = "") -> Found:
+    """The one of several things that has a name. Raises InputError, which tells their names, where none has it.
+
+    Args:
+        kind: What each of them is, such as `planner`.
+        name: The name.
+        known: The things by their names.
+        hint: How the sentence ends, such as `, or give a file: ./mine.py`.
+    """
+    if name not in known:
+        raise InputError(f"no {kind} is called {name!r}; there are {', '.join(known)}{hint}")
+    return known[name]

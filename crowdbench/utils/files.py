@@ -1,4 +1,4 @@
-"""Files that appear under their name only once they are complete, files that can be read to their end, and locks."""
+"""Files and directories that appear under their name only once they are complete, locks, and files that end."""
 
 from __future__ import annotations
 
@@ -8,13 +8,29 @@ import glob
 import hashlib
 import json
 import os
+import re
 import secrets
+import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock
+
+from crowdbench.utils.errors import NotWritten
+
+# Beside the directory `runs/a`, while a run is under way:
+#   runs/.a.partial-<token>  what it has written so far
+#   runs/.a.lock-<token>     locked by its process, and by nobody once that has been killed
+#   runs/.a.earlier-<token>  the earlier run that it replaces, for the moment in which it does
+_LOCK = re.compile(r"(\..*\.)lock-([0-9a-f]{8})", re.DOTALL)
+
+RUN = "result.json"
+"""A directory that holds this file is a run, and may be replaced by another one."""
+
+PATIENCE = 1.0
+"""Seconds to wait for a lock that another process looks at, to find out whether it is held."""
 
 
 @contextlib.contextmanager
@@ -51,6 +67,128 @@ def hold_lock(path: Path, patience: float = -1) -> Iterator[None]:
 def half_written(path: Path) -> list[Path]:
     """What killed processes have left of files that were to become `path` by `whole`."""
     return sorted(path.parent.glob(f".{glob.escape(path.name)}.{'[0-9a-f]' * 8}"))
+
+
+@contextlib.contextmanager
+def new_directory(path: Path, overwrite: bool, mark: str = RUN) -> Iterator[Path]:
+    """A directory to write into, which is renamed to `path` if all goes well, and removed otherwise.
+
+    Args:
+        path: The name that it gets.
+        overwrite: Whether an earlier one of that name is replaced.
+        mark: A file that the earlier one must hold, so that nothing else is replaced.
+
+    Raises:
+        NotWritten: `path` exists and may not be overwritten, or cannot be written.
+    """
+    path = check_free(path, overwrite, mark)
+    try:
+        with parent_of(path), _partial(path) as partial:
+            yield partial
+            _move(partial, path, overwrite)
+    except OSError as error:
+        raise NotWritten(f"{path} cannot be written: {error.strerror or error}; nothing was kept") from error
+
+
+def check_free(path: Path, overwrite: bool, mark: str = RUN) -> Path:
+    """Find out before anything is made whether `new_directory` could write; its arguments and errors are the same.
+
+    Returns:
+        The resolved path.
+    """
+    try:
+        path = path.resolve()
+        # Before the name is refused: an earlier run may have to get its name back.
+        _restore_earlier(path)
+        is_there, is_directory = path.exists(), path.is_dir()
+        holds_other = overwrite and is_directory and any(path.iterdir()) and not (path / mark).is_file()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise NotWritten(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from error
+    if is_there and not is_directory:
+        raise NotWritten(f"{path} is a file: name a directory with --out")
+    if is_there and not overwrite:
+        raise NotWritten(f"{path} exists already: name another place with --out, or allow --overwrite")
+    if holds_other:
+        raise NotWritten(f"{path} holds something other than a run and is not overwritten: choose another --out")
+    return path
+
+
+@contextlib.contextmanager
+def parent_of(path: Path) -> Iterator[None]:
+    """Make the folder that `path` lies in, and remove it again if it was not there before and stays empty."""
+    is_new = not path.parent.exists()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        if is_new:
+            with contextlib.suppress(OSError):  # raised where a run lies in it
+                path.parent.rmdir()
+
+
+@contextlib.contextmanager
+def _partial(path: Path) -> Iterator[Path]:
+    """A directory beside `path`, locked as long as it is written to, and removed unless it is renamed.
+
+    What killed processes have left in the same folder is removed first.
+    """
+    _clear_abandoned(path.parent)
+    token = secrets.token_hex(4)
+    partial, lock = (path.with_name(f".{path.name}.{role}-{token}") for role in ("partial", "lock"))
+    try:
+        # First, because FileLock would wait where the file cannot be made.
+        lock.touch()
+        with hold_lock(lock, PATIENCE):
+            try:
+                partial.mkdir()
+                yield partial
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
+    finally:
+        _release(lock, partial)
+
+
+def _clear_abandoned(folder: Path) -> None:
+    """Remove what killed processes have left in a folder: whatever has a lock that no process holds."""
+    with contextlib.suppress(OSError):  # raised where the folder is not there yet, or may not be read
+        for match in filter(None, map(_LOCK.fullmatch, os.listdir(folder))):
+            lock, partial = folder / match[0], folder / f"{match[1]}partial-{match[2]}"
+            # Raised where the lock is held, which says that its process is alive, where it is somebody else's file, and
+            # on a file system without locks, where `hold_lock` would go on.
+            with contextlib.suppress(OSError, NotImplementedError), FileLock(lock, timeout=0):
+                shutil.rmtree(partial, ignore_errors=True)
+                _release(lock, partial)
+
+
+def _release(lock: Path, partial: Path) -> None:
+    """Remove a lock, unless something is left that it says to be abandoned."""
+    if not partial.exists():
+        lock.unlink(missing_ok=True)
+
+
+def _move(partial: Path, path: Path, overwrite: bool) -> None:
+    """Give the finished directory its name; an earlier run is removed only once the new one is there."""
+    earlier = path.with_name(f".{path.name}.earlier-{secrets.token_hex(4)}")
+    if overwrite and path.exists():
+        path.rename(earlier)
+    try:
+        partial.rename(path)
+    except OSError as error:
+        if earlier.exists():
+            earlier.rename(path)
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise NotWritten(f"{path} was written by another run meanwhile, which is kept; this one is not") from None
+        raise
+    shutil.rmtree(earlier, ignore_errors=True)
+
+
+def _restore_earlier(path: Path) -> None:
+    """Give an earlier run its name back if its replacement was killed in between; remove it if it was replaced."""
+    for earlier in list(path.parent.glob(f".{glob.escape(path.name)}.earlier-*")):
+        if path.exists():
+            shutil.rmtree(earlier, ignore_errors=True)
+        else:
+            earlier.rename(path)
 
 
 def check_regular(path: Path) -> None:

@@ -26,11 +26,11 @@ class Interrupts:
     Outside the main thread, where no signal arrives, it does nothing.
 
     Attributes:
-        asked: Whether an interrupt has arrived.
+        pending: Whether an interrupt has arrived.
     """
 
     def __init__(self) -> None:
-        self.asked = False
+        self.pending = False
         self._open = False
         self._before: dict[int, object] = {}
 
@@ -49,14 +49,14 @@ class Interrupts:
         """Where an interrupt raises `Interrupted`, at once if it arrived before."""
         self._open = True
         try:
-            if self.asked:
+            if self.pending:
                 raise Interrupted
             yield
         finally:
             self._open = False
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
+        self.pending = True
         if self._open:
             raise Interrupted
 

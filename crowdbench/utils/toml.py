@@ -119,17 +119,14 @@ class Location:
         """
         return InputError(f"{self.file}: {self.key} is {found}, but must be {right}")
 
-    def wrong_inside(self, error: InputError) -> InputError:
-        """The error that says what is wrong with something that this table names."""
-        return InputError(f"{self.file}: in {self.key}, {error}" if self.key else f"{self.file}: {error}")
-
     @contextlib.contextmanager
     def named(self) -> Iterator[None]:
         """Says of an InputError raised within that this table is the reason."""
         try:
             yield
         except InputError as error:
-            raise self.wrong_inside(error) from error
+            inside = f"in {self.key}, " if self.key else ""
+            raise InputError(f"{self.file}: {inside}{error}") from error
 
 
 def parse_table(model: type[Model], table: Mapping[str, Any], location: Location) -> Model:
@@ -152,7 +149,8 @@ def parse_table(model: type[Model], table: Mapping[str, Any], location: Location
         first = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
         cause = first.get("ctx", {}).get("error")
         if isinstance(cause, InputError):
-            raise location.at(*first["loc"][:-1]).wrong_inside(cause) from None
+            with location.at(*first["loc"][:-1]).named():
+                raise cause from None
         raise _explained(model, table, first["loc"], location) from None
 
 

@@ -15,8 +15,8 @@ from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
 from crowdbench.boards.site.figures import success_against_time
 from crowdbench.boards.standings import Standing, Standings, read_entries, standings
-from crowdbench.utils.directory import new_directory
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import new_directory
 
 INDEX = "index.html"
 

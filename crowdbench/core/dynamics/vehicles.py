@@ -14,8 +14,7 @@ from jaxtyping import Bool, Float
 from crowdbench.core.dynamics.base import Dynamics, State, speeds_and_headings, speeds_and_turns
 from crowdbench.core.dynamics.motion import BICYCLE, HOLONOMIC, SPEED_TOLERANCE, UNICYCLE
 from crowdbench.core.geometry import norm, wrap_angle
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.numbers import is_number
+from crowdbench.utils.errors import InputError, is_number
 
 CREEP = 0.3
 """The share of the wanted speed at which a bicycle turns towards what is beside it or behind."""

@@ -145,7 +145,9 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
     size = {"radius": people.radius}  # the vehicle has to fit where people do
     pedestrians = {"number": number, "policy": policy, "preferred_speed": people.preferred_speed, **size}
     load = scenario_file.Loaders(
-        lambda _: ("validity", layout, None), catalog.load_policy, lambda scene, files: load_scene(scene, None, files)
+        lambda _: ("validity", layout, None),
+        catalog.PEDESTRIANS.load_with_digest,
+        lambda scene, files: load_scene(scene, None, files),
     )
     return scenario_file.parse({"vehicle": size, "pedestrians": pedestrians}, "validity", "validity", load)
 

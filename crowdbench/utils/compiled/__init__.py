@@ -6,6 +6,98 @@ and signature. The file's name holds a digest of everything that the machine cod
 file holds its own checksum (`store.py`). So stale code is not found, and damaged code is not used.
 """
 
-from crowdbench.utils.compiled.kernel import njit, on_first_compilation, prange
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+from crowdbench.utils.errors import InputError
+
+try:
+    import numba
+except ValueError as error:
+    threads = os.environ.get("NUMBA_NUM_THREADS")
+    raise InputError(f"numba does not start with NUMBA_NUM_THREADS={threads}: {error}") from error
+
+from numba import config, prange, types
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
+from numba.core.serialize import dumps
+
+from crowdbench.utils.compiled.digest import code_digest
+from crowdbench.utils.compiled.store import Entry, read, write
 
 __all__ = ["njit", "on_first_compilation", "prange"]
+
+_listeners: list[Callable[[], None]] = []
+
+
+def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile a function, as `numba.njit` does, with the cache of this package.
+
+    Args:
+        function: A function that uses no globals except constants, kernels, NumPy and `math`.
+        **options: Those of `numba.njit`, apart from `cache`.
+
+    Returns:
+        The kernel, or a decorator if there is no function.
+    """
+    if function is None:
+        return functools.partial(njit, **options)
+    kernel: Any = numba.njit(**options)(function)
+    if not config.DISABLE_JIT:
+        kernel._cache = _Cache(kernel)
+    return kernel
+
+
+def on_first_compilation(tell: Callable[[], None]) -> None:
+    """Call a function when a kernel is not in the cache for the first time."""
+    _listeners.append(tell)
+
+
+class _Cache(NullCache):  # type: ignore[misc]
+    def __init__(self, kernel: Dispatcher) -> None:
+        self._kernel = kernel
+
+    def load_overload(self, signature: Any, target: Any) -> CompileResult | None:
+        """The kernel compiled for a signature, or None if it has to be compiled."""
+        target.refresh()
+        payload = read(self._entry(signature, target.codegen()))
+        if payload is not None:
+            # What the store hands out was written by this class, and is machine code in any case.
+            kept_signature, reduced = pickle.loads(payload)
+            if kept_signature == signature:
+                return CompileResult._rebuild(target, *reduced)
+        while _listeners:
+            _listeners.pop()()
+        return None
+
+    def save_overload(self, signature: Any, compiled: CompileResult) -> None:
+        """Keep a compiled kernel, where that is possible."""
+        if all(loop.can_cache for loop in compiled.lifted) and not compiled.library.has_dynamic_globals:
+            write(self._entry(signature, compiled.codegen), dumps((signature, compiled._reduce())))
+
+    def _entry(self, signature: Any, codegen: Any) -> Entry:
+        function = self._kernel.py_func
+        processor = codegen.magic_tuple()
+        return Entry(
+            f"{function.__module__}.{function.__qualname__}",
+            code_digest(self._kernel),
+            hashlib.sha256(f"{signature!r} {named_tuples(signature)} {processor}".encode()).hexdigest()[:16],
+        )
+
+
+def named_tuples(signature: Any) -> list[str]:
+    """The named tuples in a signature with their fields, of which its `repr` shows neither names nor module."""
+    found = []
+    for each in signature:
+        if isinstance(each, types.NamedTuple | types.NamedUniTuple):
+            kind = each.instance_class
+            inner = each.types if isinstance(each, types.NamedTuple) else [each.dtype]
+            found += [f"{kind.__module__}.{kind.__qualname__} {kind._fields}", *named_tuples(inner)]
+    return found

@@ -46,7 +46,7 @@ def read(entry: Entry) -> bytes | None:
     """What was written, or None if it is not there or damaged."""
     for place in _places():
         with contextlib.suppress(OSError), (place.folder / entry.file_name).open("rb") as file:
-            if place.private and not _is_mine(os.fstat(file.fileno())):
+            if place.private and os.fstat(file.fileno()).st_uid != _user():
                 continue
             checksum, payload = file.read(hashlib.sha256().digest_size), file.read()
             if hashlib.sha256(payload).digest() == checksum:
@@ -113,12 +113,9 @@ def _make_private(folder: Path) -> bool:
     except OSError:
         return False
     only_mine = os.name == "nt" or not stat.S_IMODE(found.st_mode) & 0o077
-    return stat.S_ISDIR(found.st_mode) and _is_mine(found) and only_mine
-
-
-def _is_mine(found: os.stat_result) -> bool:
-    return os.name == "nt" or found.st_uid == _user()
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == _user() and only_mine
 
 
 def _user() -> int:
+    """The number of the user, 0 on Windows, where it is also the owner of every file."""
     return os.geteuid() if hasattr(os, "geteuid") else 0
