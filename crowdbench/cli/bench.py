@@ -84,7 +84,7 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
         seconds = decision_seconds(made, name, place, EVERY_STEP, cases, tell)
     median, late = 1e3 * np.percentile(seconds, [50, 99])
     print(
-        f"{planner_label(name, options, {})} on {place.name}: {len(seconds)} decisions in one world alone take "
+        f"{planner_label(name, options)} on {place.name}: {len(seconds)} decisions in one world alone take "
         f"{median:.3g} ms (median), {late:.3g} ms (99th percentile); a step takes {1e3 * place.rules.dt:g} ms"
     )
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -179,22 +180,27 @@ def score(
         raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
     from crowdbench.cli.console import say
     from crowdbench.metrics.load import load_metrics
+    from crowdbench.record.contents import read
     from crowdbench.runs.manifest import doubts
-    from crowdbench.runs.results import RECORDING
-    from crowdbench.runs.score import score as measure
+    from crowdbench.runs.results import RECORDING, Episodes, to_json
 
     if recording.is_dir():
         for doubt in doubts(recording, (RECORDING,)):
             say(f"crowdbench: {doubt}")
-    metrics = load_metrics(metric or [])
-    scored = measure(recording_of(recording), metrics)
+    metrics, recorded = load_metrics(metric or []), read(recording_of(recording))
+    episodes = Episodes.of(recorded.trace, metrics)
+    result: dict[str, Any] = {}
+    if len(episodes) == recorded.cases:  # the rates of a part would be biased, because failures are preferred
+        result = {"metrics": to_json(episodes.summary()), "rates": episodes.rates}
     if as_json:
-        print(json.dumps(scored.to_json(), indent=2))
-    elif scored.complete:
-        title = f"{scored.planner} on {scored.scenario}, from {recording}"
-        print_table(result_table(title, scored.to_json(), metrics))
+        about = {"planner": recorded.planner, "scenario": recorded.scenario, "cases": recorded.cases}
+        rows = dataclasses.replace(episodes, block=None).to_arrow().to_pylist()
+        print(json.dumps({**about, "episodes": rows, **result}, indent=2))
+    elif result:
+        title = f"{recorded.planner} on {recorded.scenario}, from {recording}"
+        print_table(result_table(title, result, metrics))
     else:
-        print_table(_episodes_table(scored.cases, scored.episodes))
+        print_table(_episodes_table(recorded.cases, episodes))
 
 
 def _episodes_table(cases: int, episodes: Episodes) -> Grid:

@@ -121,13 +121,13 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
 
 
 def _doubts(runs: Sequence[RunResult]) -> list[str]:
-    doubts = [no_manifest(run.directory) for run in runs if run.manifest is None]
+    doubts = [no_manifest(run.directory) for run in runs if not run.manifest]
     doubts += [
         f"{run.directory} was interrupted: only the cases that it finished are compared"
         for run in runs
-        if run.manifest is not None and run.manifest.interrupted
+        if run.manifest.get("interrupted")
     ]
-    if len({run.manifest.code for run in runs if run.manifest is not None}) > 1:
+    if len({run.manifest["code"] for run in runs if run.manifest}) > 1:
         both = " and ".join(str(run.directory) for run in runs)
         doubts.append(f"{both} were made by different code of crowdbench, which may be what makes them differ")
     return doubts

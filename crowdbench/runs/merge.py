@@ -7,10 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from crowdbench.runs import commands
-from crowdbench.runs.commands import COMMANDS
 from crowdbench.runs.manifest import code
-from crowdbench.runs.recording import most_failures
+from crowdbench.runs.recording import COMMANDS, join_commands, most_failures
 from crowdbench.runs.results import RECORDING, Episodes, to_json
 from crowdbench.runs.store import RunResult, write_run
 from crowdbench.scenario.cases import Cases
@@ -24,15 +22,9 @@ OWN = ("cases", "recorded", "outcomes", "metrics", "blocks", "timing", "isolatio
 def _read_part(directory: Path) -> RunResult:
     """Read a run. Raises InputError where it is not as it was written, or was not made by the present code."""
     part = RunResult.read(directory)
-    if part.manifest is None or part.manifest.code != code():
+    if part.manifest.get("code") != code():
         raise InputError(f"{directory} was not made by this version of crowdbench, and cannot be merged: make it again")
     return part
-
-
-def _manifest(part: RunResult) -> Mapping[str, Any]:
-    """The contents of a part's manifest, which `_read_part` has found."""
-    assert part.manifest is not None
-    return part.manifest.table
 
 
 def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, interrupted: bool = False) -> dict[str, Any]:
@@ -59,7 +51,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
     cases = Cases(first.split, first.start, last.stop)
     with new_directory(out, overwrite) as directory:
         if (parts[0].directory / COMMANDS).exists():
-            commands.join([part.directory / COMMANDS for part in parts], directory / COMMANDS)
+            join_commands([part.directory / COMMANDS for part in parts], directory / COMMANDS)
         result = parts[0].result | {
             "cases": str(cases),
             "recorded": _join_recordings(parts, cases, directory / RECORDING),
@@ -71,7 +63,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
         }
         if "isolation" in result:
             result["isolation"] = _isolation([part.result["isolation"] for part in parts])
-        about = {key: value for key, value in _manifest(parts[0]).items() if key not in ("format", "files", "code")}
+        about = {key: value for key, value in parts[0].manifest.items() if key not in ("format", "files", "code")}
         asked = about["asked"] | {"cases": str(cases)}
         about |= {"asked": asked, "interrupted": interrupted, "versions": result["versions"]}
         write_run(directory, episodes, result, about)
@@ -115,7 +107,7 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
     header = {"planner": parts[0].label, "scenario": scenario["name"], "scenario_digest": scenario["digest"]}
     with Recorder(path, **header, cases=len(cases)) as recorder:
         for part in recorded:
-            if number < most or _manifest(part)["asked"].get("record") == "all":
+            if number < most or part.manifest["asked"].get("record") == "all":
                 number += recorder.copy(part.directory / RECORDING)
     return number
 

@@ -18,7 +18,7 @@ from crowdbench.core.types import Observation, Trace
 from crowdbench.metrics import Metric
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.commands import COMMANDS, Commands
+from crowdbench.runs.recording import COMMANDS, Commands
 from crowdbench.runs.differences import Difference, Differences
 from crowdbench.runs.manifest import MANIFEST, code
 from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, to_json
@@ -255,6 +255,6 @@ def _changed_versions(run: RunResult) -> list[str]:
         for name, here in read_versions().items()
         if known.get(name) != here
     ]
-    if run.manifest is not None and run.manifest.code != code():
+    if run.manifest and run.manifest["code"] != code():
         changed.append("the code of crowdbench is another than in the run")
     return changed

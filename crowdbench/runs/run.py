@@ -117,7 +117,7 @@ class Run:
     @property
     def label(self) -> str:
         """The planner's name with its settings, as shown to people."""
-        return planner_label(self.driver.name, self.spec.options, self.spec.replanning.settings)
+        return planner_label(self.driver.name, {**self.spec.options, **self.spec.replanning.settings})
 
     @property
     def header(self) -> dict[str, Any]:

@@ -25,7 +25,6 @@ from typing import Any, TypeVar
 from filelock import Timeout
 
 from crowdbench.runs.manifest import MANIFEST, check_files
-from crowdbench.runs.merge import merge
 from crowdbench.runs.run import Run
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
@@ -166,6 +165,8 @@ class Parts:
                     with new_directory(self.out, overwrite) as directory:
                         shutil.copytree(directories[0], directory, dirs_exist_ok=True)
                 else:
+                    from crowdbench.runs.merge import merge
+
                     merge(directories, self.out, overwrite)
                 for tried in self.out.parent.glob(f"{glob.escape(self.out.name)}{ENDING}{'[0-9a-f]' * 8}"):
                     # What a longer run has kept outlives a shorter one of its name.
@@ -276,8 +277,8 @@ def _name(part: Cases) -> str:
 
 def is_finished(directory: Path) -> bool:
     """Whether a run is there, to its last case. Raises InputError where its manifest is damaged."""
-    manifest = check_files(directory, ()) if (directory / MANIFEST).exists() else None
-    return manifest is not None and not manifest.interrupted
+    manifest = check_files(directory, ())
+    return bool(manifest) and not manifest["interrupted"]
 
 
 def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:

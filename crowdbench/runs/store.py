@@ -16,9 +16,8 @@ from crowdbench.core.types import Outcome, Rules
 from crowdbench.metrics import POOLED, is_rate
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.metrics.summary import weighted_mean
-from crowdbench.runs import commands
-from crowdbench.runs.commands import COMMANDS, Commands
-from crowdbench.runs.manifest import Manifest, check_files, write_manifest
+from crowdbench.runs.manifest import check_files, write_manifest
+from crowdbench.runs.recording import COMMANDS, Commands, read_commands
 from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, read_result, result_label
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -49,14 +48,14 @@ class RunResult:
         directory: Its directory.
         result: The contents of `result.json`.
         episodes: The table in `episodes.csv`.
-        manifest: The manifest, or None where the run has none, or a damaged one.
+        manifest: The contents of its manifest, empty where the run has none, or a damaged one.
         broken: The sentence on the first file that is not as the run wrote it, empty for a run that was checked.
     """
 
     directory: Path
     result: dict[str, Any]
     episodes: Episodes
-    manifest: Manifest | None
+    manifest: Mapping[str, Any]
     broken: str = ""
 
     @classmethod
@@ -79,7 +78,7 @@ class RunResult:
         """Read a run that a replay checks. Raises InputError where a file is missing or damaged."""
         if not directory.is_dir():
             raise InputError(f"{directory} is not the directory of a run, which --replay needs")
-        result, manifest, broken = read_result(directory), None, ""
+        result, manifest, broken = read_result(directory), {}, ""
         try:
             manifest = check_files(directory, (RESULT, EPISODES, COMMANDS, RECORDING))
         except InputError as error:
@@ -99,7 +98,7 @@ class RunResult:
     @functools.cached_property
     def commands(self) -> Commands:
         """The commands of its cases. Raises InputError where they were not kept, or the file is damaged."""
-        return commands.read(self.directory / COMMANDS)
+        return read_commands(self.directory / COMMANDS)
 
     @functools.cached_property
     def recording(self) -> Recording | None:

@@ -58,7 +58,7 @@ def is_made(run: Run, out: Path) -> bool:
     if not (directory / RESULT).exists() and not (directory / MANIFEST).exists():
         return False
     found = RunResult.read(directory)
-    return found.manifest is not None and found.cases == run.spec.cases
+    return bool(found.manifest) and found.cases == run.spec.cases
 
 
 def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None = None, *, wait: bool = True) -> bool:
