@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from crowdbench.cli.options import (
     OptionOption,
@@ -12,6 +10,7 @@ from crowdbench.cli.options import (
     SetOption,
     ThreadsOption,
     assignments,
+    help_from_docstring,
     use_threads,
 )
 from crowdbench.cli.tables import print_table
@@ -29,22 +28,10 @@ CASES = "val:21"
 """The cases in which a planner's decisions are timed; the first one warms up."""
 
 
+@help_from_docstring
 def bench(
-    lookahead: Annotated[
-        bool,
-        typer.Option(
-            "--lookahead",
-            help="Instead, measure the speed-ups of SARL-SGAN-KCE's lookahead and whether they change any command.",
-        ),
-    ] = False,
-    planner: Annotated[
-        str | None,
-        typer.Option(
-            help="Instead, measure how long this planner takes for a decision in one world alone, in 20 cases. A name "
-            "or a file of your own: ./mine.py.",
-            show_default=False,
-        ),
-    ] = None,
+    lookahead: bool = False,
+    planner: str | None = None,
     scenario: ScenarioOption = SCENARIO,
     option: OptionOption = None,
     overrides: SetOption = None,
@@ -53,6 +40,11 @@ def bench(
     """Measure the speed of the simulator, of decisions, trainings and whole runs on this machine.
 
     --scenario, --option, --set and --threads need --planner.
+
+    Args:
+        lookahead: Instead, measure the speed-ups of SARL-SGAN-KCE's lookahead and whether they change any command.
+        planner: Instead, measure how long this planner takes for a decision in one world alone, in 20 cases. A name
+            or a file of your own: ./mine.py.
     """
     if lookahead and planner is not None:
         raise InputError("--lookahead and --planner are different measurements: give one of them")

@@ -20,6 +20,7 @@ from crowdbench.cli.options import (
     OptionOption,
     ThreadsOption,
     assignments,
+    help_from_docstring,
     use_threads,
 )
 from crowdbench.utils.errors import InputError
@@ -39,11 +40,14 @@ WORK = Path("runs/boards")
 app = typer.Typer(help="Make the entries and the pages of the leaderboards.", no_args_is_help=True)
 
 
-def new_planner(
-    name: Annotated[str, typer.Argument(help="A name of lower-case letters, digits and underscores.")],
-    out: Annotated[Path, typer.Option(help="Folder in which it gets a folder.")] = Path(),
-) -> None:
-    """Make the folder of a planner of your own: a planner that works, its test, and its card for leaderboards."""
+@help_from_docstring
+def new_planner(name: str, out: Path = Path()) -> None:
+    """Make the folder of a planner of your own: a planner that works, its test, and its card for leaderboards.
+
+    Args:
+        name: A name of lower-case letters, digits and underscores.
+        out: Folder in which it gets a folder.
+    """
     from crowdbench.boards.skeleton import write_skeleton
     from crowdbench.cli.console import say
 
@@ -57,31 +61,31 @@ def new_planner(
     )
 
 
+@help_from_docstring
 def submit(
-    planner: Annotated[
-        str, typer.Argument(help="Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.")
-    ],
-    board: Annotated[str, typer.Option(help="The name of a board: one in the folder of boards, or one that ships.")],
-    card: Annotated[
-        Path | None,
-        typer.Option(help="The card that says what the planner is.", show_default="card.toml beside the planner"),
-    ] = None,
-    by: Annotated[
-        str | None, typer.Option(help="Who submits it.", show_default="the first author that the card names")
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="The name of the entry.", show_default="the planner's name")] = None,
+    planner: str,
+    board: Annotated[str, typer.Option()],
+    card: Annotated[Path | None, typer.Option(show_default="card.toml beside the planner")] = None,
+    by: Annotated[str | None, typer.Option(show_default="the first author that the card names")] = None,
+    name: Annotated[str | None, typer.Option(show_default="the planner's name")] = None,
     option: OptionOption = None,
-    network: Annotated[
-        list[str] | None,
-        typer.Option(help="Another network of the same method: key=value, such as weights=b.safetensors. Repeatable."),
-    ] = None,
+    network: list[str] | None = None,
     data: DataOption = None,
     root: RootOption = ROOT,
     work: WorkOption = WORK,
     shard: ShardOption = None,
     threads: ThreadsOption = None,
 ) -> None:
-    """Make an entry of a leaderboard: check the planner, copy its files, run the public cases with the copy."""
+    """Make an entry of a leaderboard: check the planner, copy its files, run the public cases with the copy.
+
+    Args:
+        planner: Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.
+        board: The name of a board: one in the folder of boards, or one that ships.
+        card: The card that says what the planner is.
+        by: Who submits it.
+        name: The name of the entry.
+        network: Another network of the same method: key=value, such as weights=b.safetensors. Repeatable.
+    """
     use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.submission import Submission, read_card
@@ -139,20 +143,26 @@ def _check_contract(planner: str, options: Sequence[str]) -> None:
         raise InputError(f"planner {planner} breaks its contract: see above")
 
 
+@help_from_docstring
 def verify(
-    entry: Annotated[Path, typer.Argument(help="The folder of an entry.")],
-    by: Annotated[str, typer.Option(help="Who verifies it.")] = "",
-    season: Annotated[
-        bool, typer.Option("--season", help="Drive the cases of the season and record the verdict in the entry.")
-    ] = False,
-    cases: Annotated[int | None, typer.Option(min=1, help="Fewer cases than the board has, without --season.")] = None,
+    entry: Path,
+    by: str = "",
+    season: bool = False,
+    cases: Annotated[int | None, typer.Option(min=1)] = None,
     data: DataOption = None,
     work: WorkOption = WORK,
     shard: ShardOption = None,
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Verify an entry: replay its public cases, then run its planner, isolated, on cases that it cannot know."""
+    """Verify an entry: replay its public cases, then run its planner, isolated, on cases that it cannot know.
+
+    Args:
+        entry: The folder of an entry.
+        by: Who verifies it.
+        season: Drive the cases of the season and record the verdict in the entry.
+        cases: Fewer cases than the board has, without --season.
+    """
     use_threads(threads)
     from crowdbench.boards.board import FILE, find_board, read_board
     from crowdbench.boards.entry import Verdict, read_entry
@@ -225,11 +235,13 @@ def _exit_on_unfinished() -> Iterator[None]:
 
 
 @app.command()
-def build(
-    out: Annotated[Path, typer.Option(help="Folder for the pages.")],
-    root: RootOption = ROOT,
-) -> None:
-    """Build the pages of all boards: plain files that need no server and no network."""
+@help_from_docstring
+def build(out: Annotated[Path, typer.Option()], root: RootOption = ROOT) -> None:
+    """Build the pages of all boards: plain files that need no server and no network.
+
+    Args:
+        out: Folder for the pages.
+    """
     from crowdbench.boards.site import build_site
     from crowdbench.cli.console import say
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.failures import exit_on_interrupt
-from crowdbench.cli.options import DataOption, SetOption, ThreadsOption, assignments, use_threads
+from crowdbench.cli.options import DataOption, SetOption, ThreadsOption, assignments, help_from_docstring, use_threads
 
 if TYPE_CHECKING:
     from crowdbench.certify.certificate import Certificate
@@ -19,26 +19,27 @@ if TYPE_CHECKING:
     from crowdbench.scenario.scenario import Scenario
 
 
+@help_from_docstring
 def certify(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a file of your own: ./mine.toml.")],
-    cases: Annotated[str, typer.Option(help="test:500 (the first 500 test cases), val:100, 37:38 (case 37 alone).")] = (
-        "test:500"
-    ),
-    margin: Annotated[
-        float,
-        typer.Option(help="Smallest gap to people and obstacles in metres that is tried first; then 0."),
-    ] = 0.1,
+    scenario: str,
+    cases: str = "test:500",
+    margin: float = 0.1,
     overrides: SetOption = None,
     data: DataOption = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory for the certificates.", show_default="runs/certified-SCENARIO")
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier certificates.")] = False,
+    out: Annotated[Path | None, typer.Option(show_default="runs/certified-SCENARIO")] = None,
+    overwrite: bool = False,
     threads: ThreadsOption = None,
 ) -> None:
     """Find commands by which the vehicle succeeds in the cases of a scenario, with foresight of what people will do.
 
     They are kept as a run, which `crowdbench score DIR --replay` simulates again.
+
+    Args:
+        scenario: Name of a scenario, or a file of your own: ./mine.toml.
+        cases: test:500 (the first 500 test cases), val:100, 37:38 (case 37 alone).
+        margin: Smallest gap to people and obstacles in metres that is tried first; then 0.
+        out: Directory for the certificates.
+        overwrite: Replace earlier certificates.
     """
     use_threads(threads)
     from crowdbench import catalog

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments
+from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments, help_from_docstring
 from crowdbench.cli.tables import interval, number, print_table
 from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError
@@ -22,14 +22,6 @@ if TYPE_CHECKING:
 
     Measure = Callable[[str, Predictor], dict[str, Errors]]
 
-DataOption = Annotated[
-    Path | None,
-    typer.Option(
-        help="A folder of recorded tracks to measure on: *.txt with frame, pedestrian, x, y, as ETH/UCY has. With "
-        "--scenario, the folder that its table [tracks] needs."
-    ),
-]
-
 MEASURES = "ADE is the mean error over the steps up to the horizon, FDE the error at the horizon."
 MODES = (
     "best of 1: the first mode. best of n together: the mode that is best for the whole crowd or window.\n"
@@ -39,17 +31,27 @@ ON_SCENARIO = "Errors are measured without a vehicle, until each pedestrian reac
 ON_TRACKS = "8 frames are observed, in all windows with 2 pedestrians or more."
 
 
+@help_from_docstring
 def evaluate_predictor(
-    predictors: Annotated[list[str], typer.Argument(help="Names, ./mine.py or ./mine.py:function.")],
+    predictors: list[str],
     option: OptionOption = None,
-    scenario: Annotated[str | None, typer.Option(help="A name or ./mine.toml; circle_crossing_5 if not given.")] = None,
-    cases: Annotated[str | None, typer.Option(help="Of the scenario, such as val:100; val:200 if not given.")] = None,
+    scenario: str | None = None,
+    cases: str | None = None,
     overrides: SetOption = None,
-    data: DataOption = None,
-    ahead: Annotated[int, typer.Option(min=1, max=MOST_AHEAD, help="Number of steps that are predicted.")] = HORIZON,
+    data: Path | None = None,
+    ahead: Annotated[int, typer.Option(min=1, max=MOST_AHEAD)] = HORIZON,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure the errors of predictors on the crowds of a scenario or on recorded tracks."""
+    """Measure the errors of predictors on the crowds of a scenario or on recorded tracks.
+
+    Args:
+        predictors: Names, ./mine.py or ./mine.py:function.
+        scenario: A name or ./mine.toml; circle_crossing_5 if not given.
+        cases: Of the scenario, such as val:100; val:200 if not given.
+        data: A folder of recorded tracks to measure on: *.txt with frame, pedestrian, x, y, as ETH/UCY has. With
+            --scenario, the folder that its table [tracks] needs.
+        ahead: Number of steps that are predicted.
+    """
     from crowdbench.cli.console import announce_compilation
 
     announce_compilation()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import read_text
@@ -20,13 +21,14 @@ if TYPE_CHECKING:
 LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "layouts", "metrics")
 
 
-def list_(
-    kind: Annotated[
-        str, typer.Argument(help="planners, pedestrians, predictors, weights, scenarios, layouts or metrics.")
-    ],
-    name: Annotated[str | None, typer.Argument(help="One of them, to be explained with its options.")] = None,
-) -> None:
-    """List planners, pedestrians, predictors, weights, scenarios, layouts or metrics, or explain one of them."""
+@help_from_docstring
+def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> None:
+    """List planners, pedestrians, predictors, weights, scenarios, layouts or metrics, or explain one of them.
+
+    Args:
+        kind: planners, pedestrians, predictors, weights, scenarios, layouts or metrics.
+        name: One of them, to be explained with its options.
+    """
     if kind not in LISTED:
         *others, last = LISTED
         raise InputError(f"nothing is listed as {kind!r}: ask for {', '.join(others)} or {last}")

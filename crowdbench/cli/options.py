@@ -1,15 +1,17 @@
-"""Options that several commands have."""
+"""How commands say what their options are, and the options that several commands have."""
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import typer
+from docstring_parser import DocstringStyle, parse
 
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format
@@ -57,7 +59,37 @@ OnOption = Annotated[
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace the directory of an earlier run.")]
 FormatOption = Annotated[Format, typer.Option(help="How the table is written; latex needs the package booktabs.")]
+
+Command = TypeVar("Command", bound=Callable[..., None])
+
+
+def help_from_docstring(command: Command) -> Command:
+    """Move what the `Args:` of a command's docstring say of its parameters into their help.
+
+    A parameter without a default is an argument, another one an option, unless its annotation says otherwise.
+    """
+    text = parse(command.__doc__ or "", DocstringStyle.GOOGLE)
+    helps = {entry.arg_name: " ".join((entry.description or "").split()) for entry in text.params}
+    signature = inspect.signature(command, eval_str=True)
+    parameters = [_with_help(each, helps.get(each.name)) for each in signature.parameters.values()]
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    command.__doc__ = text.description
+    return command
+
+
+def _with_help(parameter: inspect.Parameter, text: str | None) -> inspect.Parameter:
+    if text is None:
+        return parameter
+    hint = parameter.annotation
+    kind, *infos = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    if not infos and kind is bool:  # without the opposite that Typer would add
+        infos = [typer.Option(f"--{parameter.name.replace('_', '-')}")]
+    if not infos:
+        infos = [typer.Argument() if parameter.default is parameter.empty else typer.Option()]
+    infos[0].help = text
+    return parameter.replace(annotation=Annotated[kind, infos[0]])
 
 
 def is_on_ray(on: str | None) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import DataOption, JsonOption, MetricOption
+from crowdbench.cli.options import DataOption, JsonOption, MetricOption, help_from_docstring
 from crowdbench.cli.tables import interval, number, print_table, result_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, Grid, format_tables
@@ -20,17 +20,16 @@ if TYPE_CHECKING:
     from crowdbench.runs.results import Episodes
 
 
-def compare(
-    reference: Annotated[Path, typer.Argument(help="Directory of the run that others are compared with.")],
-    others: Annotated[list[Path], typer.Argument(help="Directories of other runs on the same scenario and cases.")],
-    metric: Annotated[
-        list[str] | None, typer.Option(help="A metric. Repeatable; else all for two runs, some for more.")
-    ] = None,
-    format: Annotated[
-        Format | None, typer.Option(help="Write the comparison alone, as a table; latex needs the package booktabs.")
-    ] = None,
-) -> None:
-    """Compare runs with one of them, paired by case."""
+@help_from_docstring
+def compare(reference: Path, others: list[Path], metric: list[str] | None = None, format: Format | None = None) -> None:
+    """Compare runs with one of them, paired by case.
+
+    Args:
+        reference: Directory of the run that others are compared with.
+        others: Directories of other runs on the same scenario and cases.
+        metric: A metric. Repeatable; else all for two runs, some for more.
+        format: Write the comparison alone, as a table; latex needs the package booktabs.
+    """
     from crowdbench.cli.console import say
     from crowdbench.figures.table import comparison
     from crowdbench.runs.compare import compare_to
@@ -85,26 +84,25 @@ def changed_cases(found: Comparison) -> str:
     return "\n".join(lines)
 
 
+@help_from_docstring
 def view(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(help="Directory of a run, or an .rrd file; several show one case of each, side by side."),
-    ],
-    case: Annotated[int | None, typer.Option(help="Show only this case.")] = None,
-    worst: Annotated[
-        str | None,
-        typer.Option(help="Show the recorded case in which this metric, such as jerk, is worst in the (first) run."),
-    ] = None,
-    time: Annotated[
-        float | None, typer.Option(min=0.0, help="Show this moment of the case first, in seconds, not its end.")
-    ] = None,
-    screenshot: Annotated[
-        Path | None,
-        typer.Option(help="Write a picture of the case to this .png file; no window opens."),
-    ] = None,
-    web: Annotated[bool, typer.Option("--web", help="Open it in a browser.")] = False,
+    runs: list[Path],
+    case: int | None = None,
+    worst: str | None = None,
+    time: Annotated[float | None, typer.Option(min=0.0)] = None,
+    screenshot: Path | None = None,
+    web: bool = False,
 ) -> None:
-    """Open a recording in the Rerun viewer, or the same case of several."""
+    """Open a recording in the Rerun viewer, or the same case of several.
+
+    Args:
+        runs: Directory of a run, or an .rrd file; several show one case of each, side by side.
+        case: Show only this case.
+        worst: Show the recorded case in which this metric, such as jerk, is worst in the (first) run.
+        time: Show this moment of the case first, in seconds, not its end.
+        screenshot: Write a picture of the case to this .png file; no window opens.
+        web: Open it in a browser.
+    """
     from crowdbench.record import view as viewer
 
     paths = [recording_of(run) for run in runs]
@@ -145,30 +143,25 @@ def _worst(run: Path, metric: str, recorded: list[int]) -> int:
     return int(episodes.case[np.nanargmax(values)])
 
 
+@help_from_docstring
 def score(
-    recording: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
+    recording: Path,
     metric: MetricOption = None,
-    replay: Annotated[
-        bool,
-        typer.Option(
-            "--replay",
-            help="Simulate all cases again from the recorded commands, without the planner, and say what in the run's "
-            "files differs.",
-        ),
-    ] = False,
-    pedestrians: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="With --replay: the file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable."
-        ),
-    ] = None,
-    layout: Annotated[
-        str | None, typer.Option(help="With --replay: the file of a layout of your own that the run had, ./mine.py.")
-    ] = None,
+    replay: bool = False,
+    pedestrians: list[str] | None = None,
+    layout: str | None = None,
     data: DataOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute the metrics of a run again: from its recording, or by a replay of its commands."""
+    """Compute the metrics of a run again: from its recording, or by a replay of its commands.
+
+    Args:
+        recording: Directory of a run, or an .rrd file.
+        replay: Simulate all cases again from the recorded commands, without the planner, and say what in the run's
+            files differs.
+        pedestrians: With --replay: the file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable.
+        layout: With --replay: the file of a layout of your own that the run had, ./mine.py.
+    """
     if replay:
         _replay(recording, metric or [], pedestrians or [], layout, data, as_json)
         return

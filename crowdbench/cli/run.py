@@ -18,12 +18,14 @@ from crowdbench.cli.options import (
     MetricOption,
     OnOption,
     OptionOption,
+    OverwriteOption,
     PedestriansOption,
     PlannerOption,
     ScenarioOption,
     SetOption,
     ThreadsOption,
     assignments,
+    help_from_docstring,
     is_on_ray,
     use_threads,
 )
@@ -50,6 +52,7 @@ UNHEEDED = (
 """What a score means where people do not react."""
 
 
+@help_from_docstring
 def run(
     planner: PlannerOption,
     scenario: ScenarioOption = "circle_crossing_5",
@@ -58,38 +61,31 @@ def run(
     overrides: SetOption = None,
     pedestrians: PedestriansOption = None,
     data: DataOption = None,
-    replan_every: Annotated[
-        int, typer.Option(min=1, help="Commands per observation; above 1 the planner drives open loop.")
-    ] = 1,
-    look_first: Annotated[
-        int,
-        typer.Option(
-            min=1,
-            help="With --replan-every, decide at every step until so many positions of the pedestrians are seen; "
-            "1 starts with several commands at once.",
-        ),
-    ] = LOOK_FIRST,
-    isolated: Annotated[
-        bool, typer.Option("--isolated", help="Run the planner in a process of its own, which sees observations only.")
-    ] = False,
+    replan_every: Annotated[int, typer.Option(min=1)] = 1,
+    look_first: Annotated[int, typer.Option(min=1)] = LOOK_FIRST,
+    isolated: bool = False,
     metric: MetricOption = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Directory for the results.", show_default="in runs/, named after the run"),
-    ] = None,
+    out: Annotated[Path | None, typer.Option(show_default="in runs/, named after the run")] = None,
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the directory of an earlier run.")] = False,
-    batch: Annotated[int, typer.Option(min=1, help="Cases that are simulated at once.")] = BATCH,
-    shard: Annotated[
-        str | None,
-        typer.Option(help="Run one share of the batches, such as 2/8; whoever ends last puts all of them together."),
-    ] = None,
+    overwrite: OverwriteOption = False,
+    batch: Annotated[int, typer.Option(min=1)] = BATCH,
+    shard: str | None = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
     decision_limit: LimitOption = DECISION_LIMIT,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive a planner through the cases of a scenario, and score it."""
+    """Drive a planner through the cases of a scenario, and score it.
+
+    Args:
+        replan_every: Commands per observation; above 1 the planner drives open loop.
+        look_first: With --replan-every, decide at every step until so many positions of the pedestrians are seen; 1
+            starts with several commands at once.
+        isolated: Run the planner in a process of its own, which sees observations only.
+        out: Directory for the results.
+        batch: Cases that are simulated at once.
+        shard: Run one share of the batches, such as 2/8; whoever ends last puts all of them together.
+    """
     on_ray = is_on_ray(on)
     use_threads(None if on_ray else threads)
     from crowdbench.cli.console import announce_compilation, progress, say
@@ -153,14 +149,20 @@ def say_of_training(run: Run) -> None:
         say(f"crowdbench: planner {run.driver.name} was trained with {numbers}: its figures may be worse for that")
 
 
+@help_from_docstring
 def merge(
-    runs: Annotated[list[Path], typer.Argument(help="Directories of runs, or of their parts (runs/NAME.parts-...).")],
-    out: Annotated[Path, typer.Option(help="Directory for the merged run.")],
+    runs: list[Path],
+    out: Annotated[Path, typer.Option()],
     metric: MetricOption = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the directory of an earlier run.")] = False,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Make one run of several, whose cases follow each other."""
+    """Make one run of several, whose cases follow each other.
+
+    Args:
+        runs: Directories of runs, or of their parts (runs/NAME.parts-...).
+        out: Directory for the merged run.
+    """
     from crowdbench.cli.console import say
     from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.merge import merge as merge_runs

@@ -19,6 +19,7 @@ from crowdbench.cli.options import (
     PlannerOption,
     ThreadsOption,
     assignments,
+    help_from_docstring,
     use_threads,
 )
 from crowdbench.cli.tables import board_table, print_table
@@ -28,23 +29,25 @@ if TYPE_CHECKING:
     from crowdbench.runs.run import Run
 
 
+@help_from_docstring
 def run_board(
-    board: Annotated[str, typer.Argument(help="The name of a board.")],
+    board: str,
     planner: PlannerOption,
     option: OptionOption = None,
-    cases: Annotated[
-        str | None, typer.Option(help="The cases of each scenario.", show_default="the public cases of the board")
-    ] = None,
+    cases: Annotated[str | None, typer.Option(show_default="the public cases of the board")] = None,
     data: DataOption = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder that keeps the runs.", show_default="runs/board-BOARD")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(show_default="runs/board-BOARD")] = None,
     threads: ThreadsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Drive a planner through all scenarios of a board by its rules, and print its figures.
 
     The runs are kept as a study's are: the same command makes only those that are missing.
+
+    Args:
+        board: The name of a board.
+        cases: The cases of each scenario.
+        out: Folder that keeps the runs.
     """
     use_threads(threads)
     from crowdbench.boards.board import find_board

@@ -15,6 +15,7 @@ from crowdbench.cli.options import (
     FormatOption,
     OnOption,
     ThreadsOption,
+    help_from_docstring,
     is_on_ray,
     use_threads,
 )
@@ -33,18 +34,22 @@ ShardOption = Annotated[
 ]
 
 
+@help_from_docstring
 def study(
-    file: Annotated[Path, typer.Argument(help="A study, such as docs/studies/crowds.toml.")],
-    out: Annotated[
-        Path | None, typer.Option(help="Folder that keeps its runs.", show_default="runs/study-<name>")
-    ] = None,
+    file: Path,
+    out: Annotated[Path | None, typer.Option(show_default="runs/study-<name>")] = None,
     data: DataOption = None,
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
     format: FormatOption = Format.MARKDOWN,
 ) -> None:
-    """Make the runs of a study that are not there yet, and print its tables in Markdown."""
+    """Make the runs of a study that are not there yet, and print its tables in Markdown.
+
+    Args:
+        file: A study, such as docs/studies/crowds.toml.
+        out: Folder that keeps its runs.
+    """
     use_threads(None if is_on_ray(on) else threads)
     from crowdbench.study.study import read_study
 
@@ -56,10 +61,11 @@ def study(
     _print({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
 
 
+@help_from_docstring
 def reproduce(
-    table: Annotated[int | None, typer.Option(min=1, max=4, help="One of the paper's four tables alone.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="A quick look: one network per row, few cases.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder that keeps the runs.")] = Path("runs/reproduce"),
+    table: Annotated[int | None, typer.Option(min=1, max=4)] = None,
+    quick: bool = False,
+    out: Path = Path("runs/reproduce"),
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
@@ -70,6 +76,11 @@ def reproduce(
     Table 1 is of five pedestrians, 2 of ten, 3 of eight commands per observation, 4 of KCE. A quick look takes some
     minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command goes on
     after them.
+
+    Args:
+        table: One of the paper's four tables alone.
+        quick: A quick look: one network per row, few cases.
+        out: Folder that keeps the runs.
     """
     use_threads(None if is_on_ray(on) else threads)
     from crowdbench.study.claims import tally
@@ -85,16 +96,17 @@ def reproduce(
     _print({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
 
 
+@help_from_docstring
 def validity(
-    policies: Annotated[
-        list[str] | None,
-        typer.Argument(help="Pedestrian policies, by name or ./mine.py.", show_default=" ".join(SHIPPED)),
-    ] = None,
+    policies: Annotated[list[str] | None, typer.Argument(show_default=" ".join(SHIPPED))] = None,
     threads: ThreadsOption = None,
 ) -> None:
     """Measure speed against density, lanes and flow through a door beside published figures, and print a page of them.
 
     Takes about two minutes, and prints Markdown: docs/validity.md.
+
+    Args:
+        policies: Pedestrian policies, by name or ./mine.py.
     """
     use_threads(threads)
     from crowdbench.catalog import load_policy
@@ -173,7 +185,7 @@ def _make_here(lacking: Sequence[Run], out: Path) -> list[Run]:
 def _make_on_ray(lacking: Sequence[Run], out: Path, cpus: int) -> list[Run]:
     """Have the workers of a Ray cluster make runs, and return those that other processes are making."""
     from crowdbench.cli.console import progress
-    from crowdbench.runs.on_ray import Job, make_parts
+    from crowdbench.runs.on_ray import make_parts
     from crowdbench.runs.shards import Parts
     from crowdbench.study.folder import make_in_folder, run_directory
 
@@ -183,8 +195,8 @@ def _make_on_ray(lacking: Sequence[Run], out: Path, cpus: int) -> list[Run]:
         if not make_in_folder(lacking[number], out, wait=False):
             left.append(lacking[number])
 
-    jobs = [Job(run.spec, parts, parts.cases) for run in lacking for parts in [Parts.of(run, run_directory(run, out))]]
     cases = sum(len(run.spec.cases) for run in lacking)
     with progress(cases, f"of {cases} cases of {len(lacking)} runs") as tell:
-        make_parts(jobs, cpus=cpus, finished=put_together, progress=tell)
+        runs = [Parts.of(run, run_directory(run, out)) for run in lacking]
+        make_parts(runs, cpus=cpus, finished=put_together, progress=tell)
     return left

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from crowdbench.cli.failures import exit_on_interrupt
-from crowdbench.cli.options import SetOption, ThreadsOption, assignments, use_threads
+from crowdbench.cli.options import SetOption, ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.train.method import MOST_SEED, SCENARIO
 from crowdbench.train.methods import METHODS, check_options, method_of, own_options
 from crowdbench.utils.errors import InputError
@@ -21,26 +21,13 @@ if TYPE_CHECKING:
 LENGTHS = " or ".join(f"--{length}" for length in dict.fromkeys(method.length for method in METHODS.values()))
 
 
+@help_from_docstring
 def train(
     network: Annotated[str, typer.Argument(help=f"One of {', '.join(METHODS)}.")],
-    scenario: Annotated[
-        str | None,
-        typer.Option(help="Name of the scenario to train in, or a file: ./mine.toml.", show_default=SCENARIO),
-    ] = None,
+    scenario: Annotated[str | None, typer.Option(show_default=SCENARIO)] = None,
     overrides: SetOption = None,
-    data: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder with recorded tracks, which scenarios with a table [tracks] need; sgan learns from the tracks "
-            "themselves, instead of a scenario's pedestrians."
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=MOST_SEED, help="Seed of the weights and of everything random in training.", show_default="0"
-        ),
-    ] = None,
+    data: Path | None = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=MOST_SEED, show_default="0")] = None,
     minutes: Annotated[
         float | None,
         typer.Option(
@@ -48,19 +35,10 @@ def train(
             help=f"Train for this many minutes instead of {LENGTHS}; measuring the network for its card comes after.",
         ),
     ] = None,
-    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    device: str = "cpu",
     threads: ThreadsOption = None,
-    resume: Annotated[
-        Path | None,
-        typer.Option(
-            help="Continue the interrupted training in this directory, with the options that it was started with; "
-            "only --device and --threads can be different."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Directory for the results.", show_default="runs/train-<network>-seed<seed>"),
-    ] = None,
+    resume: Path | None = None,
+    out: Annotated[Path | None, typer.Option(show_default="runs/train-<network>-seed<seed>")] = None,
     **own: Any,
 ) -> None:
     """Train a value network or a policy for planners, or Social GAN for prediction.
@@ -68,6 +46,16 @@ def train(
     A value network imitates demonstrations by ORCA, then learns from its own episodes. In validation the lookahead
     predicts with constant velocity, whichever predictor is used in training. The checkpoint that is kept is the
     quickest one whose success on validation cases is within noise of the best.
+
+    Args:
+        scenario: Name of the scenario to train in, or a file: ./mine.toml.
+        data: Folder with recorded tracks, which scenarios with a table [tracks] need; sgan learns from the tracks
+            themselves, instead of a scenario's pedestrians.
+        seed: Seed of the weights and of everything random in training.
+        device: cpu or cuda.
+        resume: Continue the interrupted training in this directory, with the options that it was started with; only
+            --device and --threads can be different.
+        out: Directory for the results.
     """
     use_threads(threads)
     from crowdbench.cli.console import announce_compilation
@@ -152,4 +140,4 @@ def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
 
 
 # Typer reads the options from the signature.
-train.__signature__ = _with_own_options(inspect.signature(train, eval_str=True))  # type: ignore[attr-defined]
+train.__signature__ = _with_own_options(inspect.signature(train))  # type: ignore[attr-defined]

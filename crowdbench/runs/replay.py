@@ -18,9 +18,9 @@ from crowdbench.core.types import Observation, Trace
 from crowdbench.metrics import Metric
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.recording import COMMANDS, Commands
 from crowdbench.runs.differences import Difference, Differences
 from crowdbench.runs.manifest import MANIFEST, code
+from crowdbench.runs.recording import COMMANDS, Commands
 from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, to_json
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import fit_batch, read_versions

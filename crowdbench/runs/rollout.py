@@ -152,11 +152,8 @@ class _States:
         steps = start.rules.max_steps
         self.start = start
         self.steps = np.zeros(worlds, np.int64)
-        self.states = {
-            "position": np.full((worlds, steps + 1, agents, 2), np.nan),
-            "velocity": np.full((worlds, steps + 1, agents, 2), np.nan),
-            "heading": np.full((worlds, steps + 1), np.nan),
-        }
+        shapes = {"position": (agents, 2), "velocity": (agents, 2), "heading": ()}
+        self.states = {name: np.full((worlds, steps + 1, *shape), np.nan) for name, shape in shapes.items()}
         self.checks = {name: np.full((worlds, steps), np.nan) for name in ("gap", "wall_gap")}
         self.outcome = np.zeros(worlds, np.int64)
         self.command = np.full((worlds, steps, 2), np.nan)
@@ -167,18 +164,17 @@ class _States:
             self.people = {name: array.copy() for name, array in self.people.items()}
         for name, array in self.states.items():
             array[:, 0] = getattr(start, name)
-        self.perceived: Float[np.ndarray, "world time pedestrian 2"] | None = None
-        self.age: Float[np.ndarray, "world time pedestrian"] | None = None
+        self.sight: dict[str, np.ndarray] = {}
         if not start.rules.sensor.sees_all:
-            self.perceived = np.full((worlds, steps + 1, agents - 1, 2), np.nan)
-            self.age = np.full((worlds, steps + 1, agents - 1), np.inf)
+            shape = worlds, steps + 1, agents - 1
+            self.sight = {"perceived": np.full((*shape, 2), np.nan), "age": np.full(shape, np.inf)}
             self._perceive(np.arange(worlds), 0, start)
 
     def _perceive(self, rows: Int[np.ndarray, "running"], t: int, world: World) -> None:
         """Keep what the vehicles see in state `t` of the worlds in these rows."""
-        if self.perceived is not None and self.age is not None:
-            self.age[rows, t] = age = ages(world)
-            self.perceived[rows, t] = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
+        if self.sight:
+            self.sight["age"][rows, t] = age = ages(world)
+            self.sight["perceived"][rows, t] = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
 
     def add(
         self,
@@ -252,10 +248,8 @@ class _States:
             alone: Where the pedestrians would walk without the vehicle, in metres, and their numbers as persons.
             block: See `Trace`.
         """
-        if self.changing:  # the last state is repeated beyond an episode's end
-            row, time = np.arange(len(self.steps))[:, None], np.arange(self.command.shape[1] + 1)
-            last = np.minimum(time, self.steps[:, None])
-            self.people = {name: array[row, last] for name, array in self.people.items()}
+        if self.changing:
+            self.people = {name: array[self._last_states()] for name, array in self.people.items()}
         for name in ("position", "velocity"):
             self.states[name][~self.people["present"]] = np.nan
         undisturbed = None
@@ -279,19 +273,22 @@ class _States:
             obstacles=self.start.obstacles,
             rules=self.start.rules,
             undisturbed=undisturbed,
-            perceived=self.perceived,
-            age=self.age,
+            **self.sight,
             block=block,
             logs=self.logs,
         )
 
     def _seen(self) -> Bool[np.ndarray, "world time pedestrian"]:
         """Whom the vehicles saw; in the last state, also after it."""
-        if self.age is None:
+        if not self.sight:
             return self.people["present"][:, :, 1:]
-        last = np.minimum(np.arange(self.age.shape[1]), self.steps[:, None])
         late = (self.start.rules.sensor.delay + 0.5) * self.start.rules.dt
-        return np.asarray(np.take_along_axis(self.age, last[..., None], axis=1) < late)
+        return np.asarray(self.sight["age"][self._last_states()] < late)
+
+    def _last_states(self) -> tuple[Int[np.ndarray, "world 1"], Int[np.ndarray, "world time"]]:
+        """The indices by which the last state of each world is repeated beyond the end of its episode."""
+        time = np.arange(self.start.rules.max_steps + 1)
+        return np.arange(len(self.steps))[:, None], np.minimum(time, self.steps[:, None])
 
     def _always(self, array: np.ndarray) -> np.ndarray:
         """An array `[world, ...]` that does not change in an episode, as `[world, time, ...]`; it takes no memory."""

@@ -26,6 +26,7 @@ from filelock import Timeout
 
 from crowdbench.runs.manifest import MANIFEST, check_files
 from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.directory import check_free, new_directory, parent_of
@@ -82,24 +83,30 @@ class Parts:
     """The parts of a run.
 
     Attributes:
+        spec: The run, as another process loads it.
         out: The directory of the run.
         folder: The folder that has a directory for each of them until all are there.
         request: The text of the file that says what they are parts of.
         cases: Their cases, in order.
+        selected: The cases of those that this process makes.
     """
 
+    spec: RunSpec
     out: Path
     folder: Path
     request: str
-    cases: tuple[Cases, ...]
+    cases: Sequence[Cases]
+    selected: Sequence[Cases]
 
     @classmethod
-    def of(cls, run: Run, out: Path) -> Parts:
-        """The parts of a run that is made in the directory `out`."""
-        cases, batch = run.spec.cases, run.spec.batch
-        request = json.dumps({**run.depends, "cases": str(cases), "batch": batch}, indent=2, sort_keys=True) + "\n"
+    def of(cls, run: Run, out: Path, shard: Shard = WHOLE) -> Parts:
+        """The parts of a run that is made in the directory `out`, of which this process makes a shard."""
+        spec = run.spec
+        asked = {**run.depends, "cases": str(spec.cases), "batch": spec.batch}
+        request = json.dumps(asked, indent=2, sort_keys=True) + "\n"
         folder = out.with_name(f"{out.name}{ENDING}{hashlib.sha256(request.encode()).hexdigest()[:8]}")
-        return cls(out, folder, request, tuple(cases.batches(batch)))
+        cases = tuple(spec.cases.batches(spec.batch))
+        return cls(spec, out, folder, request, cases, shard.select(cases))
 
     def directory(self, part: Cases) -> Path:
         """Where a part lies."""
@@ -220,10 +227,10 @@ def make_run(
         KeyboardInterrupt: Somebody interrupted it. The parts that are finished are kept.
     """
     check_free(out, overwrite)
-    parts = Parts.of(run, out)
+    parts = Parts.of(run, out, shard)
     drive = drive or functools.partial(run.drive, progress=progress)
     with parts.open(), parts.report_kept():
-        waiting = shard.select(parts.cases)
+        waiting = parts.selected
         while waiting:
             left = [part for part in waiting if not _make_part(parts, part, drive, progress)]
             if not wait:
