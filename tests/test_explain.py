@@ -7,8 +7,7 @@ from functools import partial
 import pytest
 
 from crowdbench import catalog
-from crowdbench.cli.explain import OptionRow, description, option_rows, parameter_rows
-from crowdbench.cli.listing import list_
+from crowdbench.cli.listing import OptionRow, description, list_, option_rows, parameter_rows
 from crowdbench.predict.load import PREDICTORS
 from crowdbench.utils.errors import InputError
 

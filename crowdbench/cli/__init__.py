@@ -16,8 +16,7 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.console import flush_output, prepare_streams, say
-from crowdbench.cli.failures import DEBUG, INTERRUPTED, NOTHING_KEPT, failure
+from crowdbench.cli.console import DEBUG, INTERRUPTED, NOTHING_KEPT, failure, flush_output, prepare_streams, say
 from crowdbench.utils import interrupts
 
 COMMANDS = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from crowdbench.cli.console import announce_compilation, progress
 from crowdbench.cli.options import (
     OptionOption,
     ScenarioOption,
@@ -63,7 +64,6 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
     import numpy as np
 
     from crowdbench import catalog
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.runs.decision_time import decision_seconds
     from crowdbench.runs.results import planner_label
     from crowdbench.runs.spec import EVERY_STEP
@@ -83,7 +83,6 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
 
 def _bench_lookahead() -> None:
     from crowdbench.bench import speed_ups
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.scenario.cases import Cases
 
     announce_compilation()
@@ -99,7 +98,6 @@ def _bench_lookahead() -> None:
 
 def _bench_all() -> None:
     from crowdbench.bench.suite import SUITE
-    from crowdbench.cli.console import progress
 
     measured: list[Measurement] = []
     with progress(len(SUITE), f"of {len(SUITE)} measurements") as tell:

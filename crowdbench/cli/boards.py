@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import (
     DataOption,
     JsonOption,
@@ -49,7 +49,6 @@ def new_planner(name: str, out: Path = Path()) -> None:
         out: Folder in which it gets a folder.
     """
     from crowdbench.boards.skeleton import write_skeleton
-    from crowdbench.cli.console import say
 
     folder = write_skeleton(name, out)
     file = folder / f"{name}.py"
@@ -91,12 +90,11 @@ def submit(
     from crowdbench.boards.submission import Submission, read_card
     from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
-    from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.isolation.planner import called
     from crowdbench.plugins.load import file_and_function, program
-    from crowdbench.runs.shards import WHOLE, Shard
+    from crowdbench.runs.shards import Shard
 
-    own = Shard.parse(shard) if shard else WHOLE
+    own = Shard.parse(shard)
     rules = find_board(board, root).with_data(data)
     options = assignments(option or [], "--option")
     if Path(planner).is_dir():
@@ -169,11 +167,10 @@ def verify(
     from crowdbench.boards.season import read_season
     from crowdbench.boards.verification import count_cases
     from crowdbench.boards.verification import verify as verify_entry
-    from crowdbench.cli.console import announce_compilation, progress
-    from crowdbench.runs.shards import WHOLE, Shard
+    from crowdbench.runs.shards import Shard
     from crowdbench.scenario.cases import Cases
 
-    own = Shard.parse(shard) if shard else WHOLE
+    own = Shard.parse(shard)
     if shard and not season:
         raise InputError("--shard goes with --season: without it, each verification draws another seed")
     if season and cases:
@@ -225,7 +222,6 @@ def _print_verification(entry: Entry, board: str, result: Verification) -> None:
 def _exit_on_unfinished() -> Iterator[None]:
     """Exit where other shards are missing, and say so."""
     from crowdbench.boards.run_entry import Unfinished
-    from crowdbench.cli.console import say
 
     try:
         yield
@@ -243,7 +239,6 @@ def build(out: Annotated[Path, typer.Option()], root: RootOption = ROOT) -> None
         out: Folder for the pages.
     """
     from crowdbench.boards.site import build_site
-    from crowdbench.cli.console import say
 
     pages = build_site(root, out)
     say(f"{pages} pages; open {out / 'index.html'}")
@@ -253,7 +248,6 @@ def build(out: Annotated[Path, typer.Option()], root: RootOption = ROOT) -> None
 def readme(root: RootOption = ROOT) -> None:
     """Write README.md of the folder of boards, with the standings of each board."""
     from crowdbench.boards.markdown import write_readme
-    from crowdbench.cli.console import say
 
     say(f"wrote {write_readme(root)}")
 
@@ -271,7 +265,6 @@ def fill(
     from crowdbench.boards.board import read_boards
     from crowdbench.boards.season import TooEarly
     from crowdbench.boards.shipped import freeze_entries, to_submit, to_verify
-    from crowdbench.cli.console import announce_compilation, say
 
     announce_compilation()
     with exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"):
@@ -295,7 +288,6 @@ def fill(
 def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
     """Do all work that no other process does; False where others are still at theirs when this one has nothing left."""
     from crowdbench.boards.run_entry import InUse
-    from crowdbench.cli.console import progress, say
 
     skipped: set[str] = set()
     while jobs := [job for job in missing() if job.title not in skipped]:

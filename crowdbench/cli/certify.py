@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress
 from crowdbench.cli.options import DataOption, SetOption, ThreadsOption, assignments, help_from_docstring, use_threads
 
 if TYPE_CHECKING:
@@ -44,7 +44,6 @@ def certify(
     use_threads(threads)
     from crowdbench import catalog
     from crowdbench.certify.certify import make
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.certified import FOLDER
 

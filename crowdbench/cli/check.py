@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crowdbench.cli.console import announce_compilation
 from crowdbench.cli.options import DataOption, LimitOption, OptionOption, assignments, help_from_docstring
 from crowdbench.cli.tables import print_table
 from crowdbench.utils.defaults import DECISION_LIMIT
@@ -39,7 +40,6 @@ def check(
         cases: The cases of the scenario.
     """
     from crowdbench.check.kinds import KINDS, CheckRequest, find_kind
-    from crowdbench.cli.console import announce_compilation
     from crowdbench.scenario.cases import Cases
 
     kind = find_kind(plugin) if kind is None else kind

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdbench.cli.console import announce_compilation, progress
 from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments, help_from_docstring
 from crowdbench.cli.tables import interval, number, print_table
 from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
@@ -52,8 +53,6 @@ def evaluate_predictor(
             --scenario, the folder that its table [tracks] needs.
         ahead: Number of steps that are predicted.
     """
-    from crowdbench.cli.console import announce_compilation
-
     announce_compilation()
     options = assignments(option or [], "--option")
     loaded = _load_predictors(predictors, options)
@@ -97,7 +96,6 @@ def _on_scenario(
     scenario: str, cases: str, overrides: list[str], data: Path | None, ahead: int
 ) -> tuple[dict[str, Any], Measure]:
     from crowdbench import catalog
-    from crowdbench.cli.console import progress
     from crowdbench.metrics import prediction_errors
     from crowdbench.scenario.cases import Cases
 
@@ -115,7 +113,6 @@ def _on_scenario(
 
 
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
-    from crowdbench.cli.console import progress
     from crowdbench.metrics.prediction_errors import on_tracks
     from crowdbench.scenario.tracks import eth_ucy
 

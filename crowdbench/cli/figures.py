@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from crowdbench.cli.console import say
 from crowdbench.cli.options import FormatOption, help_from_docstring
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, format_tables
@@ -46,7 +47,6 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
         metric: The metric of a figure of kind metric.
         out: The figure: a .pdf, .svg or .png file.
     """
-    from crowdbench.cli.console import say
     from crowdbench.figures import plots
 
     if (kind is Kind.METRIC) != (metric is not None):
@@ -79,7 +79,6 @@ def render(
     """
     import numpy as np
 
-    from crowdbench.cli.console import say
     from crowdbench.cli.results import recording_of
     from crowdbench.figures import episode
     from crowdbench.record.contents import read

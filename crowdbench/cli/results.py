@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crowdbench.cli.console import announce_compilation, progress, say
 from crowdbench.cli.options import DataOption, JsonOption, MetricOption, help_from_docstring
 from crowdbench.cli.tables import interval, number, print_table, result_table
 from crowdbench.utils.errors import InputError
@@ -30,7 +31,6 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         metric: A metric. Repeatable; else all for two runs, some for more.
         format: Write the comparison alone, as a table; latex needs the package booktabs.
     """
-    from crowdbench.cli.console import say
     from crowdbench.figures.table import comparison
     from crowdbench.runs.compare import compare_to
 
@@ -171,7 +171,6 @@ def score(
         raise InputError("--data is for --replay: a recording says where everybody walked")
     if pedestrians:
         raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
-    from crowdbench.cli.console import say
     from crowdbench.metrics.load import load_metrics
     from crowdbench.record.contents import read
     from crowdbench.runs.manifest import doubts
@@ -215,7 +214,6 @@ def _replay(
 ) -> None:
     """Print what a replay finds, and exit with 1 if anything differs."""
     from crowdbench import catalog
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.replay import replay
     from crowdbench.runs.results import RESULT

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import (
     CasesOption,
     DataOption,
@@ -32,7 +32,6 @@ from crowdbench.cli.options import (
 from crowdbench.cli.tables import print_table, result_table
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
-from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.metrics import Metric
@@ -88,15 +87,12 @@ def run(
     """
     on_ray = is_on_ray(on)
     use_threads(None if on_ray else threads)
-    from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.runs.load import open_run
     from crowdbench.runs.results import read_result
-    from crowdbench.runs.shards import WHOLE, Shard, make_run
+    from crowdbench.runs.shards import Shard, make_run
     from crowdbench.runs.spec import RunSpec, directory_name
     from crowdbench.scenario.cases import Cases
 
-    if record not in RECORD:
-        raise InputError(f"--record {record} is not one of {', '.join(RECORD)}")
     announce_compilation()
     spec = RunSpec(
         planner,
@@ -113,7 +109,7 @@ def run(
         decision_limit,
         data.absolute() if data else None,  # workers of a cluster have other working directories
     )
-    own = Shard.parse(shard) if shard else WHOLE
+    own = Shard.parse(shard)
     with (
         exit_on_interrupt(),
         open_run(spec) as loaded,
@@ -141,8 +137,6 @@ def run(
 
 def say_of_training(run: Run) -> None:
     """Says where a scenario has more pedestrians than its planner was trained with."""
-    from crowdbench.cli.console import say
-
     trained, most = run.driver.planner.trained_pedestrians, run.scenario.max_agents - 1
     if trained is not None and most > trained:
         numbers = f"{trained} pedestrian{'s'[: trained != 1]} at most, but {run.scenario.name} has {most}"
@@ -163,7 +157,6 @@ def merge(
         runs: Directories of runs, or of their parts (runs/NAME.parts-...).
         out: Directory for the merged run.
     """
-    from crowdbench.cli.console import say
     from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.merge import merge as merge_runs
     from crowdbench.runs.results import result_label

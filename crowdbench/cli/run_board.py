@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.boards import ROOT
-from crowdbench.cli.failures import exit_on_interrupt
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import (
     DataOption,
     JsonOption,
@@ -52,7 +52,6 @@ def run_board(
     use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.standings import board_figures, read_estimates
-    from crowdbench.cli.console import announce_compilation
     from crowdbench.runs.load import load_run
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
@@ -94,7 +93,6 @@ def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
     Raises:
         InputError: It can drive in none.
     """
-    from crowdbench.cli.console import progress, say
     from crowdbench.study.folder import make_in_folder
 
     failed: dict[str, str] = {}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import (
     DataOption,
     FormatOption,
@@ -110,7 +110,6 @@ def validity(
     """
     use_threads(threads)
     from crowdbench.catalog import load_policy
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.study.validity.experiments import run_experiment, settings
     from crowdbench.study.validity.page import page
 
@@ -148,12 +147,11 @@ def _print(found: object, tables: Sequence[FilledTable], page: str, format: Form
 
 def _make(runs: Sequence[Run], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:
     """Make the runs that the folder `out` lacks; exits after an interrupt, and where other shards are missing."""
-    from crowdbench.cli.console import announce_compilation, say
-    from crowdbench.runs.shards import WHOLE, Shard
+    from crowdbench.runs.shards import Shard
     from crowdbench.study.folder import describe_run, make_in_folder, missing_runs, run_directory
 
     announce_compilation()
-    lacking = missing_runs(runs, out, Shard.parse(shard) if shard else WHOLE)
+    lacking = missing_runs(runs, out, Shard.parse(shard))
     with exit_on_interrupt(f"the same command goes on with the runs that are kept in {out}"):
         left = _make_on_ray(lacking, out, threads or 1) if is_on_ray(on) and lacking else _make_here(lacking, out)
         for run in left:
@@ -168,7 +166,6 @@ def _make(runs: Sequence[Run], out: Path, shard: str | None, on: str | None, thr
 
 def _make_here(lacking: Sequence[Run], out: Path) -> list[Run]:
     """Make runs, and return those that other processes are making."""
-    from crowdbench.cli.console import progress, say
     from crowdbench.study.folder import describe_run, make_in_folder
 
     left = []
@@ -184,7 +181,6 @@ def _make_here(lacking: Sequence[Run], out: Path) -> list[Run]:
 
 def _make_on_ray(lacking: Sequence[Run], out: Path, cpus: int) -> list[Run]:
     """Have the workers of a Ray cluster make runs, and return those that other processes are making."""
-    from crowdbench.cli.console import progress
     from crowdbench.runs.on_ray import make_parts
     from crowdbench.runs.shards import Parts
     from crowdbench.study.folder import make_in_folder, run_directory

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import SetOption, ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.train.method import MOST_SEED, SCENARIO
 from crowdbench.train.methods import METHODS, check_options, method_of, own_options
@@ -58,7 +58,6 @@ def train(
         out: Directory for the results.
     """
     use_threads(threads)
-    from crowdbench.cli.console import announce_compilation
     from crowdbench.train.training_run import TrainingRun
 
     folder = None if data is None else str(data)
@@ -92,7 +91,6 @@ def _refuse_beside_resume(given: Mapping[str, Any]) -> None:
 
 def _run(running: TrainingRun) -> None:
     """Train to the end with progress, and print where the weights are."""
-    from crowdbench.cli.console import progress, say
 
     def kept() -> str:
         if not running.directory.exists():

@@ -19,14 +19,6 @@ OWN = ("cases", "recorded", "outcomes", "metrics", "blocks", "timing", "isolatio
 """What the results of two parts may differ in."""
 
 
-def _read_part(directory: Path) -> RunResult:
-    """Read a run. Raises InputError where it is not as it was written, or was not made by the present code."""
-    part = RunResult.read(directory)
-    if part.manifest.get("code") != code():
-        raise InputError(f"{directory} was not made by this version of crowdbench, and cannot be merged: make it again")
-    return part
-
-
 def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, interrupted: bool = False) -> dict[str, Any]:
     """Make one run of several.
 
@@ -44,11 +36,12 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
     Raises:
         InputError: The runs do not fit together, one of them is not as it was written, or `out` cannot be written.
     """
-    parts = sorted(map(_read_part, directories), key=lambda part: (part.cases.split, part.cases.start))
+    parts = sorted(map(RunResult.read, directories), key=lambda part: (part.cases.split, part.cases.start))
     _check_fitting(parts)
     episodes = Episodes.join([part.episodes for part in parts])
     first, last = parts[0].cases, parts[-1].cases
     cases = Cases(first.split, first.start, last.stop)
+    versions = [part.result["versions"] for part in parts]
     with new_directory(out, overwrite) as directory:
         if (parts[0].directory / COMMANDS).exists():
             join_commands([part.directory / COMMANDS for part in parts], directory / COMMANDS)
@@ -59,7 +52,7 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
             "metrics": to_json(episodes.summary()),
             **episodes.blocks,
             "timing": _timing(parts),
-            "versions": _versions(parts),
+            "versions": {name: _list_values(versions, name) for name in versions[0]},
         }
         if "isolation" in result:
             result["isolation"] = _isolation([part.result["isolation"] for part in parts])
@@ -73,6 +66,10 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
 def _check_fitting(parts: Sequence[RunResult]) -> None:
     if not parts:
         raise InputError("there is no run to merge: name the directories of runs")
+    for part in parts:
+        if part.manifest.get("code") != code():
+            made = f"{part.directory} was not made by this version of crowdbench"
+            raise InputError(f"{made}, and cannot be merged: make it again")
     for before, after in itertools.pairwise(parts):
         one, two = ({key: value for key, value in part.result.items() if key not in OWN} for part in (before, after))
         if differ := [key for key in dict.fromkeys([*one, *two]) if one.get(key) != two.get(key)]:
@@ -119,13 +116,12 @@ def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
     return {"decision_ms_per_step": decided / sum(steps), "seconds": sum(own["seconds"] for own in timings)}
 
 
-def _versions(parts: Sequence[RunResult]) -> dict[str, str]:
-    """Each version, or all that the parts have, such as the machines of a cluster."""
-    each = [part.result["versions"] for part in parts]
-    return {name: ", ".join(dict.fromkeys(str(own.get(name)) for own in each)) for name in each[0]}
+def _list_values(tables: Sequence[Mapping[str, Any]], name: str) -> str:
+    """All values by a name, each once, such as the machines of a cluster."""
+    return ", ".join(dict.fromkeys(str(table.get(name)) for table in tables))
 
 
-def _isolation(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _isolation(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The worst of all parts."""
-    worst = {name: max(own[name] for own in each) for name in ("construction_seconds", "peak_memory_mb")}
-    return {"level": ", ".join(dict.fromkeys(own["level"] for own in each)), **worst}
+    worst = {name: max(table[name] for table in tables) for name in ("construction_seconds", "peak_memory_mb")}
+    return {"level": _list_values(tables, "level"), **worst}

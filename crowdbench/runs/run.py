@@ -136,33 +136,41 @@ class Run:
     @property
     def depends(self) -> dict[str, Any]:
         """All that the figures depend on."""
-        planner = {"planner": self.driver.name, "privileged": self.driver.privileged, "facts": self.driver.facts}
         # What an isolated planner has used differs from run to run.
-        about = {key: value for key, value in self._about().items() if key != "isolation"}
-        return {**planner, **self._request(), **about, "scenario": self.scenario.digest, "code": code()}
-
-    def _observing(self) -> dict[str, Any]:
-        """When the planner observes, as results say it."""
-        return {"replan_every": self.spec.replanning.every, **self.spec.replanning.settings}
+        planner = {key: value for key, value in self._describe_planner().items() if key != "isolation"}
+        return {**planner, **self._request(), "scenario": self.scenario.digest, "code": code()}
 
     def _request(self) -> dict[str, Any]:
         """What a manifest says of what was asked for."""
-        cases = {"cases": str(self.spec.cases), "metrics": list(self.metrics)}
-        limits = {"record": self.spec.record, "decision_limit": self.driver.decision_limit}
-        return {**cases, **self._observing(), **limits, **self.origin}
+        return {
+            "cases": str(self.spec.cases),
+            "metrics": list(self.metrics),
+            "replan_every": self.spec.replanning.every,
+            **self.spec.replanning.settings,
+            "record": self.spec.record,
+            "decision_limit": self.driver.decision_limit,
+            **self.origin,
+            "options": self.spec.options,
+            "overrides": self.spec.changes,
+        }
 
-    def _about(self) -> dict[str, Any]:
-        """What results and manifests say of planner and scenario beside their names."""
-        return {"options": self.spec.options, **self.details, "overrides": self.spec.changes}
-
-    def _result(self, cases: Cases, episodes: Episodes, recorded: int, seconds: float) -> dict[str, Any]:
-        """The contents of `result.json`."""
+    def _describe_planner(self) -> dict[str, Any]:
+        """What `result.json` says of the planner, and of what is changed for it in the scenario."""
         return {
             "planner": self.driver.name,
             "privileged": self.driver.privileged,
             "planner_facts": self.driver.facts,
-            **self._observing(),
-            **self._about(),
+            "replan_every": self.spec.replanning.every,
+            **self.spec.replanning.settings,
+            "options": self.spec.options,
+            **self.details,
+            "overrides": self.spec.changes,
+        }
+
+    def _result(self, cases: Cases, episodes: Episodes, recorded: int, seconds: float) -> dict[str, Any]:
+        """The contents of `result.json`."""
+        return {
+            **self._describe_planner(),
             "scenario": {"name": self.scenario.name, "digest": self.scenario.digest, **self.scenario.table},
             "cases": str(cases),
             "recorded": recorded,
@@ -182,7 +190,7 @@ class Run:
         torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
         return {
             "interrupted": False,
-            "asked": {**self._request(), "options": self.spec.options, "overrides": self.spec.changes},
+            "asked": self._request(),
             "planner_files": self.details.get("planner_files", {}),
             "versions": read_versions() | torch,
         }

@@ -59,8 +59,10 @@ class Shard:
     count: int = 1
 
     @classmethod
-    def parse(cls, text: str) -> Shard:
-        """Read `2/8`. Raises InputError where the text has another form, or there is no such shard."""
+    def parse(cls, text: str | None) -> Shard:
+        """Read `2/8`; None is the whole. Raises InputError where there is no such shard, or the form is another one."""
+        if text is None:
+            return WHOLE
         match = re.fullmatch("([0-9]{1,9})/([0-9]{1,9})", text)
         if match and 1 <= int(match[1]) <= int(match[2]):
             return cls(int(match[1]), int(match[2]))
