@@ -70,10 +70,10 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
     from crowdbench.scenario.cases import Cases
 
     announce_compilation()
-    name, made = catalog.load_planner(planner, options)
+    name, loaded = catalog.load_planner(planner, options)
     place, cases = catalog.load_scenario(scenario, overrides), Cases.parse(CASES)
-    with progress(len(cases) - 1, f"of {len(cases) - 1} cases") as tell:
-        seconds = decision_seconds(made, name, place, EVERY_STEP, cases, tell)
+    with progress(len(cases) - 1) as tell:
+        seconds = decision_seconds(loaded, name, place, EVERY_STEP, cases, tell)
     median, late = 1e3 * np.percentile(seconds, [50, 99])
     print(
         f"{planner_label(name, options)} on {place.name}: {len(seconds)} decisions in one world alone take "

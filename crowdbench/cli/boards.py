@@ -188,7 +188,7 @@ def verify(
     driven = Cases("test", 0, cases) if cases else None
     total = count_cases(submitted, board, driven)
     kept = f"finished batches are kept in {work}, with which the same command goes on" if season else "nothing is kept"
-    with exit_on_interrupt(kept), _exit_on_unfinished(), progress(total, f"of {total} cases") as tell:
+    with exit_on_interrupt(kept), _exit_on_unfinished(), progress(total) as tell:
         drawn = read_season(folder.parent) if season else None
         result = verify_entry(submitted, board, by=by, work=work, season=drawn, cases=driven, shard=own, progress=tell)
     if as_json:
@@ -294,7 +294,7 @@ def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
         job = jobs[0]
         say(f"{what}: {job.title}, {len(jobs) - 1} others are missing")
         try:
-            with progress(job.cases, f"of {job.cases} cases") as tell:
+            with progress(job.cases) as tell:
                 job.do(progress=tell)
         except InUse:
             skipped.add(job.title)

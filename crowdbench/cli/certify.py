@@ -47,20 +47,21 @@ def certify(
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.certified import FOLDER
 
-    wanted, changes = Cases.parse(cases), assignments(overrides or [], "--set")
+    examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
     loaded = catalog.load_scenario(scenario, changes, data=data, all_cases=True)
     directory = out or Path("runs") / f"certified-{loaded.name}"
     announce_compilation()
     start = time.monotonic()
-    with exit_on_interrupt(), progress(len(wanted), f"of {len(wanted)} cases") as tell:
-        rows = make(loaded, wanted, margin, directory, overrides=changes, overwrite=overwrite, progress=tell)
+    with exit_on_interrupt(), progress(len(examined)) as tell:
+        rows = make(loaded, examined, margin, directory, overrides=changes, overwrite=overwrite, progress=tell)
     seconds = time.monotonic() - start
-    print("\n".join(_report(loaded, wanted, margin, rows, seconds)))
-    print(f"\nKept in {directory / wanted.split}; `crowdbench score {directory / wanted.split} --replay` checks it.")
-    if wanted.start == 0:
-        there = Path(scenario).parent if scenario.endswith(".toml") else catalog.SCENARIOS
-        made, place = directory / f"{loaded.name}.toml", there / FOLDER / f"{loaded.name}.toml"
-        print(f"{made} lists the cases without certificate: as {place} it keeps them out of runs.")
+    print("\n".join(_report(loaded, examined, margin, rows, seconds)))
+    run = directory / examined.split
+    print(f"\nKept in {run}; `crowdbench score {run} --replay` checks it.")
+    if examined.start == 0:
+        folder = Path(scenario).parent if scenario.endswith(".toml") else catalog.SCENARIOS
+        listed, place = directory / f"{loaded.name}.toml", folder / FOLDER / f"{loaded.name}.toml"
+        print(f"{listed} lists the cases without certificate: as {place} it keeps them out of runs.")
 
 
 def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Certificate], seconds: float) -> list[str]:

@@ -34,17 +34,17 @@ LONGEST = 1000
 
 
 @contextlib.contextmanager
-def progress(total: float, what: str) -> Iterator[Callable[[float], None]]:
+def progress(total: float, what: str = "") -> Iterator[Callable[[float], None]]:
     """Show the progress of some work: a bar on a terminal, lines of text elsewhere.
 
     Args:
         total: The pieces of work.
-        what: What is shown after the share that is done, such as `of 500 cases`.
+        what: What is shown after the share that is done, such as `of 8 scenes`; `of TOTAL cases` if empty.
 
     Yields:
         A function to be called with the number of pieces, or parts of them, that were done since its last call.
     """
-    work = _Work(total, what)
+    work = _Work(total, what or f"of {total} cases")
     if sys.stderr.isatty():
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

@@ -83,13 +83,13 @@ def _load_predictors(specs: list[str], options: Mapping[str, Any]) -> dict[str, 
 
     if options and len(specs) > 1:
         raise InputError(f"--option does not go with {len(specs)} predictors: give one, or a file that sets its own")
-    made: dict[str, Predictor] = {}
+    predictors: dict[str, Predictor] = {}
     for spec in specs:
         name, predictor = load_predictor(spec, options)
-        if name in made:
+        if name in predictors:
             raise InputError(f"two predictors are called {name}: rename one, or name another function")
-        made[name] = predictor
-    return made
+        predictors[name] = predictor
+    return predictors
 
 
 def _on_scenario(
@@ -100,16 +100,16 @@ def _on_scenario(
     from crowdbench.scenario.cases import Cases
 
     settings = assignments(overrides, "--set")
-    found, wanted = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
-    found.check_data(data)
+    loaded, driven = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
+    loaded.check_data(data)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
-        with progress(len(wanted), f"of {len(wanted)} cases") as tell:
-            return {found.name: prediction_errors.on_scenario(name, predictor, found, wanted, ahead, tell)}
+        with progress(len(driven)) as tell:
+            return {loaded.name: prediction_errors.on_scenario(name, predictor, loaded, driven, ahead, tell)}
 
-    about = {"scenario": found.name, "overrides": settings, "digest": found.digest, "cases": str(wanted)}
-    about["clusters"] = "blocks of recorded time" if found.tracks else "cases"
-    return about | {"dt": found.rules.dt, "ahead": ahead}, measure
+    about = {"scenario": loaded.name, "overrides": settings, "digest": loaded.digest, "cases": str(driven)}
+    about["clusters"] = "blocks of recorded time" if loaded.tracks else "cases"
+    return about | {"dt": loaded.rules.dt, "ahead": ahead}, measure
 
 
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:

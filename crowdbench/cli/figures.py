@@ -31,9 +31,9 @@ def table(directories: list[Path], metric: list[str] | None = None, format: Form
         directories: Directories of runs.
         metric: A metric, as a column. Repeatable; else those that most papers have.
     """
-    from crowdbench.figures.table import table as made
+    from crowdbench.figures.table import table as make_table
 
-    print(format_tables([made(directories, metric or [])], format))
+    print(format_tables([make_table(directories, metric or [])], format))
 
 
 @help_from_docstring

@@ -6,15 +6,13 @@ import dataclasses
 import json
 import re
 import types
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
-from docstring_parser import Docstring, DocstringStyle, parse
 
-from crowdbench.cli.options import help_from_docstring
+from crowdbench.cli.options import help_from_docstring, parse_docstring
 from crowdbench.cli.tables import print_table
 from crowdbench.plugins.options import REQUIRED, Option, read_options
 from crowdbench.utils.errors import InputError
@@ -31,8 +29,6 @@ WORDS: dict[Any, str] = {
     types.NoneType: "false",
 }
 """How types are called; a dataclass is a table."""
-
-NUMBERS = {WORDS[float], WORDS[int]}
 
 
 @help_from_docstring
@@ -57,13 +53,10 @@ def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> No
         page = _plugin_page(kind, name)
     print(page.text.strip())
     if page.options:
-        columns = [field.name for field in dataclasses.fields(page.options[0])]
-        rows = [dataclasses.astuple(option) for option in page.options]
-        print_table(Grid(f"\n{page.title}", columns, rows, align="l" * len(columns)))
+        print_table(Grid(f"\n{page.title}", OptionRow._fields, page.options, align="l" * len(OptionRow._fields)))
 
 
-@dataclass(frozen=True)
-class OptionRow:
+class OptionRow(NamedTuple):
     """An option as a user sees it.
 
     Attributes:
@@ -80,20 +73,12 @@ class OptionRow:
     unit: str
     meaning: str
 
-    @property
-    def lacks(self) -> str:
-        """What its docstring should say and does not, empty where nothing is missing."""
-        if not self.meaning:
-            return "a meaning"
-        return "a unit" if not self.unit and NUMBERS & set(self.type.split(" or ")) else ""
 
-
-@dataclass(frozen=True)
-class Page:
+class Page(NamedTuple):
     """What is said of one thing: a text, and its options under a title."""
 
     text: str
-    options: list[OptionRow] = dataclasses.field(default_factory=list)
+    options: Sequence[OptionRow] = ()
     title: str = "Options: --option name=value, and a table --option 'name={parameter=value}'"
 
 
@@ -141,21 +126,16 @@ def _plugin_page(kind: str, name: str) -> Page:
     if kind == "metrics" and name not in plugins.functions:
         raise InputError(f"no metric is called {name!r}; there are {', '.join(plugins.functions)}")
     found, factory = plugins.find(name)
-    text = description(factory.__doc__) if plugins.functions else plugins.docstring(name)
+    text = parse_docstring(factory.__doc__)[0] if plugins.functions else plugins.docstring(name)
     text = text or f"{name} has no docstring: its file says nothing about the {plugins.word}."
     if kind == "metrics":
         return Page(text)
     if kind == "pedestrians":
         return Page(text, parameter_rows(found, factory), "Parameters: --set name=value")
     if kind == "layouts":
-        rows = [dataclasses.replace(row, name=f"layout.{row.name}") for row in option_rows(factory, keyword_only=True)]
+        rows = [row._replace(name=f"layout.{row.name}") for row in option_rows(factory, keyword_only=True)]
         return Page(text, rows, "Options: --set name=value")
     return Page(text, option_rows(factory))
-
-
-def description(docstring: str | None) -> str:
-    """A docstring without its sections."""
-    return _parse_docstring(docstring).description or ""
 
 
 def option_rows(factory: Callable[..., object], keyword_only: bool = False) -> list[OptionRow]:
@@ -180,7 +160,7 @@ def option_rows(factory: Callable[..., object], keyword_only: bool = False) -> l
             for parameter in read_options(part):
                 default = parameter.default if own is None else getattr(own, parameter.name)
                 row = _row(dataclasses.replace(parameter, default=default), _read_entries(part))
-                rows.append(dataclasses.replace(row, name=f"  {row.name}"))
+                rows.append(row._replace(name=f"  {row.name}"))
     return rows
 
 
@@ -201,22 +181,16 @@ def parameter_rows(name: str, factory: Callable[..., object]) -> list[OptionRow]
 
     policy, entries = make_policy(name, factory), _read_entries(factory)
     options = [Option(key, float(default), (float,)) for key, default in policy.parameters.items()]
-    return [dataclasses.replace(_row(each, entries), name=f"pedestrians.{name}.{each.name}") for each in options]
+    return [_row(each, entries)._replace(name=f"pedestrians.{name}.{each.name}") for each in options]
 
 
 def _read_entries(documented: Any) -> dict[str, tuple[str, str]]:
     """What the docstring of a function or class says of each parameter: meaning and unit."""
     entries = {}
-    for entry in _parse_docstring(documented.__doc__).params:
-        text = " ".join((entry.description or "").split())
+    for name, text in parse_docstring(documented.__doc__)[1].items():
         match = re.fullmatch(r"(.*?)\s*\[([^\[\]]+)\]\.?", text)
-        entries[entry.arg_name] = (f"{match[1].rstrip('.')}.", match[2]) if match else (text, "")
+        entries[name] = (f"{match[1].rstrip('.')}.", match[2]) if match else (text, "")
     return entries
-
-
-def _parse_docstring(docstring: object) -> Docstring:
-    """A docstring; whatever else somebody has put in its place says nothing."""
-    return parse(docstring if isinstance(docstring, str) else "", DocstringStyle.GOOGLE)
 
 
 def _row(option: Option, entries: dict[str, tuple[str, str]]) -> OptionRow:

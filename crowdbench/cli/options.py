@@ -70,13 +70,22 @@ def help_from_docstring(command: Command) -> Command:
 
     A parameter without a default is an argument, another one an option, unless its annotation says otherwise.
     """
-    text = parse(command.__doc__ or "", DocstringStyle.GOOGLE)
-    helps = {entry.arg_name: " ".join((entry.description or "").split()) for entry in text.params}
+    description, helps = parse_docstring(command.__doc__)
     signature = inspect.signature(command, eval_str=True)
     parameters = [_with_help(each, helps.get(each.name)) for each in signature.parameters.values()]
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    command.__doc__ = text.description
+    command.__doc__ = description
     return command
+
+
+def parse_docstring(docstring: object) -> tuple[str, dict[str, str]]:
+    """A docstring without its sections, and what its `Args:` or `Attributes:` say by name.
+
+    Whatever else a plug-in has put in the place of a docstring says nothing.
+    """
+    parsed = parse(docstring if isinstance(docstring, str) else "", DocstringStyle.GOOGLE)
+    entries = {entry.arg_name: " ".join((entry.description or "").split()) for entry in parsed.params}
+    return parsed.description or "", entries
 
 
 def _with_help(parameter: inspect.Parameter, text: str | None) -> inspect.Parameter:

@@ -225,7 +225,7 @@ def _replay(
     source = str(directory / RESULT)
     scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians, layout, data)
     cases = len(run.commands.case)
-    with progress(cases, f"of {cases} cases") as tell:
+    with progress(cases) as tell:
         found = replay(run, scenario, measured, tell)
     print(json.dumps(found.to_json(), indent=2) if as_json else found)
     if found.differences:

@@ -89,7 +89,7 @@ def run(
     use_threads(None if on_ray else threads)
     from crowdbench.runs.load import open_run
     from crowdbench.runs.results import read_result
-    from crowdbench.runs.shards import Shard, make_run
+    from crowdbench.runs.shards import Parts, Shard, make_run
     from crowdbench.runs.spec import RunSpec, directory_name
     from crowdbench.scenario.cases import Cases
 
@@ -110,11 +110,8 @@ def run(
         data.absolute() if data else None,  # workers of a cluster have other working directories
     )
     own = Shard.parse(shard)
-    with (
-        exit_on_interrupt(),
-        open_run(spec) as loaded,
-        progress(len(spec.cases), f"of {len(spec.cases)} cases") as tell,
-    ):
+    own = Shard.parse(shard)
+    with exit_on_interrupt(), open_run(spec) as loaded, progress(len(spec.cases)) as tell:
         loaded.scenario.check_data(data)
         say_of_training(loaded)
         if loaded.scenario.certificates is not None:
@@ -124,15 +121,15 @@ def run(
             from crowdbench.runs.on_ray import make_run_on_ray
 
             make_run_on_ray(loaded, directory, own, overwrite, cpus=threads or 1, progress=tell)
-        there = make_run(loaded, directory, shard=own, overwrite=overwrite, progress=None if on_ray else tell)
-    if not there.is_whole:
-        kept = f"{there.cases} of {len(spec.cases)} cases are in {there.folder}"
-        say(f"crowdbench: {kept}; the shard that ends last puts all of them together")
+        is_whole = make_run(loaded, directory, shard=own, overwrite=overwrite, progress=None if on_ray else tell)
+    if not is_whole:
+        parts = Parts.of(loaded, directory)
+        finished = f"{parts.count_finished()} of {len(spec.cases)} cases are in {parts.folder}"
+        say(f"crowdbench: {finished}; the shard that ends last puts all of them together")
         return
-    result = read_result(directory)
-    changed = "".join(f", {key}={value}" for key, value in spec.changes.items())
-    title = f"{loaded.label} on {loaded.scenario.name}{changed}"
-    print_result(title, result, loaded.metrics, directory, as_json)
+    changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
+    title = f"{loaded.label} on {loaded.scenario.name}{changes}"
+    print_result(title, read_result(directory), loaded.metrics, directory, as_json)
 
 
 def say_of_training(run: Run) -> None:
@@ -195,5 +192,6 @@ def print_result(
         print(f"\nIntervals are over the {result['blocks']} blocks of recorded time that the cases are from.")
         if RECORDED in (policy if isinstance(policy, dict) else [policy]):
             print(UNHEEDED)
-    shown = f"{result['recorded']} episodes are recorded (crowdbench view shows them)"
-    print(f"\nKept in {directory}; {shown if result['recorded'] else 'no episode is recorded'}")
+    number = result["recorded"]
+    recorded = f"{number} episodes are recorded (crowdbench view shows them)" if number else "no episode is recorded"
+    print(f"\nKept in {directory}; {recorded}")

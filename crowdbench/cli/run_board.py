@@ -99,7 +99,7 @@ def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
     for scenario, run in runs.items():
         say(f"{scenario}, cases {run.spec.cases}")
         try:
-            with progress(len(run.spec.cases), f"of {len(run.spec.cases)} cases") as tell:
+            with progress(len(run.spec.cases)) as tell:
                 make_in_folder(run, out, tell)
         except MachineFault:
             raise

@@ -104,8 +104,8 @@ class Parts:
     def of(cls, run: Run, out: Path, shard: Shard = WHOLE) -> Parts:
         """The parts of a run that is made in the directory `out`, of which this process makes a shard."""
         spec = run.spec
-        asked = {**run.depends, "cases": str(spec.cases), "batch": spec.batch}
-        request = json.dumps(asked, indent=2, sort_keys=True) + "\n"
+        depends = {**run.depends, "batch": spec.batch}
+        request = json.dumps(depends, indent=2, sort_keys=True) + "\n"
         folder = out.with_name(f"{out.name}{ENDING}{hashlib.sha256(request.encode()).hexdigest()[:8]}")
         cases = tuple(spec.cases.batches(spec.batch))
         return cls(spec, out, folder, request, cases, shard.select(cases))
@@ -117,6 +117,10 @@ class Parts:
     def list_finished(self) -> list[Cases]:
         """The parts that are there."""
         return [part for part in self.cases if is_finished(self.directory(part))]
+
+    def count_finished(self) -> int:
+        """The number of cases whose parts are there."""
+        return sum(map(len, self.list_finished()))
 
     @contextlib.contextmanager
     def open(self) -> Iterator[None]:
@@ -138,13 +142,12 @@ class Parts:
         try:
             yield
         except (KeyboardInterrupt, InputError) as error:
-            cases = sum(map(len, self.list_finished()))
-            if not cases:
+            number = self.count_finished()
+            if not number:
                 raise
-            kept = f"{cases} of {sum(map(len, self.cases))} cases are kept in {self.folder}"
-            by_hand = f"`crowdbench merge {self.folder} --out DIR` makes a run of them"
-            goes_on = f"the same command goes on with them, and {by_hand}"
-            raise type(error)(f"{str(error) or 'interrupted'}: {kept}; {goes_on}") from error
+            kept = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
+            goes_on = f"the same command goes on with them, and `crowdbench merge {self.folder} --out DIR`"
+            raise type(error)(f"{str(error) or 'interrupted'}: {kept}; {goes_on} makes a run of them") from error
 
     def _close(self) -> None:
         is_empty = self.folder.exists() and not any(each.is_dir() for each in self.folder.iterdir())
@@ -185,21 +188,6 @@ class Parts:
             lock.unlink(missing_ok=True)
 
 
-@dataclass(frozen=True)
-class RunStatus:
-    """What is there of a run.
-
-    Attributes:
-        folder: The folder of its parts, which is gone once all are there.
-        cases: How many of its cases are there.
-        is_whole: Whether all are, and the run is in its directory.
-    """
-
-    folder: Path
-    cases: int
-    is_whole: bool
-
-
 def make_run(
     run: Run,
     out: Path,
@@ -209,7 +197,7 @@ def make_run(
     wait: bool = True,
     drive: Drive | None = None,
     progress: Callable[[float], None] | None = None,
-) -> RunStatus:
+) -> bool:
     """Make a run, or a shard of it, going on from what is there. The run is put together once all parts are there.
 
     Args:
@@ -222,7 +210,7 @@ def make_run(
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
-        What is there now.
+        Whether all parts are there, and the run is in its directory.
 
     Raises:
         InputError: The directory is taken, or as `Run.drive` raises it.
@@ -243,10 +231,10 @@ def make_run(
         if len(parts.list_finished()) == len(parts.cases):
             parts.put_together(overwrite)
         # Another process that has the same command may put the parts together, and remove the folder, at any time.
-        if not (parts.folder / REQUEST).exists():
+        is_whole = not (parts.folder / REQUEST).exists()
+        if is_whole:
             shutil.rmtree(parts.folder, ignore_errors=True)  # locks are made with their folder
-            return RunStatus(parts.folder, len(run.spec.cases), is_whole=True)
-        return RunStatus(parts.folder, sum(map(len, parts.list_finished())), is_whole=False)
+        return is_whole
 
 
 def _make_part(parts: Parts, part: Cases, drive: Drive, progress: Callable[[float], None] | None) -> bool:
@@ -307,8 +295,8 @@ def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
         if request != requests[0]:
             raise InputError(f"{folders[0]} and {folder} hold parts of different runs: their {REQUEST} differ")
     parts = list(Cases.parse(requests[0]["cases"]).batches(requests[0]["batch"]))
-    there = [next(filter(is_finished, (folder / _name(part) for folder in folders)), None) for part in parts]
-    finished = [directory for directory in itertools.takewhile(bool, there) if directory]
+    directories = [next(filter(is_finished, (folder / _name(part) for folder in folders)), None) for part in parts]
+    finished = [directory for directory in itertools.takewhile(bool, directories) if directory]
     return finished, len(finished) == len(parts)
 
 

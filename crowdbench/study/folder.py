@@ -79,7 +79,7 @@ def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None
     """
     if is_made(run, out):  # another process may have made it meanwhile
         return True
-    return make_run(run, run_directory(run, out), overwrite=True, wait=wait, progress=progress).is_whole
+    return make_run(run, run_directory(run, out), overwrite=True, wait=wait, progress=progress)
 
 
 def read_episodes(run: Run, out: Path) -> Episodes:
