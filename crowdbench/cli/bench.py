@@ -111,15 +111,11 @@ def _bench_all() -> None:
 
 def bench_table(measured: list[Measurement]) -> Grid:
     """Measured speeds; the ratio says how many times less time crowdbench takes than CrowdNav's code."""
-    rows = [
-        (
-            one.work,
-            f"{one.value:.3g} {one.unit}",
-            "" if one.crowdnav is None else f"{one.crowdnav:.3g} {one.unit}",
-            "" if one.ratio is None else f"{one.ratio:.1f}x",
-        )
-        for one in measured
-    ]
+    rows = []
+    for one in measured:
+        crowdnav = "" if one.crowdnav is None else f"{one.crowdnav:.3g} {one.unit}"
+        ratio = "" if one.ratio is None else f"{one.ratio:.1f}x"
+        rows.append((one.work, f"{one.value:.3g} {one.unit}", crowdnav, ratio))
     return Grid("Speed", ("work", "crowdbench", "CrowdNav, recorded", "ratio"), rows, align="lrrr")
 
 

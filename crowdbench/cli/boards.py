@@ -110,8 +110,8 @@ def submit(
         say("checking the contract")
         _check_contract(planner, option or [])
     cases = len(rules.public_cases) * len(rules.scenarios)
-    kept = f"finished batches are kept in {work}, with which the same command goes on"
-    with exit_on_interrupt(kept), _exit_on_unfinished(), progress(cases, f"of {cases} public cases") as tell:
+    message = f"finished batches are kept in {work}, with which the same command goes on"
+    with exit_on_interrupt(message), _exit_on_unfinished(), progress(cases, f"of {cases} public cases") as tell:
         entry, failed = submit_planner(submission, root, work, tell, own)
     for scenario, reason in failed.items():
         say(f"{scenario}: counts 0, because it cannot be driven: {reason}")
@@ -187,8 +187,8 @@ def verify(
     announce_compilation()
     driven = Cases("test", 0, cases) if cases else None
     total = count_cases(submitted, board, driven)
-    kept = f"finished batches are kept in {work}, with which the same command goes on" if season else "nothing is kept"
-    with exit_on_interrupt(kept), _exit_on_unfinished(), progress(total) as tell:
+    message = f"finished batches are kept in {work}, with which the same command goes on"
+    with exit_on_interrupt(message if season else "nothing is kept"), _exit_on_unfinished(), progress(total) as tell:
         drawn = read_season(folder.parent) if season else None
         result = verify_entry(submitted, board, by=by, work=work, season=drawn, cases=driven, shard=own, progress=tell)
     if as_json:

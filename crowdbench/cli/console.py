@@ -133,7 +133,7 @@ class Failure(NamedTuple):
 
 
 def failure(error: BaseException) -> Failure | None:
-    """What went wrong; None for an exit with a status other than 0, which has told it already.
+    """What went wrong; None for an exit with a status other than 0, which has said it already.
 
     Args:
         error: What a command raised.
@@ -154,8 +154,8 @@ def failure(error: BaseException) -> Failure | None:
         return Failure(_one_line(f"{place} cannot be written or read: {error.strerror or error}"), 1)
     if getattr(sys.stdout, "closed", True):
         return Failure("the output cannot be written: a plug-in has closed it", 1)
-    told = f"please report it, with the traceback that {DEBUG} shows"
-    return Failure(_one_line(f"an error in crowdbench itself, {describe_error(error)}: {told}"), INTERNAL)
+    request = f"please report it, with the traceback that {DEBUG} shows"
+    return Failure(_one_line(f"an error in crowdbench itself, {describe_error(error)}: {request}"), INTERNAL)
 
 
 def _one_line(text: str) -> str:
@@ -164,17 +164,17 @@ def _one_line(text: str) -> str:
 
 
 @contextlib.contextmanager
-def exit_on_interrupt(kept: str | Callable[[], str] = "") -> Iterator[None]:
+def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
     """Say what an interrupted command has kept, and exit. Typer would end the command without a word.
 
     Args:
-        kept: What is kept, or what says it after the interrupt. If empty, what the interrupt itself says is printed;
-            an interrupt that says nothing is passed on.
+        message: What is kept, or a function that says it after the interrupt. If empty, what the interrupt itself says
+            is printed; an interrupt that says nothing is passed on.
     """
     try:
         yield
     except KeyboardInterrupt as error:
-        sentence = f"interrupted: {kept if isinstance(kept, str) else kept()}" if kept else str(error)
+        sentence = f"interrupted: {message if isinstance(message, str) else message()}" if message else str(error)
         if not sentence:
             raise
         say(f"crowdbench: {sentence}")

@@ -59,8 +59,8 @@ def evaluate_predictor(
     if data is None or scenario is not None:
         about, measure = _on_scenario(scenario or "circle_crossing_5", cases or "val:200", overrides or [], data, ahead)
     else:
-        for flag, given in (("--cases", cases), ("--set", overrides)):
-            if given is not None:
+        for flag, value in (("--cases", cases), ("--set", overrides)):
+            if value is not None:
                 raise InputError(f"{flag} goes with --scenario only: without it, the tracks in {data} are measured on")
         about, measure = _on_tracks(data, ahead)
     errors = {name: measure(name, predictor) for name, predictor in loaded.items()}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -51,14 +53,13 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
 
     if (kind is Kind.METRIC) != (metric is not None):
         raise InputError("a figure of kind metric needs --metric NAME, and no other one takes it")
-    if kind is Kind.SUCCESS:
-        plots.success_over_time(directories, out)
-    elif kind is Kind.DENSITY:
-        plots.success_over_density(directories, out)
-    elif kind is Kind.TRAINING:
-        plots.learning_curves(directories, out)
-    else:
-        plots.distribution(directories, str(metric), out)
+    draw: dict[Kind, Callable[..., None]] = {
+        Kind.SUCCESS: plots.success_over_time,
+        Kind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
+        Kind.DENSITY: plots.success_over_density,
+        Kind.TRAINING: plots.learning_curves,
+    }
+    draw[kind](directories, out=out)
     say(f"wrote {out}")
 
 

@@ -28,17 +28,9 @@ OptionOption = Annotated[
     ),
 ]
 ScenarioOption = Annotated[str, typer.Option(help="Name of a scenario, or a file of your own: ./mine.toml.")]
-CasesOption = Annotated[
-    str,
-    typer.Option(help="500 (the first 500 test cases), 2000:2500, 37:38 (case 37 alone), val:100 (validation cases)."),
-]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", help="Change a key of the scenario, such as vehicle.visible=true. Repeatable."),
-]
-PedestriansOption = Annotated[
-    str | None,
-    typer.Option(help="Move all pedestrians by one policy: a name or ./mine.py.", show_default="as the scenario says"),
 ]
 DataOption = Annotated[
     Path | None, typer.Option(help="Folder with recorded tracks, which scenarios with a table [tracks] need.")

@@ -165,12 +165,13 @@ def score(
     if replay:
         _replay(recording, metric or [], pedestrians or [], layout, data, as_json)
         return
-    if layout:
-        raise InputError("--layout is for --replay: a recording says where everybody started")
-    if data:
-        raise InputError("--data is for --replay: a recording says where everybody walked")
-    if pedestrians:
-        raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
+    for flag, value, recorded in (
+        ("--layout", layout, "where everybody started"),
+        ("--data", data, "where everybody walked"),
+        ("--pedestrians", pedestrians, "where the pedestrians walked"),
+    ):
+        if value:
+            raise InputError(f"{flag} is for --replay: a recording says {recorded}")
     from crowdbench.metrics.load import load_metrics
     from crowdbench.record.contents import read
     from crowdbench.runs.manifest import doubts
@@ -179,20 +180,20 @@ def score(
     if recording.is_dir():
         for doubt in doubts(recording, (RECORDING,)):
             say(f"crowdbench: {doubt}")
-    metrics, recorded = load_metrics(metric or []), read(recording_of(recording))
-    episodes = Episodes.of(recorded.trace, metrics)
+    metrics, contents = load_metrics(metric or []), read(recording_of(recording))
+    episodes = Episodes.of(contents.trace, metrics)
     result: dict[str, Any] = {}
-    if len(episodes) == recorded.cases:  # the rates of a part would be biased, because failures are preferred
+    if len(episodes) == contents.cases:  # the rates of a part would be biased, because failures are preferred
         result = {"metrics": to_json(episodes.summary()), "rates": episodes.rates}
     if as_json:
-        about = {"planner": recorded.planner, "scenario": recorded.scenario, "cases": recorded.cases}
+        about = {"planner": contents.planner, "scenario": contents.scenario, "cases": contents.cases}
         rows = dataclasses.replace(episodes, block=None).to_arrow().to_pylist()
         print(json.dumps({**about, "episodes": rows, **result}, indent=2))
     elif result:
-        title = f"{recorded.planner} on {recorded.scenario}, from {recording}"
+        title = f"{contents.planner} on {contents.scenario}, from {recording}"
         print_table(result_table(title, result, metrics))
     else:
-        print_table(_episodes_table(recorded.cases, episodes))
+        print_table(_episodes_table(contents.cases, episodes))
 
 
 def _episodes_table(cases: int, episodes: Episodes) -> Grid:

@@ -11,7 +11,6 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import (
-    CasesOption,
     DataOption,
     JsonOption,
     LimitOption,
@@ -19,7 +18,6 @@ from crowdbench.cli.options import (
     OnOption,
     OptionOption,
     OverwriteOption,
-    PedestriansOption,
     PlannerOption,
     ScenarioOption,
     SetOption,
@@ -55,10 +53,10 @@ UNHEEDED = (
 def run(
     planner: PlannerOption,
     scenario: ScenarioOption = "circle_crossing_5",
-    cases: CasesOption = "500",
+    cases: str = "500",
     option: OptionOption = None,
     overrides: SetOption = None,
-    pedestrians: PedestriansOption = None,
+    pedestrians: Annotated[str | None, typer.Option(show_default="as the scenario says")] = None,
     data: DataOption = None,
     replan_every: Annotated[int, typer.Option(min=1)] = 1,
     look_first: Annotated[int, typer.Option(min=1)] = LOOK_FIRST,
@@ -77,6 +75,8 @@ def run(
     """Drive a planner through the cases of a scenario, and score it.
 
     Args:
+        cases: 500 (the first 500 test cases), 2000:2500, 37:38 (case 37 alone), val:100 (validation cases).
+        pedestrians: Move all pedestrians by one policy: a name or ./mine.py.
         replan_every: Commands per observation; above 1 the planner drives open loop.
         look_first: With --replan-every, decide at every step until so many positions of the pedestrians are seen; 1
             starts with several commands at once.

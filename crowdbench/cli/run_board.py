@@ -59,9 +59,9 @@ def run_board(
     from crowdbench.utils.tables import plain
 
     rules = find_board(board, ROOT).with_data(data)
-    asked = Cases.parse(cases) if cases else rules.public_cases
+    driven_cases = Cases.parse(cases) if cases else rules.public_cases
     options, overrides = assignments(option or [], "--option"), rules.overrides(None)
-    base = RunSpec(planner, "", asked, options, overrides, replanning=rules.replanning, record="none", data=data)
+    base = RunSpec(planner, "", driven_cases, options, overrides, replanning=rules.replanning, record="none", data=data)
     runs = {name: load_run(replace(base, scenario=name)) for name in rules.scenarios}
     announce_compilation()
     directory = out or Path("runs") / f"board-{rules.name}"
@@ -73,10 +73,10 @@ def run_board(
     }
     found[f"board {rules.name}"] = board_figures(rules, dict(found))
     if as_json:
-        print(json.dumps(plain({"board": rules.name, "cases": str(asked), "metrics": found}), indent=2))
+        print(json.dumps(plain({"board": rules.name, "cases": str(driven_cases), "metrics": found}), indent=2))
     else:
         driver = next(iter(runs.values())).driver.name
-        print_table(board_table(f"{driver} on board {rules.name}, cases {asked} of each scenario", found))
+        print_table(board_table(f"{driver} on board {rules.name}, cases {driven_cases} of each scenario", found))
         print(f"\nKept in {directory}")
 
 

@@ -157,10 +157,10 @@ def _make(runs: Sequence[Run], out: Path, shard: str | None, on: str | None, thr
         for run in left:
             say(f"another process is making {describe_run(run)}")
             make_in_folder(run, out)
-    if shard and (others := missing_runs(runs, out)):
+    if shard and (missing := missing_runs(runs, out)):
         number = len({run_directory(run, out) for run in runs})
-        there = f"{number - len(others)} of {number} runs are in {out}"
-        say(f"crowdbench: {there}; the shard that ends last, or the same command without --shard, prints the tables")
+        finished = f"{number - len(missing)} of {number} runs are in {out}"
+        say(f"crowdbench: {finished}; the shard that ends last, or the same command without --shard, prints the tables")
         raise typer.Exit
 
 

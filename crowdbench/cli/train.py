@@ -79,10 +79,10 @@ def train(
     _run(running)
 
 
-def _refuse_beside_resume(given: Mapping[str, Any]) -> None:
+def _refuse_beside_resume(options: Mapping[str, Any]) -> None:
     """Raises InputError where there are options that a resumed training has from its start."""
-    if given:
-        flags = ["--set" if name == "overrides" else f"--{name.replace('_', '-')}" for name in given]
+    if options:
+        flags = ["--set" if name == "overrides" else f"--{name.replace('_', '-')}" for name in options]
         raise InputError(
             f"{', '.join(flags)} cannot be changed with --resume: a training goes on with the options that it was "
             "started with, except --device and --threads"
@@ -92,20 +92,20 @@ def _refuse_beside_resume(given: Mapping[str, Any]) -> None:
 def _run(running: TrainingRun) -> None:
     """Train to the end with progress, and print where the weights are."""
 
-    def kept() -> str:
+    def say_what_is_kept() -> str:
         if not running.directory.exists():
             return "nothing was kept yet"
         return f"continue with crowdbench train {running.request.network} --resume {running.directory}"
 
-    with exit_on_interrupt(kept):
+    with exit_on_interrupt(say_what_is_kept):
         with progress(1.0, "trained") as advance:
-            shown = 0.0
+            before = 0.0
 
             def tell(point: Any, done: float) -> None:
-                nonlocal shown
+                nonlocal before
                 say(str(point))
-                advance(done - shown)
-                shown = done
+                advance(done - before)
+                before = done
 
             running.train(tell)
         cases = running.request.card_cases
@@ -119,21 +119,15 @@ def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
     *common, _ = signature.parameters.values()
     own = []
     for name, (field, networks) in own_options().items():
-        shown = typer.Option(
+        option = typer.Option(
             f"--{name.replace('_', '-')}",
             min=field.metadata["least"],
             help=f"{field.metadata['help']}.",
             show_default=str(field.default) if field.default else False,
             rich_help_panel=f"Options for {', '.join(networks)} only",
         )
-        own.append(
-            inspect.Parameter(
-                name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=None,
-                annotation=Annotated[get_type_hints(METHODS[networks[0]])[name] | None, shown],
-            )
-        )
+        hint: Any = Annotated[get_type_hints(METHODS[networks[0]])[name] | None, option]
+        own.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint))
     return signature.replace(parameters=[*common, *own])
 
 

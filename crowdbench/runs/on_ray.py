@@ -38,7 +38,7 @@ def make_run_on_ray(
     """Make the parts of one run, or of a shard of it; arguments and errors are those of `make_parts` and `make_run`."""
     check_free(out, overwrite)
     parts = Parts.of(run, out, shard)
-    with parts.report_kept():
+    with parts.report_finished():
         make_parts([parts], cpus=cpus, progress=progress)
 
 
@@ -46,8 +46,8 @@ def make_parts(
     runs: Sequence[Parts],
     *,
     cpus: int = 1,
-    finished: Callable[[int], None] | None = None,
-    progress: Callable[[float], None] | None = None,
+    finished: Callable[[int], None] = lambda number: None,
+    progress: Callable[[float], None],
 ) -> None:
     """Make parts of runs on a cluster: the one that `RAY_ADDRESS` names, or one that is started on this machine.
 
@@ -67,10 +67,9 @@ def make_parts(
             stack.enter_context(parts.open())
         left = [len(parts.selected) for parts in runs]
         for number, cases in _finish_parts(ray, runs, cpus):
-            if progress is not None:
-                progress(cases)
+            progress(cases)
             left[number] -= 1
-            if not left[number] and finished is not None:
+            if not left[number]:
                 finished(number)
 
 
@@ -153,8 +152,8 @@ def _make_part(spec: RunSpec, part: Cases, request: str, folder: str) -> dict[st
 
 def _check_same(run: Run, request: str) -> None:
     """Raise InputError where this machine would make another run."""
-    asked, own = json.loads(request), json.loads(Parts.of(run, Path("run")).request)
-    differ = [key for key in ("code", *asked) if asked.get(key) != own.get(key)]
+    expected, own = json.loads(request), json.loads(Parts.of(run, Path("run")).request)
+    differ = [key for key in ("code", *expected) if expected.get(key) != own.get(key)]
     if differ:
         what = "code of crowdbench" if differ[0] == "code" else differ[0]
         raise InputError(

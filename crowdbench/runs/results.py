@@ -71,13 +71,11 @@ class Episodes:
     @classmethod
     def join(cls, parts: list[Episodes]) -> Episodes:
         """The rows of all parts, in order."""
-        blocks = [part.block for part in parts if part.block is not None]
         names = ("case", "outcome", "steps")
-        return cls(
-            *(np.concatenate([getattr(part, name) for part in parts]) for name in names),
-            {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
-            np.concatenate(blocks) if blocks else None,
-        )
+        case, outcome, steps = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+        columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
+        blocks = [part.block for part in parts if part.block is not None]
+        return cls(case, outcome, steps, columns, np.concatenate(blocks) if blocks else None)
 
     @property
     def rates(self) -> list[str]:

@@ -142,33 +142,24 @@ class Run:
 
     def _request(self) -> dict[str, Any]:
         """What a manifest says of what was asked for."""
-        return {
-            "cases": str(self.spec.cases),
-            "metrics": list(self.metrics),
-            "replan_every": self.spec.replanning.every,
-            **self.spec.replanning.settings,
-            "record": self.spec.record,
-            "decision_limit": self.driver.decision_limit,
-            **self.origin,
-            "options": self.spec.options,
-            "overrides": self.spec.changes,
-        }
+        cases = {"cases": str(self.spec.cases), "metrics": list(self.metrics)}
+        limits = {"record": self.spec.record, "decision_limit": self.driver.decision_limit}
+        changes = {"options": self.spec.options, "overrides": self.spec.changes}
+        return {**cases, **self._observing(), **limits, **self.origin, **changes}
+
+    def _observing(self) -> dict[str, Any]:
+        """When the planner observes, as results say it."""
+        return {"replan_every": self.spec.replanning.every, **self.spec.replanning.settings}
 
     def _describe_planner(self) -> dict[str, Any]:
         """What `result.json` says of the planner, and of what is changed for it in the scenario."""
-        return {
-            "planner": self.driver.name,
-            "privileged": self.driver.privileged,
-            "planner_facts": self.driver.facts,
-            "replan_every": self.spec.replanning.every,
-            **self.spec.replanning.settings,
-            "options": self.spec.options,
-            **self.details,
-            "overrides": self.spec.changes,
-        }
+        driver, spec = self.driver, self.spec
+        planner = {"planner": driver.name, "privileged": driver.privileged, "planner_facts": driver.facts}
+        return {**planner, **self._observing(), "options": spec.options, **self.details, "overrides": spec.changes}
 
     def _result(self, cases: Cases, episodes: Episodes, recorded: int, seconds: float) -> dict[str, Any]:
         """The contents of `result.json`."""
+        steps = int(episodes.steps.sum())
         return {
             **self._describe_planner(),
             "scenario": {"name": self.scenario.name, "digest": self.scenario.digest, **self.scenario.table},
@@ -178,10 +169,7 @@ class Run:
             "metrics": to_json(episodes.summary()),
             **episodes.blocks,
             "rates": episodes.rates,
-            "timing": {
-                "decision_ms_per_step": 1e3 * self.driver.seconds / int(episodes.steps.sum()),
-                "seconds": seconds,
-            },
+            "timing": {"decision_ms_per_step": 1e3 * self.driver.seconds / steps, "seconds": seconds},
             "versions": read_versions(),
         }
 

@@ -137,17 +137,17 @@ class Parts:
             yield
 
     @contextlib.contextmanager
-    def report_kept(self) -> Iterator[None]:
-        """Say in an InputError, and after an interrupt, what is kept."""
+    def report_finished(self) -> Iterator[None]:
+        """Say in an InputError, and after an interrupt, which part of the run is kept."""
         try:
             yield
         except (KeyboardInterrupt, InputError) as error:
             number = self.count_finished()
             if not number:
                 raise
-            kept = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
+            finished = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
             goes_on = f"the same command goes on with them, and `crowdbench merge {self.folder} --out DIR`"
-            raise type(error)(f"{str(error) or 'interrupted'}: {kept}; {goes_on} makes a run of them") from error
+            raise type(error)(f"{str(error) or 'interrupted'}: {finished}; {goes_on} makes a run of them") from error
 
     def _close(self) -> None:
         is_empty = self.folder.exists() and not any(each.is_dir() for each in self.folder.iterdir())
@@ -180,11 +180,11 @@ class Parts:
                     from crowdbench.runs.merge import merge
 
                     merge(directories, self.out, overwrite)
-                for tried in self.out.parent.glob(f"{glob.escape(self.out.name)}{ENDING}{'[0-9a-f]' * 8}"):
+                for earlier in self.out.parent.glob(f"{glob.escape(self.out.name)}{ENDING}{'[0-9a-f]' * 8}"):
                     # What a longer run has kept outlives a shorter one of its name.
-                    is_worthless = len(directories) > 1 or not any(tried.glob(f"*/{MANIFEST}"))
-                    if tried == self.folder or (is_worthless and _is_idle(tried)):
-                        _remove(tried)
+                    is_worthless = len(directories) > 1 or not any(earlier.glob(f"*/{MANIFEST}"))
+                    if earlier == self.folder or (is_worthless and _is_idle(earlier)):
+                        _remove(earlier)
             lock.unlink(missing_ok=True)
 
 
@@ -219,7 +219,7 @@ def make_run(
     check_free(out, overwrite)
     parts = Parts.of(run, out, shard)
     drive = drive or functools.partial(run.drive, progress=progress)
-    with parts.open(), parts.report_kept():
+    with parts.open(), parts.report_finished():
         waiting = parts.selected
         while waiting:
             left = [part for part in waiting if not _make_part(parts, part, drive, progress)]
