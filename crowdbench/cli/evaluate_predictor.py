@@ -67,14 +67,10 @@ def evaluate_predictor(
     if not as_json:
         _print_errors(about, options, errors)
         return
-    results = {
-        name: {
-            "options": options,
-            "privileged": loaded[name].privileged,
-            "errors": {dataset: dataclasses.asdict(each) for dataset, each in measured.items()},
-        }
-        for name, measured in errors.items()
-    }
+    results = {}
+    for name, predictor in loaded.items():
+        by_dataset = {dataset: dataclasses.asdict(each) for dataset, each in errors[name].items()}
+        results[name] = {"options": options, "privileged": predictor.privileged, "errors": by_dataset}
     print(json.dumps(about | {"predictors": results}, indent=2))
 
 

@@ -95,10 +95,12 @@ def rollout(
     return states.trace(cases.split, alone, scenario.blocks(cases))
 
 
-def _walk_alone(
-    scenario: Scenario, world: World
-) -> tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]]:
-    """Where the pedestrians would walk if the vehicle were not there, in metres, and their numbers as persons."""
+_Alone = tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]]
+"""Where the pedestrians would walk if the vehicle were not there, in metres, and their numbers as persons."""
+
+
+def _walk_alone(scenario: Scenario, world: World) -> _Alone:
+    """Simulate the pedestrians without the vehicle, to the time limit."""
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
     positions, persons = [world.position[:, 1:]], [world.person]
     for _ in range(scenario.rules.max_steps):
@@ -235,19 +237,8 @@ class _States:
             raise LogsTooLarge(max(1, int(worlds * LOG_MEMORY / size)))
         return np.full(shape, np.nan, dtype)
 
-    def trace(
-        self,
-        split: str,
-        alone: tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]] | None,
-        block: Int[np.ndarray, "world"] | None,
-    ) -> Trace:
-        """The trace of all episodes.
-
-        Args:
-            split: The split of the cases.
-            alone: Where the pedestrians would walk without the vehicle, in metres, and their numbers as persons.
-            block: See `Trace`.
-        """
+    def trace(self, split: str, alone: _Alone | None, block: Int[np.ndarray, "world"] | None) -> Trace:
+        """The trace of all episodes, from the split of the cases and their blocks of recorded time."""
         if self.changing:
             self.people = {name: array[self._last_states()] for name, array in self.people.items()}
         for name in ("position", "velocity"):
