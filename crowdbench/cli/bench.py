@@ -5,15 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from crowdbench.cli.console import announce_compilation, progress
-from crowdbench.cli.options import (
-    OptionOption,
-    ScenarioOption,
-    SetOption,
-    ThreadsOption,
-    assignments,
-    help_from_docstring,
-    use_threads,
-)
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
@@ -33,9 +25,9 @@ CASES = "val:21"
 def bench(
     lookahead: bool = False,
     planner: str | None = None,
-    scenario: ScenarioOption = SCENARIO,
-    option: OptionOption = None,
-    overrides: SetOption = None,
+    scenario: str = SCENARIO,
+    option: list[str] | None = None,
+    overrides: list[str] | None = None,
     threads: ThreadsOption = None,
 ) -> None:
     """Measure the speed of the simulator, of decisions, trainings and whole runs on this machine.

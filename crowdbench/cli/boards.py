@@ -14,23 +14,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import (
-    DataOption,
-    JsonOption,
-    OptionOption,
-    ThreadsOption,
-    assignments,
-    help_from_docstring,
-    use_threads,
-)
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.boards.entry import Entry, Verification
     from crowdbench.boards.shipped import Job
 
-RootOption = Annotated[Path, typer.Option(help="The folder of boards and entries.")]
-WorkOption = Annotated[Path, typer.Option(help="Folder that keeps finished runs until an entry or a verdict is made.")]
 ShardOption = Annotated[
     str | None, typer.Option(help="Run one share of the batches, such as 2/8; whoever ends last goes on with all.")
 ]
@@ -67,11 +57,11 @@ def submit(
     card: Annotated[Path | None, typer.Option(show_default="card.toml beside the planner")] = None,
     by: Annotated[str | None, typer.Option(show_default="the first author that the card names")] = None,
     name: Annotated[str | None, typer.Option(show_default="the planner's name")] = None,
-    option: OptionOption = None,
+    option: list[str] | None = None,
     network: list[str] | None = None,
-    data: DataOption = None,
-    root: RootOption = ROOT,
-    work: WorkOption = WORK,
+    data: Path | None = None,
+    root: Path = ROOT,
+    work: Path = WORK,
     shard: ShardOption = None,
     threads: ThreadsOption = None,
 ) -> None:
@@ -147,11 +137,11 @@ def verify(
     by: str = "",
     season: bool = False,
     cases: Annotated[int | None, typer.Option(min=1)] = None,
-    data: DataOption = None,
-    work: WorkOption = WORK,
+    data: Path | None = None,
+    work: Path = WORK,
     shard: ShardOption = None,
     threads: ThreadsOption = None,
-    as_json: JsonOption = False,
+    as_json: bool = False,
 ) -> None:
     """Verify an entry: replay its public cases, then run its planner, isolated, on cases that it cannot know.
 
@@ -232,7 +222,7 @@ def _exit_on_unfinished() -> Iterator[None]:
 
 @app.command()
 @help_from_docstring
-def build(out: Annotated[Path, typer.Option()], root: RootOption = ROOT) -> None:
+def build(out: Annotated[Path, typer.Option()], root: Path = ROOT) -> None:
     """Build the pages of all boards: plain files that need no server and no network.
 
     Args:
@@ -245,7 +235,8 @@ def build(out: Annotated[Path, typer.Option()], root: RootOption = ROOT) -> None
 
 
 @app.command()
-def readme(root: RootOption = ROOT) -> None:
+@help_from_docstring
+def readme(root: Path = ROOT) -> None:
     """Write README.md of the folder of boards, with the standings of each board."""
     from crowdbench.boards.markdown import write_readme
 
@@ -253,9 +244,8 @@ def readme(root: RootOption = ROOT) -> None:
 
 
 @app.command()
-def fill(
-    data: DataOption = None, root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOption = None
-) -> None:
+@help_from_docstring
+def fill(data: Path | None = None, root: Path = ROOT, work: Path = WORK, threads: ThreadsOption = None) -> None:
     """Enter every planner that ships on every board, freeze the entries, and verify them in the season.
 
     Board by board; boards of recorded people only with --data. Finished work is kept, and the same command goes on

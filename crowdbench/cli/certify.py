@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress
-from crowdbench.cli.options import DataOption, SetOption, ThreadsOption, assignments, help_from_docstring, use_threads
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 
 if TYPE_CHECKING:
     from crowdbench.certify.certificate import Certificate
@@ -24,8 +24,8 @@ def certify(
     scenario: str,
     cases: str = "test:500",
     margin: float = 0.1,
-    overrides: SetOption = None,
-    data: DataOption = None,
+    overrides: list[str] | None = None,
+    data: Path | None = None,
     out: Annotated[Path | None, typer.Option(show_default="runs/certified-SCENARIO")] = None,
     overwrite: bool = False,
     threads: ThreadsOption = None,

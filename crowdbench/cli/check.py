@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crowdbench.cli.console import announce_compilation
-from crowdbench.cli.options import DataOption, LimitOption, OptionOption, assignments, help_from_docstring
+from crowdbench.cli.options import assignments, help_from_docstring
 from crowdbench.cli.tables import print_table
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
@@ -25,11 +26,11 @@ SCENARIOS = "circle_crossing_5 for planners, else circle_crossing_mixed with a v
 def check(
     plugin: str,
     kind: Annotated[str | None, typer.Option(show_default="as the file's function says")] = None,
-    option: OptionOption = None,
+    option: list[str] | None = None,
     scenario: Annotated[str | None, typer.Option(show_default=SCENARIOS)] = None,
     cases: str = "val:20",
-    data: DataOption = None,
-    decision_limit: LimitOption = DECISION_LIMIT,
+    data: Path | None = None,
+    decision_limit: float = DECISION_LIMIT,
 ) -> None:
     """Check point by point whether a plug-in keeps the contract of its kind: valid answers, the same in any batch.
 

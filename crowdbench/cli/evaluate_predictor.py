@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdbench.cli.console import announce_compilation, progress
-from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments, help_from_docstring
+from crowdbench.cli.options import assignments, help_from_docstring
 from crowdbench.cli.tables import interval, number, print_table
 from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError
@@ -35,13 +35,13 @@ ON_TRACKS = "8 frames are observed, in all windows with 2 pedestrians or more."
 @help_from_docstring
 def evaluate_predictor(
     predictors: list[str],
-    option: OptionOption = None,
+    option: list[str] | None = None,
     scenario: str | None = None,
     cases: str | None = None,
-    overrides: SetOption = None,
+    overrides: list[str] | None = None,
     data: Path | None = None,
     ahead: Annotated[int, typer.Option(min=1, max=MOST_AHEAD)] = HORIZON,
-    as_json: JsonOption = False,
+    as_json: bool = False,
 ) -> None:
     """Measure the errors of predictors on the crowds of a scenario or on recorded tracks.
 

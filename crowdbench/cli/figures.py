@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from crowdbench.cli.console import say
-from crowdbench.cli.options import FormatOption, help_from_docstring
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, format_tables
 
@@ -26,7 +26,7 @@ class Kind(StrEnum):
 
 
 @help_from_docstring
-def table(directories: list[Path], metric: list[str] | None = None, format: FormatOption = Format.MARKDOWN) -> None:
+def table(directories: list[Path], metric: list[str] | None = None, format: Format = Format.MARKDOWN) -> None:
     """Print a table of runs: the means of metrics with 95 % intervals.
 
     Args:

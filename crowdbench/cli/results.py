@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdbench.cli.console import announce_compilation, progress, say
-from crowdbench.cli.options import DataOption, JsonOption, MetricOption, help_from_docstring
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.cli.tables import interval, number, print_table, result_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, Grid, format_tables
@@ -146,12 +146,12 @@ def _worst(run: Path, metric: str, recorded: list[int]) -> int:
 @help_from_docstring
 def score(
     recording: Path,
-    metric: MetricOption = None,
+    metric: list[str] | None = None,
     replay: bool = False,
     pedestrians: list[str] | None = None,
     layout: str | None = None,
-    data: DataOption = None,
-    as_json: JsonOption = False,
+    data: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Compute the metrics of a run again: from its recording, or by a replay of its commands.
 

@@ -10,23 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import (
-    DataOption,
-    JsonOption,
-    LimitOption,
-    MetricOption,
-    OnOption,
-    OptionOption,
-    OverwriteOption,
-    PlannerOption,
-    ScenarioOption,
-    SetOption,
-    ThreadsOption,
-    assignments,
-    help_from_docstring,
-    is_on_ray,
-    use_threads,
-)
+from crowdbench.cli.options import OnOption, ThreadsOption, assignments, help_from_docstring, is_on_ray, use_threads
 from crowdbench.cli.tables import print_table, result_table
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
@@ -51,26 +35,26 @@ UNHEEDED = (
 
 @help_from_docstring
 def run(
-    planner: PlannerOption,
-    scenario: ScenarioOption = "circle_crossing_5",
+    planner: Annotated[str, typer.Option()],
+    scenario: str = "circle_crossing_5",
     cases: str = "500",
-    option: OptionOption = None,
-    overrides: SetOption = None,
+    option: list[str] | None = None,
+    overrides: list[str] | None = None,
     pedestrians: Annotated[str | None, typer.Option(show_default="as the scenario says")] = None,
-    data: DataOption = None,
+    data: Path | None = None,
     replan_every: Annotated[int, typer.Option(min=1)] = 1,
     look_first: Annotated[int, typer.Option(min=1)] = LOOK_FIRST,
     isolated: bool = False,
-    metric: MetricOption = None,
+    metric: list[str] | None = None,
     out: Annotated[Path | None, typer.Option(show_default="in runs/, named after the run")] = None,
     record: Annotated[str, typer.Option(help=RECORD_HELP)] = RECORD[0],
-    overwrite: OverwriteOption = False,
+    overwrite: bool = False,
     batch: Annotated[int, typer.Option(min=1)] = BATCH,
     shard: str | None = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    decision_limit: LimitOption = DECISION_LIMIT,
-    as_json: JsonOption = False,
+    decision_limit: float = DECISION_LIMIT,
+    as_json: bool = False,
 ) -> None:
     """Drive a planner through the cases of a scenario, and score it.
 
@@ -144,9 +128,9 @@ def say_of_training(run: Run) -> None:
 def merge(
     runs: list[Path],
     out: Annotated[Path, typer.Option()],
-    metric: MetricOption = None,
-    overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
+    metric: list[str] | None = None,
+    overwrite: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Make one run of several, whose cases follow each other.
 

@@ -12,16 +12,7 @@ import typer
 
 from crowdbench.cli.boards import ROOT
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import (
-    DataOption,
-    JsonOption,
-    OptionOption,
-    PlannerOption,
-    ThreadsOption,
-    assignments,
-    help_from_docstring,
-    use_threads,
-)
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.cli.tables import board_table, print_table
 from crowdbench.utils.errors import InputError, MachineFault
 
@@ -32,13 +23,13 @@ if TYPE_CHECKING:
 @help_from_docstring
 def run_board(
     board: str,
-    planner: PlannerOption,
-    option: OptionOption = None,
+    planner: Annotated[str, typer.Option()],
+    option: list[str] | None = None,
     cases: Annotated[str | None, typer.Option(show_default="the public cases of the board")] = None,
-    data: DataOption = None,
+    data: Path | None = None,
     out: Annotated[Path | None, typer.Option(show_default="runs/board-BOARD")] = None,
     threads: ThreadsOption = None,
-    as_json: JsonOption = False,
+    as_json: bool = False,
 ) -> None:
     """Drive a planner through all scenarios of a board by its rules, and print its figures.
 

@@ -10,15 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import (
-    DataOption,
-    FormatOption,
-    OnOption,
-    ThreadsOption,
-    help_from_docstring,
-    is_on_ray,
-    use_threads,
-)
+from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
 from crowdbench.utils.tables import Format
 
 if TYPE_CHECKING:
@@ -38,11 +30,11 @@ ShardOption = Annotated[
 def study(
     file: Path,
     out: Annotated[Path | None, typer.Option(show_default="runs/study-<name>")] = None,
-    data: DataOption = None,
+    data: Path | None = None,
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    format: FormatOption = Format.MARKDOWN,
+    format: Format = Format.MARKDOWN,
 ) -> None:
     """Make the runs of a study that are not there yet, and print its tables in Markdown.
 
@@ -69,7 +61,7 @@ def reproduce(
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    format: FormatOption = Format.MARKDOWN,
+    format: Format = Format.MARKDOWN,
 ) -> None:
     """Make the tables of Li et al. (2020), measured beside reported, and say which of the paper's claims hold.
 

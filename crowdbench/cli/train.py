@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
-from crowdbench.cli.options import SetOption, ThreadsOption, assignments, help_from_docstring, use_threads
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.train.method import MOST_SEED, SCENARIO
 from crowdbench.train.methods import METHODS, check_options, method_of, own_options
 from crowdbench.utils.errors import InputError
@@ -25,7 +25,7 @@ LENGTHS = " or ".join(f"--{length}" for length in dict.fromkeys(method.length fo
 def train(
     network: Annotated[str, typer.Argument(help=f"One of {', '.join(METHODS)}.")],
     scenario: Annotated[str | None, typer.Option(show_default=SCENARIO)] = None,
-    overrides: SetOption = None,
+    overrides: list[str] | None = None,
     data: Path | None = None,
     seed: Annotated[int | None, typer.Option(min=0, max=MOST_SEED, show_default="0")] = None,
     minutes: Annotated[

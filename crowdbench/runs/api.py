@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from crowdbench.metrics.summary import Estimate
 from crowdbench.planners.base import Planner
 from crowdbench.runs.load import load_run
 from crowdbench.runs.results import Episodes, read_estimate
+from crowdbench.runs.rollout import Progress
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import RunResult
@@ -88,7 +89,7 @@ def run(
     out: Path | str | None = None,
     record: str = RECORD[0],
     overwrite: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Result:
     """Drive a planner through the cases of a scenario and score it, as `crowdbench run` does.
 

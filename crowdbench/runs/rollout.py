@@ -25,6 +25,10 @@ LOG_MEMORY = 256e6
 """Bytes that the logs of a batch may take, unless it is of one world."""
 
 
+Progress = Callable[[float], None]
+"""Called after each step with what it added to the episodes, in parts of an episode."""
+
+
 class LogsTooLarge(Exception):
     """What a planner logs would take too much memory: the batch must be smaller.
 
@@ -45,7 +49,7 @@ def rollout(
     replanning: Replanning = EVERY_STEP,
     keep_logs: bool = False,
     undisturbed: bool = True,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Trace:
     """Drive a planner through cases, each to its outcome. Worlds that have ended leave the batch.
 
@@ -117,7 +121,7 @@ class _Shares:
     A running episode is expected to end when the vehicle has gone straight to its goal, or at the time limit.
     """
 
-    def __init__(self, worlds: int, progress: Callable[[float], None]) -> None:
+    def __init__(self, worlds: int, progress: Progress) -> None:
         self.progress = progress
         self.share = np.zeros(worlds)
 

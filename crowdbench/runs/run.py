@@ -8,7 +8,7 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from crowdbench.planners.driver import Driver
 from crowdbench.runs.manifest import code
 from crowdbench.runs.recording import open_recorder, units_of
 from crowdbench.runs.results import Episodes, planner_label, to_json
-from crowdbench.runs.rollout import LogsTooLarge, rollout
+from crowdbench.runs.rollout import LogsTooLarge, Progress, rollout
 from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import write_run
 from crowdbench.scenario.cases import Cases
@@ -58,7 +58,7 @@ class Run:
     origin: Mapping[str, Any] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
 
-    def drive(self, part: Cases, directory: Path, progress: Callable[[float], None] | None = None) -> None:
+    def drive(self, part: Cases, directory: Path, progress: Progress | None = None) -> None:
         """Drive some of the cases, measure and record them, and write the directory of a run of these cases.
 
         Args:
@@ -87,9 +87,7 @@ class Run:
         if interrupts.asked and part != self.spec.cases:
             raise Interrupted
 
-    def _traces(
-        self, cases: Cases, interrupts: Interrupts, progress: Callable[[float], None] | None
-    ) -> Iterator[Trace]:
+    def _traces(self, cases: Cases, interrupts: Interrupts, progress: Progress | None) -> Iterator[Trace]:
         """The traces of all cases, batch by batch, in smaller ones where the planner's logs would take too much."""
         with_episodes = self.spec.record in WITH_EPISODES
         of_others = any(name in UNDISTURBED or name not in METRICS for name in self.metrics)

@@ -25,6 +25,7 @@ from typing import Any, TypeVar
 from filelock import Timeout
 
 from crowdbench.runs.manifest import MANIFEST, check_files
+from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
@@ -196,7 +197,7 @@ def make_run(
     overwrite: bool = False,
     wait: bool = True,
     drive: Drive | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> bool:
     """Make a run, or a shard of it, going on from what is there. The run is put together once all parts are there.
 
@@ -237,7 +238,7 @@ def make_run(
         return is_whole
 
 
-def _make_part(parts: Parts, part: Cases, drive: Drive, progress: Callable[[float], None] | None) -> bool:
+def _make_part(parts: Parts, part: Cases, drive: Drive, progress: Progress | None) -> bool:
     """Make a part, unless it is there; False where another process is making it."""
     try:
         with parts.claim(part) as is_missing:
