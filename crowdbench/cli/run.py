@@ -25,7 +25,6 @@ RECORD_HELP = (
     "again, or none."
 )
 
-
 UNHEEDED = (
     "Recorded people do not react: they walk into a vehicle that they would have gone around, and never wait for one. "
     "So there are more collisions than among real people, and a planner that pushes its way through is not penalised."
@@ -168,10 +167,10 @@ def print_result(
     if as_json:
         print(json.dumps(result, indent=2))
         return
-    from crowdbench.scenario.recorded import RECORDED
-
     print_table(result_table(f"{title}, cases {result['cases']}", result, metrics))
     if "tracks" in result["scenario"]:
+        from crowdbench.scenario.recorded import RECORDED
+
         policy = result["scenario"]["pedestrians"]["policy"]
         print(f"\nIntervals are over the {result['blocks']} blocks of recorded time that the cases are from.")
         if RECORDED in (policy if isinstance(policy, dict) else [policy]):

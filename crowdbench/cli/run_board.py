@@ -15,6 +15,7 @@ from crowdbench.cli.console import announce_compilation, exit_on_interrupt, prog
 from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.cli.tables import board_table, print_table
 from crowdbench.utils.errors import InputError, MachineFault
+from crowdbench.utils.tables import plain
 
 if TYPE_CHECKING:
     from crowdbench.runs.run import Run
@@ -47,7 +48,6 @@ def run_board(
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
     from crowdbench.study.folder import run_directory
-    from crowdbench.utils.tables import plain
 
     rules = find_board(board, ROOT).with_data(data)
     driven_cases = Cases.parse(cases) if cases else rules.public_cases

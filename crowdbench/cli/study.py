@@ -11,7 +11,7 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
-from crowdbench.utils.tables import Format
+from crowdbench.utils.tables import Format, format_tables, plain
 
 if TYPE_CHECKING:
     from crowdbench.runs.run import Run
@@ -127,8 +127,6 @@ def _print(found: object, tables: Sequence[FilledTable], page: str, format: Form
         page: The page, in Markdown.
         format: How it is printed.
     """
-    from crowdbench.utils.tables import format_tables, plain
-
     if format is Format.JSON:
         print(json.dumps(plain(found), indent=2))
     elif format is Format.MARKDOWN:
