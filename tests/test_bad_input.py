@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from crowdbench import cli
-from crowdbench.cli import console, failures
+from crowdbench.cli import console
 from crowdbench.cli.options import assignments
 from crowdbench.runs.results import read_result
 from crowdbench.scenario.cases import Cases, parse_case
@@ -172,8 +172,8 @@ def test_an_exception_without_a_readable_message_is_told():
         def __str__(self):
             raise RuntimeError
 
-    failed = failures.failure(Unreadable())
-    assert failed.status == failures.INTERNAL
+    failed = console.failure(Unreadable())
+    assert failed.status == console.INTERNAL
     assert "Unreadable: its message cannot be read" in failed.sentence
 
 
@@ -207,7 +207,7 @@ def test_a_plug_in_that_closes_the_output_is_told(monkeypatch):
     monkeypatch.setattr(sys, "stdout", Closed())
     with pytest.raises(AttributeError) as error:
         console.flush_output()
-    assert failures.failure(error.value).sentence == "the output cannot be written: a plug-in has closed it"
+    assert console.failure(error.value).sentence == "the output cannot be written: a plug-in has closed it"
 
 
 def test_what_a_killed_process_left_is_cleared_by_the_next_one_in_the_folder(tmp_path):

@@ -50,15 +50,22 @@ def test_a_run_in_parts_is_that_in_one_go(batch, whole, tmp_path):
 
 def test_shards_make_the_whole_in_any_order(whole, tmp_path):
     for number in (3, 1, 2):
-        there = go(tmp_path / "a", batch=4, shard=Shard(number, 3))
-        assert there.is_whole == (number == 2)
+        is_whole = go(tmp_path / "a", batch=4, shard=Shard(number, 3))
+        assert is_whole == (number == 2)
         assert (tmp_path / "a").exists() == (number == 2)
     assert digests(tmp_path / "a") == digests(whole)
 
 
+def make_shard(out, shard, **settings):
+    """The folder with the parts of a shard of a run."""
+    assert not go(out, batch=4, shard=shard, **settings)
+    [folder] = out.parent.glob(f"{out.name}.parts-*")
+    return folder
+
+
 def test_shards_of_several_machines_are_merged(whole, tmp_path):
     folders = [
-        go(tmp_path / f"machine{number}" / "a", batch=4, shard=Shard(number, 2)).folder.rename(tmp_path / str(number))
+        make_shard(tmp_path / f"machine{number}" / "a", Shard(number, 2)).rename(tmp_path / str(number))
         for number in (1, 2)
     ]
     finished, is_whole = find_finished(folders)
@@ -66,7 +73,7 @@ def test_shards_of_several_machines_are_merged(whole, tmp_path):
     merge(finished, tmp_path / "a")
     assert digests(tmp_path / "a") == digests(whole)
     assert find_finished(folders[1:]) == ([], False)
-    other = go(tmp_path / "b", batch=4, cases="8", shard=Shard(1, 2)).folder
+    other = make_shard(tmp_path / "b", Shard(1, 2), cases="8")
     with pytest.raises(InputError, match=r"hold parts of different runs: their request\.json differ$"):
         find_finished([folders[0], other])
 
@@ -131,9 +138,9 @@ def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
     other = threading.Thread(target=make_run, args=(run, tmp_path / "a"), kwargs={"drive": slow})
     other.start()
     assert begun.wait(30.0)
-    there = make_run(run, tmp_path / "a", drive=quick)
+    is_whole = make_run(run, tmp_path / "a", drive=quick)
     other.join()
-    assert there.is_whole
+    assert is_whole
     assert sorted(driven) == [("quick", 2), ("slow", 0)]
 
 

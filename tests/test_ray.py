@@ -14,7 +14,7 @@ from crowdbench.cli import app
 from crowdbench.runs import on_ray as cluster
 from crowdbench.runs.load import load_run
 from crowdbench.runs.results import read_result
-from crowdbench.runs.shards import Parts, make_run
+from crowdbench.runs.shards import Parts, Shard, make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -94,15 +94,16 @@ def test_a_worker_that_is_killed_loses_nothing(tmp_path):
 @pytest.mark.usefixtures("ray")
 def test_a_shard_on_ray_makes_its_batches_only(tmp_path):
     spec = RunSpec("orca", "circle_crossing_5", Cases.parse("12"), record="commands", batch=4)
-    parts = Parts.of(load_run(spec), tmp_path / "a")
+    run = load_run(spec)
+    parts = Parts.of(run, tmp_path / "a")
     cases = []
-    cluster.make_parts([cluster.Job(spec, parts, parts.cases[1:2])], progress=cases.append)
+    cluster.make_parts([Parts.of(run, tmp_path / "a", Shard(2, 3))], progress=cases.append)
     assert cases == [4]
     assert parts.list_finished() == [Cases("test", 4, 8)]
     with parts.claim(parts.cases[0]):  # as another process would
-        cluster.make_parts([cluster.Job(spec, parts, parts.cases)], progress=cases.append)
+        cluster.make_parts([parts], progress=cases.append)
     assert parts.list_finished() == [Cases("test", 4, 8), Cases("test", 8, 12)]
-    make_run(load_run(spec), tmp_path / "a")
+    make_run(run, tmp_path / "a")
     assert read_result(tmp_path / "a")["cases"] == "test:0:12"
 
 

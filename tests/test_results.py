@@ -418,7 +418,7 @@ def test_a_pooled_metric_is_compared_pooled(tmp_path):
 
 def test_labels_show_options_as_they_are_written_in_toml():
     options = {"modes": 5, "limits": {"max_velocity_change": 1.0}, "explore": False}
-    label = planner_label("sarl", options, {"replan_every": 8, "look_first": 1})
+    label = planner_label("sarl", {**options, "replan_every": 8, "look_first": 1})
     assert label == "sarl (modes=5, limits={max_velocity_change=1.0}, explore=false, replan_every=8, look_first=1)"
 
 

@@ -236,8 +236,8 @@ def test_large_files_are_sealed_too(tmp_path):
     (tmp_path / "large").write_bytes(b"0123456789" * 100_000)
     write_manifest(tmp_path, {"versions": {}, "interrupted": False})
     manifest = check_files(tmp_path, ())
-    assert list(manifest.files) == ["large"]
-    assert manifest.code == code()
+    assert list(manifest["files"]) == ["large"]
+    assert manifest["code"] == code()
 
 
 @pytest.mark.parametrize("arguments", [("sarl_cvm", "--record", "all"), ("orca", "--isolated")])

@@ -16,8 +16,8 @@ from typing import Annotated
 
 import typer
 
-from crowdbench.cli.console import flush_output, prepare_streams, say
-from crowdbench.cli.failures import DEBUG, INTERRUPTED, NOTHING_KEPT, failure
+from crowdbench.cli.console import DEBUG, INTERRUPTED, NOTHING_KEPT, failure, flush_output, prepare_streams, say
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils import interrupts
 
 COMMANDS = {
@@ -47,18 +47,21 @@ COMMANDS = {
 """The commands in the order of --help: the module of each in this folder, and the function there."""
 
 
-def _version(wanted: bool | None) -> None:
-    if wanted:
+def _print_version(is_asked: bool | None) -> None:
+    if is_asked:
         print(importlib.metadata.version("crowdbench"))
         raise typer.Exit
 
 
+@help_from_docstring
 def crowdbench(
-    version: Annotated[
-        bool | None, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
-    ] = None,
+    version: Annotated[bool | None, typer.Option("--version", callback=_print_version, is_eager=True)] = None,
 ) -> None:
-    """A benchmark for navigation in crowds."""
+    """A benchmark for navigation in crowds.
+
+    Args:
+        version: Print the version and stop.
+    """
 
 
 def build_app(names: Iterable[str] = COMMANDS) -> typer.Typer:

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from crowdbench.cli.options import (
-    OptionOption,
-    ScenarioOption,
-    SetOption,
-    ThreadsOption,
-    assignments,
-    use_threads,
-)
+from crowdbench.cli.console import announce_compilation, progress
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
@@ -29,30 +21,23 @@ CASES = "val:21"
 """The cases in which a planner's decisions are timed; the first one warms up."""
 
 
+@help_from_docstring
 def bench(
-    lookahead: Annotated[
-        bool,
-        typer.Option(
-            "--lookahead",
-            help="Instead, measure the speed-ups of SARL-SGAN-KCE's lookahead and whether they change any command.",
-        ),
-    ] = False,
-    planner: Annotated[
-        str | None,
-        typer.Option(
-            help="Instead, measure how long this planner takes for a decision in one world alone, in 20 cases. A name "
-            "or a file of your own: ./mine.py.",
-            show_default=False,
-        ),
-    ] = None,
-    scenario: ScenarioOption = SCENARIO,
-    option: OptionOption = None,
-    overrides: SetOption = None,
+    lookahead: bool = False,
+    planner: str | None = None,
+    scenario: str = SCENARIO,
+    option: list[str] | None = None,
+    overrides: list[str] | None = None,
     threads: ThreadsOption = None,
 ) -> None:
     """Measure the speed of the simulator, of decisions, trainings and whole runs on this machine.
 
     --scenario, --option, --set and --threads need --planner.
+
+    Args:
+        lookahead: Instead, measure the speed-ups of SARL-SGAN-KCE's lookahead and whether they change any command.
+        planner: Instead, measure how long this planner takes for a decision in one world alone, in 20 cases. A name
+            or a file of your own: ./mine.py.
     """
     if lookahead and planner is not None:
         raise InputError("--lookahead and --planner are different measurements: give one of them")
@@ -71,27 +56,25 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
     import numpy as np
 
     from crowdbench import catalog
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.runs.decision_time import decision_seconds
     from crowdbench.runs.results import planner_label
     from crowdbench.runs.spec import EVERY_STEP
     from crowdbench.scenario.cases import Cases
 
     announce_compilation()
-    name, made = catalog.load_planner(planner, options)
+    name, loaded = catalog.load_planner(planner, options)
     place, cases = catalog.load_scenario(scenario, overrides), Cases.parse(CASES)
-    with progress(len(cases) - 1, f"of {len(cases) - 1} cases") as tell:
-        seconds = decision_seconds(made, name, place, EVERY_STEP, cases, tell)
+    with progress(len(cases) - 1) as tell:
+        seconds = decision_seconds(loaded, name, place, EVERY_STEP, cases, tell)
     median, late = 1e3 * np.percentile(seconds, [50, 99])
     print(
-        f"{planner_label(name, options, {})} on {place.name}: {len(seconds)} decisions in one world alone take "
+        f"{planner_label(name, options)} on {place.name}: {len(seconds)} decisions in one world alone take "
         f"{median:.3g} ms (median), {late:.3g} ms (99th percentile); a step takes {1e3 * place.rules.dt:g} ms"
     )
 
 
 def _bench_lookahead() -> None:
     from crowdbench.bench import speed_ups
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.scenario.cases import Cases
 
     announce_compilation()
@@ -107,7 +90,6 @@ def _bench_lookahead() -> None:
 
 def _bench_all() -> None:
     from crowdbench.bench.suite import SUITE
-    from crowdbench.cli.console import progress
 
     measured: list[Measurement] = []
     with progress(len(SUITE), f"of {len(SUITE)} measurements") as tell:
@@ -121,15 +103,11 @@ def _bench_all() -> None:
 
 def bench_table(measured: list[Measurement]) -> Grid:
     """Measured speeds; the ratio says how many times less time crowdbench takes than CrowdNav's code."""
-    rows = [
-        (
-            one.work,
-            f"{one.value:.3g} {one.unit}",
-            "" if one.crowdnav is None else f"{one.crowdnav:.3g} {one.unit}",
-            "" if one.ratio is None else f"{one.ratio:.1f}x",
-        )
-        for one in measured
-    ]
+    rows = []
+    for one in measured:
+        crowdnav = "" if one.crowdnav is None else f"{one.crowdnav:.3g} {one.unit}"
+        ratio = "" if one.ratio is None else f"{one.ratio:.1f}x"
+        rows.append((one.work, f"{one.value:.3g} {one.unit}", crowdnav, ratio))
     return Grid("Speed", ("work", "crowdbench", "CrowdNav, recorded", "ratio"), rows, align="lrrr")
 
 

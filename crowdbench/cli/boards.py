@@ -13,23 +13,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
-from crowdbench.cli.options import (
-    DataOption,
-    JsonOption,
-    OptionOption,
-    ThreadsOption,
-    assignments,
-    use_threads,
-)
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
     from crowdbench.boards.entry import Entry, Verification
     from crowdbench.boards.shipped import Job
 
-RootOption = Annotated[Path, typer.Option(help="The folder of boards and entries.")]
-WorkOption = Annotated[Path, typer.Option(help="Folder that keeps finished runs until an entry or a verdict is made.")]
 ShardOption = Annotated[
     str | None, typer.Option(help="Run one share of the batches, such as 2/8; whoever ends last goes on with all.")
 ]
@@ -39,13 +30,15 @@ WORK = Path("runs/boards")
 app = typer.Typer(help="Make the entries and the pages of the leaderboards.", no_args_is_help=True)
 
 
-def new_planner(
-    name: Annotated[str, typer.Argument(help="A name of lower-case letters, digits and underscores.")],
-    out: Annotated[Path, typer.Option(help="Folder in which it gets a folder.")] = Path(),
-) -> None:
-    """Make the folder of a planner of your own: a planner that works, its test, and its card for leaderboards."""
+@help_from_docstring
+def new_planner(name: str, out: Path = Path()) -> None:
+    """Make the folder of a planner of your own: a planner that works, its test, and its card for leaderboards.
+
+    Args:
+        name: A name of lower-case letters, digits and underscores.
+        out: Folder in which it gets a folder.
+    """
     from crowdbench.boards.skeleton import write_skeleton
-    from crowdbench.cli.console import say
 
     folder = write_skeleton(name, out)
     file = folder / f"{name}.py"
@@ -57,41 +50,40 @@ def new_planner(
     )
 
 
+@help_from_docstring
 def submit(
-    planner: Annotated[
-        str, typer.Argument(help="Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.")
-    ],
-    board: Annotated[str, typer.Option(help="The name of a board: one in the folder of boards, or one that ships.")],
-    card: Annotated[
-        Path | None,
-        typer.Option(help="The card that says what the planner is.", show_default="card.toml beside the planner"),
-    ] = None,
-    by: Annotated[
-        str | None, typer.Option(help="Who submits it.", show_default="the first author that the card names")
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="The name of the entry.", show_default="the planner's name")] = None,
-    option: OptionOption = None,
-    network: Annotated[
-        list[str] | None,
-        typer.Option(help="Another network of the same method: key=value, such as weights=b.safetensors. Repeatable."),
-    ] = None,
-    data: DataOption = None,
-    root: RootOption = ROOT,
-    work: WorkOption = WORK,
+    planner: str,
+    board: Annotated[str, typer.Option()],
+    card: Annotated[Path | None, typer.Option(show_default="card.toml beside the planner")] = None,
+    by: Annotated[str | None, typer.Option(show_default="the first author that the card names")] = None,
+    name: Annotated[str | None, typer.Option(show_default="the planner's name")] = None,
+    option: list[str] | None = None,
+    network: list[str] | None = None,
+    data: Path | None = None,
+    root: Path = ROOT,
+    work: Path = WORK,
     shard: ShardOption = None,
     threads: ThreadsOption = None,
 ) -> None:
-    """Make an entry of a leaderboard: check the planner, copy its files, run the public cases with the copy."""
+    """Make an entry of a leaderboard: check the planner, copy its files, run the public cases with the copy.
+
+    Args:
+        planner: Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.
+        board: The name of a board: one in the folder of boards, or one that ships.
+        card: The card that says what the planner is.
+        by: Who submits it.
+        name: The name of the entry.
+        network: Another network of the same method: key=value, such as weights=b.safetensors. Repeatable.
+    """
     use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.submission import Submission, read_card
     from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
-    from crowdbench.cli.console import announce_compilation, progress, say
     from crowdbench.plugins.load import file_and_function, plugin_name, program
-    from crowdbench.runs.shards import WHOLE, Shard
+    from crowdbench.runs.shards import Shard
 
-    own = Shard.parse(shard) if shard else WHOLE
+    own = Shard.parse(shard)
     rules = find_board(board, root).with_data(data)
     options = assignments(option or [], "--option")
     if Path(planner).is_dir():
@@ -107,8 +99,8 @@ def submit(
         say("checking the contract")
         _check_contract(planner, option or [])
     cases = len(rules.public_cases) * len(rules.scenarios)
-    kept = f"finished batches are kept in {work}, with which the same command goes on"
-    with exit_on_interrupt(kept), _exit_on_unfinished(), progress(cases, f"of {cases} public cases") as tell:
+    message = f"finished batches are kept in {work}, with which the same command goes on"
+    with exit_on_interrupt(message), _exit_on_unfinished(), progress(cases, f"of {cases} public cases") as tell:
         entry, failed = submit_planner(submission, root, work, tell, own)
     for scenario, reason in failed.items():
         say(f"{scenario}: counts 0, because it cannot be driven: {reason}")
@@ -138,31 +130,36 @@ def _check_contract(planner: str, options: Sequence[str]) -> None:
         raise InputError(f"planner {planner} breaks its contract: see above")
 
 
+@help_from_docstring
 def verify(
-    entry: Annotated[Path, typer.Argument(help="The folder of an entry.")],
-    by: Annotated[str, typer.Option(help="Who verifies it.")] = "",
-    season: Annotated[
-        bool, typer.Option("--season", help="Drive the cases of the season and record the verdict in the entry.")
-    ] = False,
-    cases: Annotated[int | None, typer.Option(min=1, help="Fewer cases than the board has, without --season.")] = None,
-    data: DataOption = None,
-    work: WorkOption = WORK,
+    entry: Path,
+    by: str = "",
+    season: bool = False,
+    cases: Annotated[int | None, typer.Option(min=1)] = None,
+    data: Path | None = None,
+    work: Path = WORK,
     shard: ShardOption = None,
     threads: ThreadsOption = None,
-    as_json: JsonOption = False,
+    as_json: bool = False,
 ) -> None:
-    """Verify an entry: replay its public cases, then run its planner, isolated, on cases that it cannot know."""
+    """Verify an entry: replay its public cases, then run its planner, isolated, on cases that it cannot know.
+
+    Args:
+        entry: The folder of an entry.
+        by: Who verifies it.
+        season: Drive the cases of the season and record the verdict in the entry.
+        cases: Fewer cases than the board has, without --season.
+    """
     use_threads(threads)
     from crowdbench.boards.board import FILE, find_board, read_board
     from crowdbench.boards.entry import Verdict, read_entry
     from crowdbench.boards.season import read_season
     from crowdbench.boards.verification import count_cases
     from crowdbench.boards.verification import verify as verify_entry
-    from crowdbench.cli.console import announce_compilation, progress
-    from crowdbench.runs.shards import WHOLE, Shard
+    from crowdbench.runs.shards import Shard
     from crowdbench.scenario.cases import Cases
 
-    own = Shard.parse(shard) if shard else WHOLE
+    own = Shard.parse(shard)
     if shard and not season:
         raise InputError("--shard goes with --season: without it, each verification draws another seed")
     if season and cases:
@@ -179,8 +176,8 @@ def verify(
     announce_compilation()
     driven = Cases("test", 0, cases) if cases else None
     total = count_cases(submitted, board, driven)
-    kept = f"finished batches are kept in {work}, with which the same command goes on" if season else "nothing is kept"
-    with exit_on_interrupt(kept), _exit_on_unfinished(), progress(total, f"of {total} cases") as tell:
+    message = f"finished batches are kept in {work}, with which the same command goes on"
+    with exit_on_interrupt(message if season else "nothing is kept"), _exit_on_unfinished(), progress(total) as tell:
         drawn = read_season(folder.parent) if season else None
         result = verify_entry(submitted, board, by=by, work=work, season=drawn, cases=driven, shard=own, progress=tell)
     if as_json:
@@ -214,7 +211,6 @@ def _print_verification(entry: Entry, board: str, result: Verification) -> None:
 def _exit_on_unfinished() -> Iterator[None]:
     """Exit where other shards are missing, and say so."""
     from crowdbench.boards.run_entry import Unfinished
-    from crowdbench.cli.console import say
 
     try:
         yield
@@ -224,31 +220,31 @@ def _exit_on_unfinished() -> Iterator[None]:
 
 
 @app.command()
-def build(
-    out: Annotated[Path, typer.Option(help="Folder for the pages.")],
-    root: RootOption = ROOT,
-) -> None:
-    """Build the pages of all boards: plain files that need no server and no network."""
+@help_from_docstring
+def build(out: Annotated[Path, typer.Option()], root: Path = ROOT) -> None:
+    """Build the pages of all boards: plain files that need no server and no network.
+
+    Args:
+        out: Folder for the pages.
+    """
     from crowdbench.boards.site import build_site
-    from crowdbench.cli.console import say
 
     pages = build_site(root, out)
     say(f"{pages} pages; open {out / 'index.html'}")
 
 
 @app.command()
-def readme(root: RootOption = ROOT) -> None:
+@help_from_docstring
+def readme(root: Path = ROOT) -> None:
     """Write README.md of the folder of boards, with the standings of each board."""
     from crowdbench.boards.markdown import write_readme
-    from crowdbench.cli.console import say
 
     say(f"wrote {write_readme(root)}")
 
 
 @app.command()
-def fill(
-    data: DataOption = None, root: RootOption = ROOT, work: WorkOption = WORK, threads: ThreadsOption = None
-) -> None:
+@help_from_docstring
+def fill(data: Path | None = None, root: Path = ROOT, work: Path = WORK, threads: ThreadsOption = None) -> None:
     """Enter every planner that ships on every board, freeze the entries, and verify them in the season.
 
     Board by board; boards of recorded people only with --data. Finished work is kept, and the same command goes on
@@ -258,7 +254,6 @@ def fill(
     from crowdbench.boards.board import read_boards
     from crowdbench.boards.season import TooEarly
     from crowdbench.boards.shipped import freeze_entries, to_submit, to_verify
-    from crowdbench.cli.console import announce_compilation, say
 
     announce_compilation()
     with exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"):
@@ -282,14 +277,13 @@ def fill(
 def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
     """Do all work that no other process does; False where others are still at theirs when this one has nothing left."""
     from crowdbench.boards.run_entry import InUse
-    from crowdbench.cli.console import progress, say
 
     skipped: set[str] = set()
     while jobs := [job for job in missing() if job.title not in skipped]:
         job = jobs[0]
         say(f"{what}: {job.title}, {len(jobs) - 1} others are missing")
         try:
-            with progress(job.cases, f"of {job.cases} cases") as tell:
+            with progress(job.cases) as tell:
                 job.do(progress=tell)
         except InUse:
             skipped.add(job.title)

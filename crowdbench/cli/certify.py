@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
-from crowdbench.cli.options import DataOption, SetOption, ThreadsOption, assignments, use_threads
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 
 if TYPE_CHECKING:
     from crowdbench.certify.certificate import Certificate
@@ -19,48 +19,49 @@ if TYPE_CHECKING:
     from crowdbench.scenario.scenario import Scenario
 
 
+@help_from_docstring
 def certify(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a file of your own: ./mine.toml.")],
-    cases: Annotated[str, typer.Option(help="test:500 (the first 500 test cases), val:100, 37:38 (case 37 alone).")] = (
-        "test:500"
-    ),
-    margin: Annotated[
-        float,
-        typer.Option(help="Smallest gap to people and obstacles in metres that is tried first; then 0."),
-    ] = 0.1,
-    overrides: SetOption = None,
-    data: DataOption = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory for the certificates.", show_default="runs/certified-SCENARIO")
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier certificates.")] = False,
+    scenario: str,
+    cases: str = "test:500",
+    margin: float = 0.1,
+    overrides: list[str] | None = None,
+    data: Path | None = None,
+    out: Annotated[Path | None, typer.Option(show_default="runs/certified-SCENARIO")] = None,
+    overwrite: bool = False,
     threads: ThreadsOption = None,
 ) -> None:
     """Find commands by which the vehicle succeeds in the cases of a scenario, with foresight of what people will do.
 
     They are kept as a run, which `crowdbench score DIR --replay` simulates again.
+
+    Args:
+        scenario: Name of a scenario, or a file of your own: ./mine.toml.
+        cases: test:500 (the first 500 test cases), val:100, 37:38 (case 37 alone).
+        margin: Smallest gap to people and obstacles in metres that is tried first; then 0.
+        out: Directory for the certificates.
+        overwrite: Replace earlier certificates.
     """
     use_threads(threads)
     from crowdbench import catalog
     from crowdbench.certify.certificate import make
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.certified import FOLDER
 
-    wanted, changes = Cases.parse(cases), assignments(overrides or [], "--set")
+    examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
     loaded = catalog.load_scenario(scenario, changes, data=data, all_cases=True)
     directory = out or Path("runs") / f"certified-{loaded.name}"
     announce_compilation()
     start = time.monotonic()
-    with exit_on_interrupt(), progress(len(wanted), f"of {len(wanted)} cases") as tell:
-        rows = make(loaded, wanted, margin, directory, overrides=changes, overwrite=overwrite, progress=tell)
+    with exit_on_interrupt(), progress(len(examined)) as tell:
+        rows = make(loaded, examined, margin, directory, overrides=changes, overwrite=overwrite, progress=tell)
     seconds = time.monotonic() - start
-    print("\n".join(_report(loaded, wanted, margin, rows, seconds)))
-    print(f"\nKept in {directory / wanted.split}; `crowdbench score {directory / wanted.split} --replay` checks it.")
-    if wanted.start == 0:
-        there = catalog.scenario_path(scenario).parent
-        made, place = directory / f"{loaded.name}.toml", there / FOLDER / f"{loaded.name}.toml"
-        print(f"{made} lists the cases without certificate: as {place} it keeps them out of runs.")
+    print("\n".join(_report(loaded, examined, margin, rows, seconds)))
+    run = directory / examined.split
+    print(f"\nKept in {run}; `crowdbench score {run} --replay` checks it.")
+    if examined.start == 0:
+        folder = catalog.scenario_path(scenario).parent
+        listed, place = directory / f"{loaded.name}.toml", folder / FOLDER / f"{loaded.name}.toml"
+        print(f"{listed} lists the cases without certificate: as {place} it keeps them out of runs.")
 
 
 def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Certificate], seconds: float) -> list[str]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.options import DataOption, LimitOption, OptionOption, assignments
+from crowdbench.cli.console import announce_compilation
+from crowdbench.cli.options import assignments, help_from_docstring
 from crowdbench.cli.tables import print_table
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import InputError
@@ -17,31 +19,28 @@ if TYPE_CHECKING:
     from crowdbench.check import CheckResult
 
 
+SCENARIOS = "circle_crossing_5 for planners, else circle_crossing_mixed with a visible vehicle"
+
+
+@help_from_docstring
 def check(
-    plugin: Annotated[
-        str, typer.Argument(help="A file, ./mine.py or ./mine.py:function, or a name: a planner's, without --kind.")
-    ],
-    kind: Annotated[
-        str | None,
-        typer.Option(
-            help="planners, pedestrians, predictors, metrics or layouts.", show_default="as the file's function says"
-        ),
-    ] = None,
-    option: OptionOption = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="A name or ./mine.toml.",
-            show_default="circle_crossing_5 for planners, else circle_crossing_mixed with a visible vehicle",
-        ),
-    ] = None,
-    cases: Annotated[str, typer.Option(help="The cases of the scenario.")] = "val:20",
-    data: DataOption = None,
-    decision_limit: LimitOption = DECISION_LIMIT,
+    plugin: str,
+    kind: Annotated[str | None, typer.Option(show_default="as the file's function says")] = None,
+    option: list[str] | None = None,
+    scenario: Annotated[str | None, typer.Option(show_default=SCENARIOS)] = None,
+    cases: str = "val:20",
+    data: Path | None = None,
+    decision_limit: float = DECISION_LIMIT,
 ) -> None:
-    """Check point by point whether a plug-in keeps the contract of its kind: valid answers, the same in any batch."""
+    """Check point by point whether a plug-in keeps the contract of its kind: valid answers, the same in any batch.
+
+    Args:
+        plugin: A file, ./mine.py or ./mine.py:function, or a name: a planner's, without --kind.
+        kind: planners, pedestrians, predictors, metrics or layouts.
+        scenario: A name or ./mine.toml.
+        cases: The cases of the scenario.
+    """
     from crowdbench.check.kinds import KINDS, CheckRequest, find_kind
-    from crowdbench.cli.console import announce_compilation
     from crowdbench.scenario.cases import Cases
 
     kind = find_kind(plugin) if kind is None else kind

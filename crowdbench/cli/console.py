@@ -1,4 +1,4 @@
-"""Standard streams, and messages on standard error while a command works: progress, and the wait for the compiler."""
+"""What commands say on standard error: progress, the wait for the compiler, errors; and the standard streams."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from typer.exceptions import TyperException
+
+from crowdbench.utils.errors import InputError, Interrupted, describe_error
 
 PLAIN_INTERVAL = 5.0
 """Seconds between two lines of progress, where there is no terminal."""
@@ -14,19 +19,32 @@ PLAIN_INTERVAL = 5.0
 KNOWN_AFTER = 2.0
 """Seconds after the first piece of work, from which on the time left is estimated."""
 
+DEBUG = "--debug"
+
+INTERRUPTED = 130
+"""The exit status after Ctrl-C."""
+
+NOTHING_KEPT = "interrupted: nothing was kept"
+
+INTERNAL = 3
+"""The exit status after an error of crowdbench itself."""
+
+LONGEST = 1000
+"""Characters of a sentence that are shown: what was wrong may be a text of any length."""
+
 
 @contextlib.contextmanager
-def progress(total: float, what: str) -> Iterator[Callable[[float], None]]:
+def progress(total: float, what: str = "") -> Iterator[Callable[[float], None]]:
     """Show the progress of some work: a bar on a terminal, lines of text elsewhere.
 
     Args:
         total: The pieces of work.
-        what: What is shown after the share that is done, such as `of 500 cases`.
+        what: What is shown after the share that is done, such as `of 8 scenes`; `of TOTAL cases` if empty.
 
     Yields:
         A function to be called with the number of pieces, or parts of them, that were done since its last call.
     """
-    work = _Work(total, what)
+    work = _Work(total, what or f"of {total} cases")
     if sys.stderr.isatty():
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -105,6 +123,62 @@ def announce_compilation() -> None:
     on_first_compilation(
         lambda: say("compiling the simulator for this machine (once, takes some seconds; later runs use a cache)")
     )
+
+
+class Failure(NamedTuple):
+    """What an exception means for a user: one sentence, and the exit status."""
+
+    sentence: str
+    status: int
+
+
+def failure(error: BaseException) -> Failure | None:
+    """What went wrong; None for an exit with a status other than 0, which has said it already.
+
+    Args:
+        error: What a command raised.
+    """
+    if isinstance(error, SystemExit) and error.code:
+        return None
+    if isinstance(error, Interrupted):
+        return Failure(NOTHING_KEPT, INTERRUPTED)
+    if isinstance(error, TyperException):
+        return Failure(_one_line(error.format_message()), 2)
+    if isinstance(error, InputError):
+        return Failure(_one_line(str(error)), 1)
+    if isinstance(error, MemoryError):
+        advice = "ask for fewer cases at once (--batch), fewer pedestrians or shorter episodes"
+        return Failure(f"there is not enough memory: {advice}", 1)
+    if isinstance(error, OSError):
+        place = "the output" if error.filename is None else error.filename
+        return Failure(_one_line(f"{place} cannot be written or read: {error.strerror or error}"), 1)
+    if getattr(sys.stdout, "closed", True):
+        return Failure("the output cannot be written: a plug-in has closed it", 1)
+    request = f"please report it, with the traceback that {DEBUG} shows"
+    return Failure(_one_line(f"an error in crowdbench itself, {describe_error(error)}: {request}"), INTERNAL)
+
+
+def _one_line(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+
+
+@contextlib.contextmanager
+def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
+    """Say what an interrupted command has kept, and exit. Typer would end the command without a word.
+
+    Args:
+        message: What is kept, or a function that says it after the interrupt. If empty, what the interrupt itself says
+            is printed; an interrupt that says nothing is passed on.
+    """
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        sentence = f"interrupted: {message if isinstance(message, str) else message()}" if message else str(error)
+        if not sentence:
+            raise
+        say(f"crowdbench: {sentence}")
+        sys.exit(INTERRUPTED)
 
 
 def prepare_streams() -> None:

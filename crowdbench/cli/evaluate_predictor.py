@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import JsonOption, OptionOption, SetOption, assignments
+from crowdbench.cli.console import announce_compilation, progress
+from crowdbench.cli.options import assignments, help_from_docstring
 from crowdbench.cli.tables import interval, number, print_table
 from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError
@@ -22,14 +23,6 @@ if TYPE_CHECKING:
 
     Measure = Callable[[str, Predictor], dict[str, Errors]]
 
-DataOption = Annotated[
-    Path | None,
-    typer.Option(
-        help="A folder of recorded tracks to measure on: *.txt with frame, pedestrian, x, y, as ETH/UCY has. With "
-        "--scenario, the folder that its table [tracks] needs."
-    ),
-]
-
 MEASURES = "ADE is the mean error over the steps up to the horizon, FDE the error at the horizon."
 MODES = (
     "best of 1: the first mode. best of n together: the mode that is best for the whole crowd or window.\n"
@@ -39,41 +32,45 @@ ON_SCENARIO = "Errors are measured without a vehicle, until each pedestrian reac
 ON_TRACKS = "8 frames are observed, in all windows with 2 pedestrians or more."
 
 
+@help_from_docstring
 def evaluate_predictor(
-    predictors: Annotated[list[str], typer.Argument(help="Names, ./mine.py or ./mine.py:function.")],
-    option: OptionOption = None,
-    scenario: Annotated[str | None, typer.Option(help="A name or ./mine.toml; circle_crossing_5 if not given.")] = None,
-    cases: Annotated[str | None, typer.Option(help="Of the scenario, such as val:100; val:200 if not given.")] = None,
-    overrides: SetOption = None,
-    data: DataOption = None,
-    ahead: Annotated[int, typer.Option(min=1, max=MOST_AHEAD, help="Number of steps that are predicted.")] = HORIZON,
-    as_json: JsonOption = False,
+    predictors: list[str],
+    option: list[str] | None = None,
+    scenario: str | None = None,
+    cases: str | None = None,
+    overrides: list[str] | None = None,
+    data: Path | None = None,
+    ahead: Annotated[int, typer.Option(min=1, max=MOST_AHEAD)] = HORIZON,
+    as_json: bool = False,
 ) -> None:
-    """Measure the errors of predictors on the crowds of a scenario or on recorded tracks."""
-    from crowdbench.cli.console import announce_compilation
+    """Measure the errors of predictors on the crowds of a scenario or on recorded tracks.
 
+    Args:
+        predictors: Names, ./mine.py or ./mine.py:function.
+        scenario: A name or ./mine.toml; circle_crossing_5 if not given.
+        cases: Of the scenario, such as val:100; val:200 if not given.
+        data: A folder of recorded tracks to measure on: *.txt with frame, pedestrian, x, y, as ETH/UCY has. With
+            --scenario, the folder that its table [tracks] needs.
+        ahead: Number of steps that are predicted.
+    """
     announce_compilation()
     options = assignments(option or [], "--option")
     loaded = _load_predictors(predictors, options)
     if data is None or scenario is not None:
         about, measure = _on_scenario(scenario or "circle_crossing_5", cases or "val:200", overrides or [], data, ahead)
     else:
-        for flag, given in (("--cases", cases), ("--set", overrides)):
-            if given is not None:
+        for flag, value in (("--cases", cases), ("--set", overrides)):
+            if value is not None:
                 raise InputError(f"{flag} goes with --scenario only: without it, the tracks in {data} are measured on")
         about, measure = _on_tracks(data, ahead)
     errors = {name: measure(name, predictor) for name, predictor in loaded.items()}
     if not as_json:
         _print_errors(about, options, errors)
         return
-    results = {
-        name: {
-            "options": options,
-            "privileged": loaded[name].privileged,
-            "errors": {dataset: dataclasses.asdict(each) for dataset, each in measured.items()},
-        }
-        for name, measured in errors.items()
-    }
+    results = {}
+    for name, predictor in loaded.items():
+        by_dataset = {dataset: dataclasses.asdict(each) for dataset, each in errors[name].items()}
+        results[name] = {"options": options, "privileged": predictor.privileged, "errors": by_dataset}
     print(json.dumps(about | {"predictors": results}, indent=2))
 
 
@@ -82,38 +79,36 @@ def _load_predictors(specs: list[str], options: Mapping[str, Any]) -> dict[str, 
 
     if options and len(specs) > 1:
         raise InputError(f"--option does not go with {len(specs)} predictors: give one, or a file that sets its own")
-    made: dict[str, Predictor] = {}
+    predictors: dict[str, Predictor] = {}
     for spec in specs:
         name, predictor = load_predictor(spec, options)
-        if name in made:
+        if name in predictors:
             raise InputError(f"two predictors are called {name}: rename one, or name another function")
-        made[name] = predictor
-    return made
+        predictors[name] = predictor
+    return predictors
 
 
 def _on_scenario(
     scenario: str, cases: str, overrides: list[str], data: Path | None, ahead: int
 ) -> tuple[dict[str, Any], Measure]:
     from crowdbench import catalog
-    from crowdbench.cli.console import progress
     from crowdbench.metrics import prediction_errors
     from crowdbench.scenario.cases import Cases
 
     settings = assignments(overrides, "--set")
-    found, wanted = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
-    found.check_data(data)
+    loaded, driven = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
+    loaded.check_data(data)
 
     def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
-        with progress(len(wanted), f"of {len(wanted)} cases") as tell:
-            return {found.name: prediction_errors.on_scenario(name, predictor, found, wanted, ahead, tell)}
+        with progress(len(driven)) as tell:
+            return {loaded.name: prediction_errors.on_scenario(name, predictor, loaded, driven, ahead, tell)}
 
-    about = {"scenario": found.name, "overrides": settings, "digest": found.digest, "cases": str(wanted)}
-    about["clusters"] = "blocks of recorded time" if found.tracks else "cases"
-    return about | {"dt": found.rules.dt, "ahead": ahead}, measure
+    about = {"scenario": loaded.name, "overrides": settings, "digest": loaded.digest, "cases": str(driven)}
+    about["clusters"] = "blocks of recorded time" if loaded.tracks else "cases"
+    return about | {"dt": loaded.rules.dt, "ahead": ahead}, measure
 
 
 def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
-    from crowdbench.cli.console import progress
     from crowdbench.metrics.prediction_errors import on_tracks
     from crowdbench.scenario.tracks import eth_ucy
 

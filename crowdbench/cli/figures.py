@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from crowdbench.cli.options import FormatOption
+from crowdbench.cli.console import say
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, format_tables
 
@@ -22,62 +25,61 @@ class Kind(StrEnum):
     TRAINING = "training"
 
 
-def table(
-    directories: Annotated[list[Path], typer.Argument(help="Directories of runs.")],
-    metric: Annotated[
-        list[str] | None, typer.Option(help="A metric, as a column. Repeatable; else those that most papers have.")
-    ] = None,
-    format: FormatOption = Format.MARKDOWN,
-) -> None:
-    """Print a table of runs: the means of metrics with 95 % intervals."""
-    from crowdbench.figures.table import table as made
+@help_from_docstring
+def table(directories: list[Path], metric: list[str] | None = None, format: Format = Format.MARKDOWN) -> None:
+    """Print a table of runs: the means of metrics with 95 % intervals.
 
-    print(format_tables([made(directories, metric or [])], format))
+    Args:
+        directories: Directories of runs.
+        metric: A metric, as a column. Repeatable; else those that most papers have.
+    """
+    from crowdbench.figures.table import table as make_table
+
+    print(format_tables([make_table(directories, metric or [])], format))
 
 
-def plot(
-    kind: Annotated[
-        Kind,
-        typer.Argument(
-            help="success: cases solved over time. metric: the distribution of --metric. density: success over the "
-            "number of pedestrians. training: success on validation cases."
-        ),
-    ],
-    directories: Annotated[list[Path], typer.Argument(help="Directories of runs; for training, of trainings.")],
-    metric: Annotated[str | None, typer.Option(help="The metric of a figure of kind metric.")] = None,
-    out: Annotated[Path, typer.Option(help="The figure: a .pdf, .svg or .png file.")] = Path("figure.pdf"),
-) -> None:
-    """Draw a figure of runs, or of trainings, as wide as a column of a paper."""
-    from crowdbench.cli.console import say
+@help_from_docstring
+def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Path = Path("figure.pdf")) -> None:
+    """Draw a figure of runs, or of trainings, as wide as a column of a paper.
+
+    Args:
+        kind: success: cases solved over time. metric: the distribution of --metric. density: success over the number
+            of pedestrians. training: success on validation cases.
+        directories: Directories of runs; for training, of trainings.
+        metric: The metric of a figure of kind metric.
+        out: The figure: a .pdf, .svg or .png file.
+    """
     from crowdbench.figures import plots
 
     if (kind is Kind.METRIC) != (metric is not None):
         raise InputError("a figure of kind metric needs --metric NAME, and no other one takes it")
-    if kind is Kind.SUCCESS:
-        plots.success_over_time(directories, out)
-    elif kind is Kind.DENSITY:
-        plots.success_over_density(directories, out)
-    elif kind is Kind.TRAINING:
-        plots.learning_curves(directories, out)
-    else:
-        plots.distribution(directories, str(metric), out)
+    draw: dict[Kind, Callable[..., None]] = {
+        Kind.SUCCESS: plots.success_over_time,
+        Kind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
+        Kind.DENSITY: plots.success_over_density,
+        Kind.TRAINING: plots.learning_curves,
+    }
+    draw[kind](directories, out=out)
     say(f"wrote {out}")
 
 
+@help_from_docstring
 def render(
-    run: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
-    case: Annotated[int, typer.Option(help="The recorded case.")],
-    strip: Annotated[
-        int | None, typer.Option(min=1, max=12, help="Draw so many moments side by side instead of the whole way.")
-    ] = None,
-    out: Annotated[
-        Path, typer.Option(help="A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).")
-    ] = Path("case.png"),
+    run: Path,
+    case: Annotated[int, typer.Option()],
+    strip: Annotated[int | None, typer.Option(min=1, max=12)] = None,
+    out: Path = Path("case.png"),
 ) -> None:
-    """Draw a recorded case from above, as a figure or a film. No viewer is needed."""
+    """Draw a recorded case from above, as a figure or a film. No viewer is needed.
+
+    Args:
+        run: Directory of a run, or an .rrd file.
+        case: The recorded case.
+        strip: Draw so many moments side by side instead of the whole way.
+        out: A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).
+    """
     import numpy as np
 
-    from crowdbench.cli.console import say
     from crowdbench.cli.results import recording_of
     from crowdbench.figures import episode
     from crowdbench.record.contents import read

@@ -1,63 +1,83 @@
-"""Options that several commands have."""
+"""How commands say what their options are, and the options that several commands have."""
 
 from __future__ import annotations
 
+import copy
+import inspect
 import json
 import os
 import tomllib
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import typer
+from docstring_parser import DocstringStyle, parse
 
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import Format
 
-PlannerOption = Annotated[
-    str, typer.Option(help="Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.")
-]
-OptionOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--option",
-        help="An option of the planner or predictor: key=value. Repeatable. `crowdbench list planners NAME` and "
-        "`list predictors NAME` show them.",
-    ),
-]
-ScenarioOption = Annotated[str, typer.Option(help="Name of a scenario, or a file of your own: ./mine.toml.")]
-CasesOption = Annotated[
-    str,
-    typer.Option(help="500 (the first 500 test cases), 2000:2500, 37:38 (case 37 alone), val:100 (validation cases)."),
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="Change a key of the scenario, such as vehicle.visible=true. Repeatable."),
-]
-PedestriansOption = Annotated[
-    str | None,
-    typer.Option(help="Move all pedestrians by one policy: a name or ./mine.py.", show_default="as the scenario says"),
-]
-DataOption = Annotated[
-    Path | None, typer.Option(help="Folder with recorded tracks, which scenarios with a table [tracks] need.")
-]
-MetricOption = Annotated[
-    list[str] | None, typer.Option("--metric", help="A file with a metric of your own: ./mine.py. Repeatable.")
-]
-LimitOption = Annotated[
-    float, typer.Option(help="Longest time in seconds that the planner may take for one decision of a whole batch.")
-]
-ThreadsOption = Annotated[int | None, typer.Option(min=1, help="Number of threads.", show_default="one per core")]
-OnOption = Annotated[
-    str | None,
-    typer.Option(
-        "--on",
-        help="ray: on the Ray cluster of RAY_ADDRESS, or Ray on this machine. --threads are then those of each batch.",
-        show_default="here",
-    ),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
-FormatOption = Annotated[Format, typer.Option(help="How the table is written; latex needs the package booktabs.")]
+ThreadsOption = Annotated[int | None, typer.Option(min=1, show_default="one per core")]
+OnOption = Annotated[str | None, typer.Option(show_default="here")]
+
+SHARED = {
+    "as_json": "Print the result as JSON instead of a table.",
+    "data": "Folder with recorded tracks, which scenarios with a table [tracks] need.",
+    "decision_limit": "Longest time in seconds that the planner may take for one decision of a whole batch.",
+    "format": "How the table is written; latex needs the package booktabs.",
+    "metric": "A file with a metric of your own: ./mine.py. Repeatable.",
+    "on": "ray: on the Ray cluster of RAY_ADDRESS, or Ray on this machine. --threads are then those of each batch.",
+    "option": "An option of the planner or predictor: key=value. Repeatable. `crowdbench list planners NAME` and "
+    "`list predictors NAME` show them.",
+    "overrides": "Change a key of the scenario, such as vehicle.visible=true. Repeatable.",
+    "overwrite": "Replace the directory of an earlier run.",
+    "planner": "Name of a planner, or a file of your own: ./mine.py or ./mine.py:factory.",
+    "root": "The folder of boards and entries.",
+    "scenario": "Name of a scenario, or a file of your own: ./mine.toml.",
+    "threads": "Number of threads.",
+    "work": "Folder that keeps finished runs until an entry or a verdict is made.",
+}
+"""What parameters mean that several commands have, by their names, where a command's docstring says nothing of them."""
+
+FLAGS = {"as_json": "--json", "overrides": "--set"}
+"""The options of parameters that are not called like their option."""
+
+Command = TypeVar("Command", bound=Callable[..., None])
+
+
+def help_from_docstring(command: Command) -> Command:
+    """Move what the `Args:` of a command's docstring, or else `SHARED`, say of its parameters into their help.
+
+    A parameter without a default is an argument, another one an option, unless its annotation says otherwise.
+    """
+    description, helps = parse_docstring(command.__doc__)
+    signature = inspect.signature(command, eval_str=True)
+    parameters = [_with_help(each, (SHARED | helps).get(each.name)) for each in signature.parameters.values()]
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    command.__doc__ = description
+    return command
+
+
+def parse_docstring(docstring: object) -> tuple[str, dict[str, str]]:
+    """A docstring without its sections, and what its `Args:` or `Attributes:` say by name.
+
+    Whatever else a plug-in has put in the place of a docstring says nothing.
+    """
+    parsed = parse(docstring if isinstance(docstring, str) else "", DocstringStyle.GOOGLE)
+    entries = {entry.arg_name: " ".join((entry.description or "").split()) for entry in parsed.params}
+    return parsed.description or "", entries
+
+
+def _with_help(parameter: inspect.Parameter, text: str | None) -> inspect.Parameter:
+    if text is None:
+        return parameter
+    hint = parameter.annotation
+    kind, *infos = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    if not infos and (kind is bool or parameter.name in FLAGS):  # Typer would add the opposite of a bool
+        infos = [typer.Option(FLAGS.get(parameter.name, f"--{parameter.name.replace('_', '-')}"))]
+    if not infos:
+        infos = [typer.Argument() if parameter.default is parameter.empty else typer.Option()]
+    info = copy.copy(infos[0])  # several commands may have it
+    info.help = text
+    return parameter.replace(annotation=Annotated[kind, info])
 
 
 def is_on_ray(on: str | None) -> bool:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crowdbench.cli.options import DataOption, JsonOption, MetricOption
+from crowdbench.cli.console import announce_compilation, progress, say
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.cli.tables import interval, number, print_table, result_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, Grid, format_tables
@@ -19,18 +21,16 @@ if TYPE_CHECKING:
     from crowdbench.runs.results import Episodes
 
 
-def compare(
-    reference: Annotated[Path, typer.Argument(help="Directory of the run that others are compared with.")],
-    others: Annotated[list[Path], typer.Argument(help="Directories of other runs on the same scenario and cases.")],
-    metric: Annotated[
-        list[str] | None, typer.Option(help="A metric. Repeatable; else all for two runs, some for more.")
-    ] = None,
-    format: Annotated[
-        Format | None, typer.Option(help="Write the comparison alone, as a table; latex needs the package booktabs.")
-    ] = None,
-) -> None:
-    """Compare runs with one of them, paired by case."""
-    from crowdbench.cli.console import say
+@help_from_docstring
+def compare(reference: Path, others: list[Path], metric: list[str] | None = None, format: Format | None = None) -> None:
+    """Compare runs with one of them, paired by case.
+
+    Args:
+        reference: Directory of the run that others are compared with.
+        others: Directories of other runs on the same scenario and cases.
+        metric: A metric. Repeatable; else all for two runs, some for more.
+        format: Write the comparison alone, as a table; latex needs the package booktabs.
+    """
     from crowdbench.figures.table import comparison
     from crowdbench.runs.compare import compare_to
 
@@ -84,26 +84,25 @@ def changed_cases(found: Comparison) -> str:
     return "\n".join(lines)
 
 
+@help_from_docstring
 def view(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(help="Directory of a run, or an .rrd file; several show one case of each, side by side."),
-    ],
-    case: Annotated[int | None, typer.Option(help="Show only this case.")] = None,
-    worst: Annotated[
-        str | None,
-        typer.Option(help="Show the recorded case in which this metric, such as jerk, is worst in the (first) run."),
-    ] = None,
-    time: Annotated[
-        float | None, typer.Option(min=0.0, help="Show this moment of the case first, in seconds, not its end.")
-    ] = None,
-    screenshot: Annotated[
-        Path | None,
-        typer.Option(help="Write a picture of the case to this .png file; no window opens."),
-    ] = None,
-    web: Annotated[bool, typer.Option("--web", help="Open it in a browser.")] = False,
+    runs: list[Path],
+    case: int | None = None,
+    worst: str | None = None,
+    time: Annotated[float | None, typer.Option(min=0.0)] = None,
+    screenshot: Path | None = None,
+    web: bool = False,
 ) -> None:
-    """Open a recording in the Rerun viewer, or the same case of several."""
+    """Open a recording in the Rerun viewer, or the same case of several.
+
+    Args:
+        runs: Directory of a run, or an .rrd file; several show one case of each, side by side.
+        case: Show only this case.
+        worst: Show the recorded case in which this metric, such as jerk, is worst in the (first) run.
+        time: Show this moment of the case first, in seconds, not its end.
+        screenshot: Write a picture of the case to this .png file; no window opens.
+        web: Open it in a browser.
+    """
     from crowdbench.record import view as viewer
 
     paths = [recording_of(run) for run in runs]
@@ -144,57 +143,57 @@ def _worst(run: Path, metric: str, recorded: list[int]) -> int:
     return int(episodes.case[np.nanargmax(values)])
 
 
+@help_from_docstring
 def score(
-    recording: Annotated[Path, typer.Argument(help="Directory of a run, or an .rrd file.")],
-    metric: MetricOption = None,
-    replay: Annotated[
-        bool,
-        typer.Option(
-            "--replay",
-            help="Simulate all cases again from the recorded commands, without the planner, and say what in the run's "
-            "files differs.",
-        ),
-    ] = False,
-    pedestrians: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="With --replay: the file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable."
-        ),
-    ] = None,
-    layout: Annotated[
-        str | None, typer.Option(help="With --replay: the file of a layout of your own that the run had, ./mine.py.")
-    ] = None,
-    data: DataOption = None,
-    as_json: JsonOption = False,
+    recording: Path,
+    metric: list[str] | None = None,
+    replay: bool = False,
+    pedestrians: list[str] | None = None,
+    layout: str | None = None,
+    data: Path | None = None,
+    as_json: bool = False,
 ) -> None:
-    """Compute the metrics of a run again: from its recording, or by a replay of its commands."""
+    """Compute the metrics of a run again: from its recording, or by a replay of its commands.
+
+    Args:
+        recording: Directory of a run, or an .rrd file.
+        replay: Simulate all cases again from the recorded commands, without the planner, and say what in the run's
+            files differs.
+        pedestrians: With --replay: the file of a pedestrian policy of your own that the run had, ./mine.py. Repeatable.
+        layout: With --replay: the file of a layout of your own that the run had, ./mine.py.
+    """
     if replay:
         _replay(recording, metric or [], pedestrians or [], layout, data, as_json)
         return
-    if layout:
-        raise InputError("--layout is for --replay: a recording says where everybody started")
-    if data:
-        raise InputError("--data is for --replay: a recording says where everybody walked")
-    if pedestrians:
-        raise InputError("--pedestrians is for --replay: a recording says where the pedestrians walked")
-    from crowdbench.cli.console import say
+    for flag, value, recorded in (
+        ("--layout", layout, "where everybody started"),
+        ("--data", data, "where everybody walked"),
+        ("--pedestrians", pedestrians, "where the pedestrians walked"),
+    ):
+        if value:
+            raise InputError(f"{flag} is for --replay: a recording says {recorded}")
     from crowdbench.metrics.load import load_metrics
+    from crowdbench.record.contents import read
     from crowdbench.runs.manifest import doubts
-    from crowdbench.runs.results import RECORDING
-    from crowdbench.runs.score import score as measure
+    from crowdbench.runs.results import RECORDING, Episodes, to_json
 
     if recording.is_dir():
         for doubt in doubts(recording, (RECORDING,)):
             say(f"crowdbench: {doubt}")
-    metrics = load_metrics(metric or [])
-    scored = measure(recording_of(recording), metrics)
+    metrics, contents = load_metrics(metric or []), read(recording_of(recording))
+    episodes = Episodes.of(contents.trace, metrics)
+    result: dict[str, Any] = {}
+    if len(episodes) == contents.cases:  # the rates of a part would be biased, because failures are preferred
+        result = {"metrics": to_json(episodes.summary()), "rates": episodes.rates}
     if as_json:
-        print(json.dumps(scored.to_json(), indent=2))
-    elif scored.complete:
-        title = f"{scored.planner} on {scored.scenario}, from {recording}"
-        print_table(result_table(title, scored.to_json(), metrics))
+        about = {"planner": contents.planner, "scenario": contents.scenario, "cases": contents.cases}
+        rows = dataclasses.replace(episodes, block=None).to_arrow().to_pylist()
+        print(json.dumps({**about, "episodes": rows, **result}, indent=2))
+    elif result:
+        title = f"{contents.planner} on {contents.scenario}, from {recording}"
+        print_table(result_table(title, result, metrics))
     else:
-        print_table(_episodes_table(scored.cases, scored.episodes))
+        print_table(_episodes_table(contents.cases, episodes))
 
 
 def _episodes_table(cases: int, episodes: Episodes) -> Grid:
@@ -216,7 +215,6 @@ def _replay(
 ) -> None:
     """Print what a replay finds, and exit with 1 if anything differs."""
     from crowdbench import catalog
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.replay import replay
     from crowdbench.runs.results import RESULT
@@ -228,7 +226,7 @@ def _replay(
     source = str(directory / RESULT)
     scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians, layout, data)
     cases = len(run.commands.case)
-    with progress(cases, f"of {cases} cases") as tell:
+    with progress(cases) as tell:
         found = replay(run, scenario, measured, tell)
     print(json.dumps(found.to_json(), indent=2) if as_json else found)
     if found.differences:

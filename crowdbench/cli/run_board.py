@@ -11,55 +11,48 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crowdbench.cli.boards import ROOT
-from crowdbench.cli.failures import exit_on_interrupt
-from crowdbench.cli.options import (
-    DataOption,
-    JsonOption,
-    OptionOption,
-    PlannerOption,
-    ThreadsOption,
-    assignments,
-    use_threads,
-)
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.cli.tables import board_table, print_table
 from crowdbench.utils.errors import InputError, MachineFault
+from crowdbench.utils.tables import plain
 
 if TYPE_CHECKING:
     from crowdbench.runs.run import Run
 
 
+@help_from_docstring
 def run_board(
-    board: Annotated[str, typer.Argument(help="The name of a board.")],
-    planner: PlannerOption,
-    option: OptionOption = None,
-    cases: Annotated[
-        str | None, typer.Option(help="The cases of each scenario.", show_default="the public cases of the board")
-    ] = None,
-    data: DataOption = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder that keeps the runs.", show_default="runs/board-BOARD")
-    ] = None,
+    board: str,
+    planner: Annotated[str, typer.Option()],
+    option: list[str] | None = None,
+    cases: Annotated[str | None, typer.Option(show_default="the public cases of the board")] = None,
+    data: Path | None = None,
+    out: Annotated[Path | None, typer.Option(show_default="runs/board-BOARD")] = None,
     threads: ThreadsOption = None,
-    as_json: JsonOption = False,
+    as_json: bool = False,
 ) -> None:
     """Drive a planner through all scenarios of a board by its rules, and print its figures.
 
     The runs are kept as a study's are: the same command makes only those that are missing.
+
+    Args:
+        board: The name of a board.
+        cases: The cases of each scenario.
+        out: Folder that keeps the runs.
     """
     use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.standings import board_figures, read_estimates
-    from crowdbench.cli.console import announce_compilation
     from crowdbench.runs.load import load_run
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
     from crowdbench.study.folder import run_directory
-    from crowdbench.utils.tables import plain
 
     rules = find_board(board, ROOT).with_data(data)
-    asked = Cases.parse(cases) if cases else rules.public_cases
+    driven_cases = Cases.parse(cases) if cases else rules.public_cases
     options, overrides = assignments(option or [], "--option"), rules.overrides(None)
-    base = RunSpec(planner, "", asked, options, overrides, replanning=rules.replanning, record="none", data=data)
+    base = RunSpec(planner, "", driven_cases, options, overrides, replanning=rules.replanning, record="none", data=data)
     runs = {name: load_run(replace(base, scenario=name)) for name in rules.scenarios}
     announce_compilation()
     directory = out or Path("runs") / f"board-{rules.name}"
@@ -71,10 +64,10 @@ def run_board(
     }
     found[f"board {rules.name}"] = board_figures(rules, dict(found))
     if as_json:
-        print(json.dumps(plain({"board": rules.name, "cases": str(asked), "metrics": found}), indent=2))
+        print(json.dumps(plain({"board": rules.name, "cases": str(driven_cases), "metrics": found}), indent=2))
     else:
         driver = next(iter(runs.values())).driver.name
-        print_table(board_table(f"{driver} on board {rules.name}, cases {asked} of each scenario", found))
+        print_table(board_table(f"{driver} on board {rules.name}, cases {driven_cases} of each scenario", found))
         print(f"\nKept in {directory}")
 
 
@@ -91,14 +84,13 @@ def _make(runs: Mapping[str, Run], out: Path) -> dict[str, str]:
     Raises:
         InputError: It can drive in none.
     """
-    from crowdbench.cli.console import progress, say
     from crowdbench.study.folder import make_in_folder
 
     failed: dict[str, str] = {}
     for scenario, run in runs.items():
         say(f"{scenario}, cases {run.spec.cases}")
         try:
-            with progress(len(run.spec.cases), f"of {len(run.spec.cases)} cases") as tell:
+            with progress(len(run.spec.cases)) as tell:
                 make_in_folder(run, out, tell)
         except MachineFault:
             raise

@@ -9,16 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
-from crowdbench.cli.options import (
-    DataOption,
-    FormatOption,
-    OnOption,
-    ThreadsOption,
-    is_on_ray,
-    use_threads,
-)
-from crowdbench.utils.tables import Format
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
+from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.utils.tables import Format, format_tables, plain
 
 if TYPE_CHECKING:
     from crowdbench.runs.run import Run
@@ -33,18 +26,22 @@ ShardOption = Annotated[
 ]
 
 
+@help_from_docstring
 def study(
-    file: Annotated[Path, typer.Argument(help="A study, such as docs/studies/crowds.toml.")],
-    out: Annotated[
-        Path | None, typer.Option(help="Folder that keeps its runs.", show_default="runs/study-<name>")
-    ] = None,
-    data: DataOption = None,
+    file: Path,
+    out: Annotated[Path | None, typer.Option(show_default="runs/study-<name>")] = None,
+    data: Path | None = None,
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    format: FormatOption = Format.MARKDOWN,
+    format: Format = Format.MARKDOWN,
 ) -> None:
-    """Make the runs of a study that are not there yet, and print its tables in Markdown."""
+    """Make the runs of a study that are not there yet, and print its tables in Markdown.
+
+    Args:
+        file: A study, such as docs/studies/crowds.toml.
+        out: Folder that keeps its runs.
+    """
     use_threads(None if is_on_ray(on) else threads)
     from crowdbench.study.study import read_study
 
@@ -56,20 +53,26 @@ def study(
     _print({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
 
 
+@help_from_docstring
 def reproduce(
-    table: Annotated[int | None, typer.Option(min=1, max=4, help="One of the paper's four tables alone.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="A quick look: one network per row, few cases.")] = False,
-    out: Annotated[Path, typer.Option(help="Folder that keeps the runs.")] = Path("runs/reproduce"),
+    table: Annotated[int | None, typer.Option(min=1, max=4)] = None,
+    quick: bool = False,
+    out: Path = Path("runs/reproduce"),
     shard: ShardOption = None,
     on: OnOption = None,
     threads: ThreadsOption = None,
-    format: FormatOption = Format.MARKDOWN,
+    format: Format = Format.MARKDOWN,
 ) -> None:
     """Make the tables of Li et al. (2020), measured beside reported, and say which of the paper's claims hold.
 
     Table 1 is of five pedestrians, 2 of ten, 3 of eight commands per observation, 4 of KCE. A quick look takes some
     minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command goes on
     after them.
+
+    Args:
+        table: One of the paper's four tables alone.
+        quick: A quick look: one network per row, few cases.
+        out: Folder that keeps the runs.
     """
     use_threads(None if is_on_ray(on) else threads)
     from crowdbench.study.claims import tally
@@ -85,20 +88,20 @@ def reproduce(
     _print({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
 
 
+@help_from_docstring
 def validity(
-    policies: Annotated[
-        list[str] | None,
-        typer.Argument(help="Pedestrian policies, by name or ./mine.py.", show_default=" ".join(SHIPPED)),
-    ] = None,
+    policies: Annotated[list[str] | None, typer.Argument(show_default=" ".join(SHIPPED))] = None,
     threads: ThreadsOption = None,
 ) -> None:
     """Measure speed against density, lanes and flow through a door beside published figures, and print a page of them.
 
     Takes about two minutes, and prints Markdown: docs/validity.md.
+
+    Args:
+        policies: Pedestrian policies, by name or ./mine.py.
     """
     use_threads(threads)
     from crowdbench.catalog import PEDESTRIANS
-    from crowdbench.cli.console import announce_compilation, progress
     from crowdbench.study.validity.experiments import run_experiment, settings
     from crowdbench.study.validity.page import page
 
@@ -124,8 +127,6 @@ def _print(found: object, tables: Sequence[FilledTable], page: str, format: Form
         page: The page, in Markdown.
         format: How it is printed.
     """
-    from crowdbench.utils.tables import format_tables, plain
-
     if format is Format.JSON:
         print(json.dumps(plain(found), indent=2))
     elif format is Format.MARKDOWN:
@@ -136,27 +137,25 @@ def _print(found: object, tables: Sequence[FilledTable], page: str, format: Form
 
 def _make(runs: Sequence[Run], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:
     """Make the runs that the folder `out` lacks; exits after an interrupt, and where other shards are missing."""
-    from crowdbench.cli.console import announce_compilation, say
-    from crowdbench.runs.shards import WHOLE, Shard
+    from crowdbench.runs.shards import Shard
     from crowdbench.study.folder import describe_run, make_in_folder, missing_runs, run_directory
 
     announce_compilation()
-    lacking = missing_runs(runs, out, Shard.parse(shard) if shard else WHOLE)
+    lacking = missing_runs(runs, out, Shard.parse(shard))
     with exit_on_interrupt(f"the same command goes on with the runs that are kept in {out}"):
         left = _make_on_ray(lacking, out, threads or 1) if is_on_ray(on) and lacking else _make_here(lacking, out)
         for run in left:
             say(f"another process is making {describe_run(run)}")
             make_in_folder(run, out)
-    if shard and (others := missing_runs(runs, out)):
+    if shard and (missing := missing_runs(runs, out)):
         number = len({run_directory(run, out) for run in runs})
-        there = f"{number - len(others)} of {number} runs are in {out}"
-        say(f"crowdbench: {there}; the shard that ends last, or the same command without --shard, prints the tables")
+        finished = f"{number - len(missing)} of {number} runs are in {out}"
+        say(f"crowdbench: {finished}; the shard that ends last, or the same command without --shard, prints the tables")
         raise typer.Exit
 
 
 def _make_here(lacking: Sequence[Run], out: Path) -> list[Run]:
     """Make runs, and return those that other processes are making."""
-    from crowdbench.cli.console import progress, say
     from crowdbench.study.folder import describe_run, make_in_folder
 
     left = []
@@ -172,8 +171,7 @@ def _make_here(lacking: Sequence[Run], out: Path) -> list[Run]:
 
 def _make_on_ray(lacking: Sequence[Run], out: Path, cpus: int) -> list[Run]:
     """Have the workers of a Ray cluster make runs, and return those that other processes are making."""
-    from crowdbench.cli.console import progress
-    from crowdbench.runs.on_ray import Job, make_parts
+    from crowdbench.runs.on_ray import make_parts
     from crowdbench.runs.shards import Parts
     from crowdbench.study.folder import make_in_folder, run_directory
 
@@ -183,8 +181,8 @@ def _make_on_ray(lacking: Sequence[Run], out: Path, cpus: int) -> list[Run]:
         if not make_in_folder(lacking[number], out, wait=False):
             left.append(lacking[number])
 
-    jobs = [Job(run.spec, parts, parts.cases) for run in lacking for parts in [Parts.of(run, run_directory(run, out))]]
     cases = sum(len(run.spec.cases) for run in lacking)
     with progress(cases, f"of {cases} cases of {len(lacking)} runs") as tell:
-        make_parts(jobs, cpus=cpus, finished=put_together, progress=tell)
+        runs = [Parts.of(run, run_directory(run, out)) for run in lacking]
+        make_parts(runs, cpus=cpus, finished=put_together, progress=tell)
     return left

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from crowdbench.cli.failures import exit_on_interrupt
-from crowdbench.cli.options import SetOption, ThreadsOption, assignments, use_threads
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 from crowdbench.train.method import MOST_SEED, SCENARIO
 from crowdbench.train.methods import METHODS, check_options, method_of, own_options
 from crowdbench.utils.errors import InputError
@@ -21,26 +21,13 @@ if TYPE_CHECKING:
 LENGTHS = " or ".join(f"--{length}" for length in dict.fromkeys(method.length for method in METHODS.values()))
 
 
+@help_from_docstring
 def train(
     network: Annotated[str, typer.Argument(help=f"One of {', '.join(METHODS)}.")],
-    scenario: Annotated[
-        str | None,
-        typer.Option(help="Name of the scenario to train in, or a file: ./mine.toml.", show_default=SCENARIO),
-    ] = None,
-    overrides: SetOption = None,
-    data: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder with recorded tracks, which scenarios with a table [tracks] need; sgan learns from the tracks "
-            "themselves, instead of a scenario's pedestrians."
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=MOST_SEED, help="Seed of the weights and of everything random in training.", show_default="0"
-        ),
-    ] = None,
+    scenario: Annotated[str | None, typer.Option(show_default=SCENARIO)] = None,
+    overrides: list[str] | None = None,
+    data: Path | None = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=MOST_SEED, show_default="0")] = None,
     minutes: Annotated[
         float | None,
         typer.Option(
@@ -48,19 +35,10 @@ def train(
             help=f"Train for this many minutes instead of {LENGTHS}; measuring the network for its card comes after.",
         ),
     ] = None,
-    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    device: str = "cpu",
     threads: ThreadsOption = None,
-    resume: Annotated[
-        Path | None,
-        typer.Option(
-            help="Continue the interrupted training in this directory, with the options that it was started with; "
-            "only --device and --threads can be different."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Directory for the results.", show_default="runs/train-<network>-seed<seed>"),
-    ] = None,
+    resume: Path | None = None,
+    out: Annotated[Path | None, typer.Option(show_default="runs/train-<network>-seed<seed>")] = None,
     **own: Any,
 ) -> None:
     """Train a value network or a policy for planners, or Social GAN for prediction.
@@ -68,9 +46,18 @@ def train(
     A value network imitates demonstrations by ORCA, then learns from its own episodes. In validation the lookahead
     predicts with constant velocity, whichever predictor is used in training. The checkpoint that is kept is the
     quickest one whose success on validation cases is within noise of the best.
+
+    Args:
+        scenario: Name of the scenario to train in, or a file: ./mine.toml.
+        data: Folder with recorded tracks, which scenarios with a table [tracks] need; sgan learns from the tracks
+            themselves, instead of a scenario's pedestrians.
+        seed: Seed of the weights and of everything random in training.
+        device: cpu or cuda.
+        resume: Continue the interrupted training in this directory, with the options that it was started with; only
+            --device and --threads can be different.
+        out: Directory for the results.
     """
     use_threads(threads)
-    from crowdbench.cli.console import announce_compilation
     from crowdbench.train.training_run import TrainingRun
 
     folder = None if data is None else str(data)
@@ -92,10 +79,10 @@ def train(
     _run(running)
 
 
-def _refuse_beside_resume(given: Mapping[str, Any]) -> None:
+def _refuse_beside_resume(options: Mapping[str, Any]) -> None:
     """Raises InputError where there are options that a resumed training has from its start."""
-    if given:
-        flags = ["--set" if name == "overrides" else f"--{name.replace('_', '-')}" for name in given]
+    if options:
+        flags = ["--set" if name == "overrides" else f"--{name.replace('_', '-')}" for name in options]
         raise InputError(
             f"{', '.join(flags)} cannot be changed with --resume: a training goes on with the options that it was "
             "started with, except --device and --threads"
@@ -104,22 +91,21 @@ def _refuse_beside_resume(given: Mapping[str, Any]) -> None:
 
 def _run(running: TrainingRun) -> None:
     """Train to the end with progress, and print where the weights are."""
-    from crowdbench.cli.console import progress, say
 
-    def kept() -> str:
+    def say_what_is_kept() -> str:
         if not running.directory.exists():
             return "nothing was kept yet"
         return f"continue with crowdbench train {running.request.network} --resume {running.directory}"
 
-    with exit_on_interrupt(kept):
+    with exit_on_interrupt(say_what_is_kept):
         with progress(1.0, "trained") as advance:
-            shown = 0.0
+            before = 0.0
 
             def tell(point: Any, done: float) -> None:
-                nonlocal shown
+                nonlocal before
                 say(str(point))
-                advance(done - shown)
-                shown = done
+                advance(done - before)
+                before = done
 
             running.train(tell)
         cases = running.request.card_cases
@@ -133,23 +119,17 @@ def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
     *common, _ = signature.parameters.values()
     own = []
     for name, (field, networks) in own_options().items():
-        shown = typer.Option(
+        option = typer.Option(
             f"--{name.replace('_', '-')}",
             min=field.metadata["least"],
             help=f"{field.metadata['help']}.",
             show_default=str(field.default) if field.default else False,
             rich_help_panel=f"Options for {', '.join(networks)} only",
         )
-        own.append(
-            inspect.Parameter(
-                name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=None,
-                annotation=Annotated[get_type_hints(METHODS[networks[0]])[name] | None, shown],
-            )
-        )
+        hint: Any = Annotated[get_type_hints(METHODS[networks[0]])[name] | None, option]
+        own.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint))
     return signature.replace(parameters=[*common, *own])
 
 
 # Typer reads the options from the signature.
-train.__signature__ = _with_own_options(inspect.signature(train, eval_str=True))  # type: ignore[attr-defined]
+train.__signature__ = _with_own_options(inspect.signature(train))  # type: ignore[attr-defined]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.runs.results import planner_label, replanning_of
+from crowdbench.runs.results import result_label
 from crowdbench.runs.store import RunResult
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -61,7 +61,7 @@ def by_planner(directories: Sequence[Path]) -> dict[str, list[RunResult]]:
 
 
 def _label(result: Mapping[str, Any], *, with_scenario: bool) -> str:
-    planner = planner_label(result["planner"], result["options"], replanning_of(result))
+    planner = result_label(result)
     return f"{planner}, {result['scenario']['name']}" if with_scenario else planner
 
 

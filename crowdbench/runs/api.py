@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from crowdbench.metrics.summary import Estimate
 from crowdbench.planners.base import Planner
 from crowdbench.runs.load import load_run
 from crowdbench.runs.results import Episodes, read_estimate
+from crowdbench.runs.rollout import Progress
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import RunResult
@@ -88,7 +89,7 @@ def run(
     out: Path | str | None = None,
     record: str = RECORD[0],
     overwrite: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Result:
     """Drive a planner through the cases of a scenario and score it, as `crowdbench run` does.
 
@@ -116,8 +117,8 @@ def run(
         raise InputError(f"planner is {planner!r}, but must be a name, a file or a Planner, such as MyPlanner()")
     if options and not isinstance(planner, str):
         raise InputError("options are for a planner that is named: give them to the planner that you construct")
-    if record not in RECORD:
-        raise InputError(f"record {record!r} is not one of {', '.join(RECORD)}")
+    if taken := [name for name in metrics or {} if name in METRICS or name in RESERVED]:
+        raise InputError(f"a column {taken[0]} exists already: give the metric another name")
     spec = RunSpec(
         planner if isinstance(planner, str) else type(planner).__name__,
         scenario,
@@ -129,19 +130,11 @@ def run(
         data=Path(data).absolute() if data is not None else None,
     )
     loaded = load_run(spec, None if isinstance(planner, str) else planner)
-    loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **_check_names(metrics or {})})
+    loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **(metrics or {})})
     loaded.scenario.check_data(spec.data)
     if out is not None:
         make_run(loaded, Path(out), overwrite=overwrite, progress=progress)
         return Result.read(out)
     with tempfile.TemporaryDirectory() as folder:
         make_run(loaded, Path(folder) / "run", progress=progress)
-        found = Result.read(Path(folder) / "run")
-    return dataclasses.replace(found, directory=None)
-
-
-def _check_names(metrics: Mapping[str, Metric]) -> Mapping[str, Metric]:
-    """Metrics of the user's own. Raises InputError where a name is taken."""
-    if taken := [name for name in metrics if name in METRICS or name in RESERVED]:
-        raise InputError(f"a column {taken[0]} exists already: give the metric another name")
-    return metrics
+        return dataclasses.replace(Result.read(Path(folder) / "run"), directory=None)

@@ -121,55 +121,39 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
 
 
 def _doubts(runs: Sequence[RunResult]) -> list[str]:
-    doubts = [no_manifest(run.directory) for run in runs if run.manifest is None]
+    doubts = [no_manifest(run.directory) for run in runs if not run.manifest]
     doubts += [
         f"{run.directory} was interrupted: only the cases that it finished are compared"
         for run in runs
-        if run.manifest is not None and run.manifest.interrupted
+        if run.manifest.get("interrupted")
     ]
-    if len({run.manifest.code for run in runs if run.manifest is not None}) > 1:
+    if len({run.manifest["code"] for run in runs if run.manifest}) > 1:
         both = " and ".join(str(run.directory) for run in runs)
         doubts.append(f"{both} were made by different code of crowdbench, which may be what makes them differ")
     return doubts
 
 
 def _difference(name: str, one: Episodes, two: Episodes, solved: Bool[np.ndarray, "case"]) -> MetricDifference:
+    """Compare a metric over all cases where it is a rate or counts failures, otherwise over those that both solve."""
     x, y = one.columns[name], two.columns[name]
-    if is_rate(x) and is_rate(y):
-        ones = np.ones(len(x))
+    is_share, p = is_rate(x) and is_rate(y), None
+    if is_share:
         p = mcnemar(x, y) if one.block is None else sign_test(x, y, one.block)
-        return MetricDifference(*_paired(one.block, x.astype(float), ones, y.astype(float), ones), p)
-    both = ~np.isnan(x.astype(float) + y) & (solved | (name in OVER_ALL))
-    x_weights, y_weights = (table.steps[both] * 1.0 if name in POOLED else np.ones(both.sum()) for table in (one, two))
-    block = None if one.block is None else one.block[both]
-    return MetricDifference(*_paired(block, x[both].astype(float), x_weights, y[both].astype(float), y_weights), None)
+    chosen = ~np.isnan(x.astype(float) + y) & (solved | is_share | (name in OVER_ALL))
+    if not chosen.any():
+        return MetricDifference(math.nan, math.nan, NOTHING, p)
+    x, y = x[chosen].astype(float), y[chosen].astype(float)
+    weights = [table.steps[chosen] * 1.0 if name in POOLED else np.ones(len(x)) for table in (one, two)]
+    a, b = float(weighted_mean(x, weights[0])), float(weighted_mean(y, weights[1]))
+    block = None if one.block is None else one.block[chosen]
+    columns = *by_block(x, weights[0], block), *by_block(y, weights[1], block)
+    low, high = around(b - a, *interval(bootstrap_distribution(_mean_difference, *columns)))
+    return MetricDifference(a, b, Estimate(b - a, low, high, len(x), float((y - x).max())), p)
 
 
-def _paired(
-    block: Int[np.ndarray, "case"] | None, *columns: Float[np.ndarray, "case"]
-) -> tuple[float, float, Estimate]:
-    """Both weighted means and their difference.
-
-    Args:
-        block: The block of each case, where those of the same block are not independent.
-        columns: Values and weights of A, then of B.
-    """
+def _mean_difference(*columns: Float[np.ndarray, "*resample case"], axis: int = -1) -> Float[np.ndarray, "*resample"]:
+    """The weighted mean of run B minus that of run A; the columns are values and weights of A, then of B."""
     x, x_weights, y, y_weights = columns
-    if len(x) == 0:
-        return math.nan, math.nan, NOTHING
-    a, b = float(weighted_mean(x, x_weights)), float(weighted_mean(y, y_weights))
-    drawn = *by_block(x, x_weights, block), *by_block(y, y_weights, block)
-    low, high = around(b - a, *interval(bootstrap_distribution(_mean_difference, *drawn)))
-    return a, b, Estimate(b - a, low, high, len(x), float((y - x).max()))
-
-
-def _mean_difference(
-    x: Float[np.ndarray, "*resample case"],
-    x_weights: Float[np.ndarray, "*resample case"],
-    y: Float[np.ndarray, "*resample case"],
-    y_weights: Float[np.ndarray, "*resample case"],
-    axis: int = -1,
-) -> Float[np.ndarray, "*resample"]:
     return np.asarray(weighted_mean(y, y_weights, axis) - weighted_mean(x, x_weights, axis))
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from crowdbench.core.types import Observation
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.rollout import rollout
+from crowdbench.runs.rollout import Progress, rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -56,7 +56,7 @@ def decision_seconds(
     scenario: Scenario,
     replanning: Replanning,
     cases: Cases,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Float[np.ndarray, "decision"]:
     """Time the decisions of a planner, one world at a time.
 

@@ -146,7 +146,5 @@ class Differences(list[Difference]):
 
 
 def _ends(table: Episodes) -> list[str]:
-    return [
-        f"{Outcome(outcome).label} after {steps} steps"
-        for outcome, steps in zip(table.outcome.tolist(), table.steps.tolist(), strict=True)
-    ]
+    ends = zip(table.outcome.tolist(), table.steps.tolist(), strict=True)
+    return [f"{Outcome(outcome).label} after {steps} steps" for outcome, steps in ends]

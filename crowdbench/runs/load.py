@@ -27,7 +27,7 @@ def load_run(spec: RunSpec, planner: Planner | None = None) -> Run:
     Raises:
         InputError: Something that the spec names does not exist, or does not take these options or overrides.
     """
-    scenario = _load_scenario(spec)
+    scenario = catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
     name, files = spec.planner, {}
     if planner is None:
         name, planner = catalog.load_planner(spec.planner, spec.options)
@@ -50,16 +50,12 @@ def open_run(spec: RunSpec) -> Iterator[Run]:
         return
     from crowdbench.isolation.planner import IsolatedPlanner, Limits
 
-    limits, scenario = Limits(decision=spec.decision_limit), _load_scenario(spec)
-    scene = scenario.tracks.scene if scenario.tracks else None
+    scenario = catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
+    limits, scene = Limits(decision=spec.decision_limit), scenario.tracks.scene if scenario.tracks else None
     with contextlib.closing(IsolatedPlanner(spec.planner, spec.options, limits, scene=scene)) as planner:
         files = catalog.planner_files(spec.planner, spec.options)
         details = {"planner_files": files, "isolation": planner.usage}
         yield _make_run(spec, Driver(planner, planner.name, spec.decision_limit), scenario, details)
-
-
-def _load_scenario(spec: RunSpec) -> Scenario:
-    return catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
 
 
 def _make_run(spec: RunSpec, driver: Driver, scenario: Scenario, details: Mapping[str, Any]) -> Run:

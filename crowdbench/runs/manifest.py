@@ -10,7 +10,6 @@ import functools
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ APART = tuple(
     _PACKAGE / name
     for name in (
         *("agents", "bench", "boards", "certify", "check", "cli", "envs", "figures", "study", "train"),
-        *("runs/api.py", "runs/compare.py", "runs/differences.py", "runs/on_ray.py", "runs/replay.py", "runs/score.py"),
+        *("runs/api.py", "runs/compare.py", "runs/differences.py", "runs/on_ray.py", "runs/replay.py"),
     )
 )
 """Parts of the package on which no run depends, and the planners, whose files count one by one."""
@@ -53,26 +52,7 @@ def write_manifest(directory: Path, about: Mapping[str, Any]) -> None:
     (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
 
 
-@dataclass(frozen=True)
-class Manifest:
-    """What a manifest says.
-
-    Attributes:
-        files: The sha256 of each file of the run, by its name.
-        code: The digest of the code of crowdbench that made the run.
-        versions: Python's version and those of packages, by name.
-        interrupted: Whether the run ended before the last of its cases.
-        table: All that it holds.
-    """
-
-    files: Mapping[str, str]
-    code: str
-    versions: Mapping[str, str]
-    interrupted: bool
-    table: Mapping[str, Any]
-
-
-def check_files(directory: Path, needed: Iterable[str]) -> Manifest | None:
+def check_files(directory: Path, needed: Iterable[str]) -> dict[str, Any]:
     """Check that the files of a run are those that it wrote.
 
     Args:
@@ -80,19 +60,21 @@ def check_files(directory: Path, needed: Iterable[str]) -> Manifest | None:
         needed: The files that will be read: the manifest must list them.
 
     Returns:
-        The manifest, or None where there is none.
+        The manifest, empty where there is none: `files` has the sha256 of each file by its name, `code` the digest of
+        the code of crowdbench that made the run, `versions` those of Python and packages, and `interrupted` says
+        whether the run ended before the last of its cases.
 
     Raises:
         InputError: The manifest cannot be read, or a file that it lists is missing or another one.
     """
     path = directory / MANIFEST
     if not path.exists():
-        return None
+        return {}
     manifest = _read(path)
     for name in needed:
-        if name not in manifest.files and (directory / name).exists():
+        if name not in manifest["files"] and (directory / name).exists():
             raise InputError(f"{directory / name} is not a file of this run: {MANIFEST} does not list it; remove it")
-    for name, digest in manifest.files.items():
+    for name, digest in manifest["files"].items():
         try:
             found = sha256(directory / name)
         except OSError as error:
@@ -121,9 +103,9 @@ def doubts(directory: Path, needed: Iterable[str]) -> list[str]:
         InputError: As `check_files` does.
     """
     manifest = check_files(directory, needed)
-    if manifest is None:
+    if not manifest:
         return [no_manifest(directory)]
-    if manifest.code != code():
+    if manifest["code"] != code():
         return [f"{directory} was made by other code of crowdbench than this, whose figures may differ"]
     return []
 
@@ -133,7 +115,7 @@ def no_manifest(directory: Path) -> str:
     return f"{directory} has no {MANIFEST}, so that nobody can tell whether its files are those that the run wrote"
 
 
-def _read(path: Path) -> Manifest:
+def _read(path: Path) -> dict[str, Any]:
     try:
         table = read_json(path)
     except OSError as error:
@@ -144,13 +126,14 @@ def _read(path: Path) -> Manifest:
         raise InputError(f"{path} is not a manifest of crowdbench: it must be a table")
     if table.get("format") != FORMAT:
         raise InputError(f"{path} has the format {table.get('format')!r}, but this version reads format {FORMAT}")
-    names = ("files", "code", "versions", "interrupted")
     texts = table.get("files"), table.get("versions"), {"code": table.get("code")}
     if not all(map(_is_texts, texts)) or not isinstance(table.get("interrupted"), bool):
-        raise InputError(f"{path} is not a manifest of crowdbench: it must hold {', '.join(names)}, each of its type")
+        raise InputError(
+            f"{path} is not a manifest of crowdbench: it must hold files, code, versions, interrupted, each of its type"
+        )
     if elsewhere := [name for name in table["files"] if Path(name).name != name]:
         raise InputError(f"{path} lists {elsewhere[0]!r}, but the files of a run lie beside its manifest")
-    return Manifest(**{name: table[name] for name in names}, table=table)
+    return table
 
 
 def _is_texts(value: object) -> bool:

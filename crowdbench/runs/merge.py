@@ -7,10 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from crowdbench.runs import commands
-from crowdbench.runs.commands import COMMANDS
 from crowdbench.runs.manifest import code
-from crowdbench.runs.recording import most_failures
+from crowdbench.runs.recording import COMMANDS, join_commands, most_failures
 from crowdbench.runs.results import RECORDING, Episodes, to_json
 from crowdbench.runs.store import RunResult, write_run
 from crowdbench.scenario.cases import Cases
@@ -19,20 +17,6 @@ from crowdbench.utils.files import new_directory
 
 OWN = ("cases", "recorded", "outcomes", "metrics", "blocks", "timing", "isolation", "versions")
 """What the results of two parts may differ in."""
-
-
-def _read_part(directory: Path) -> RunResult:
-    """Read a run. Raises InputError where it is not as it was written, or was not made by the present code."""
-    part = RunResult.read(directory)
-    if part.manifest is None or part.manifest.code != code():
-        raise InputError(f"{directory} was not made by this version of crowdbench, and cannot be merged: make it again")
-    return part
-
-
-def _manifest(part: RunResult) -> Mapping[str, Any]:
-    """The contents of a part's manifest, which `_read_part` has found."""
-    assert part.manifest is not None
-    return part.manifest.table
 
 
 def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, interrupted: bool = False) -> dict[str, Any]:
@@ -52,14 +36,15 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
     Raises:
         InputError: The runs do not fit together, one of them is not as it was written, or `out` cannot be written.
     """
-    parts = sorted(map(_read_part, directories), key=lambda part: (part.cases.split, part.cases.start))
+    parts = sorted(map(RunResult.read, directories), key=lambda part: (part.cases.split, part.cases.start))
     _check_fitting(parts)
     episodes = Episodes.join([part.episodes for part in parts])
     first, last = parts[0].cases, parts[-1].cases
     cases = Cases(first.split, first.start, last.stop)
+    versions = [part.result["versions"] for part in parts]
     with new_directory(out, overwrite) as directory:
         if (parts[0].directory / COMMANDS).exists():
-            commands.join([part.directory / COMMANDS for part in parts], directory / COMMANDS)
+            join_commands([part.directory / COMMANDS for part in parts], directory / COMMANDS)
         result = parts[0].result | {
             "cases": str(cases),
             "recorded": _join_recordings(parts, cases, directory / RECORDING),
@@ -67,11 +52,11 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
             "metrics": to_json(episodes.summary()),
             **episodes.blocks,
             "timing": _timing(parts),
-            "versions": _versions(parts),
+            "versions": {name: _list_values(versions, name) for name in versions[0]},
         }
         if "isolation" in result:
             result["isolation"] = _isolation([part.result["isolation"] for part in parts])
-        about = {key: value for key, value in _manifest(parts[0]).items() if key not in ("format", "files", "code")}
+        about = {key: value for key, value in parts[0].manifest.items() if key not in ("format", "files", "code")}
         asked = about["asked"] | {"cases": str(cases)}
         about |= {"asked": asked, "interrupted": interrupted, "versions": result["versions"]}
         write_run(directory, episodes, result, about)
@@ -81,6 +66,10 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
 def _check_fitting(parts: Sequence[RunResult]) -> None:
     if not parts:
         raise InputError("there is no run to merge: name the directories of runs")
+    for part in parts:
+        if part.manifest.get("code") != code():
+            made = f"{part.directory} was not made by this version of crowdbench"
+            raise InputError(f"{made}, and cannot be merged: make it again")
     for before, after in itertools.pairwise(parts):
         one, two = ({key: value for key, value in part.result.items() if key not in OWN} for part in (before, after))
         if differ := [key for key in dict.fromkeys([*one, *two]) if one.get(key) != two.get(key)]:
@@ -115,7 +104,7 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
     header = {"planner": parts[0].label, "scenario": scenario["name"], "scenario_digest": scenario["digest"]}
     with Recorder(path, **header, cases=len(cases)) as recorder:
         for part in recorded:
-            if number < most or _manifest(part)["asked"].get("record") == "all":
+            if number < most or part.manifest["asked"].get("record") == "all":
                 number += recorder.copy(part.directory / RECORDING)
     return number
 
@@ -127,13 +116,12 @@ def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
     return {"decision_ms_per_step": decided / sum(steps), "seconds": sum(own["seconds"] for own in timings)}
 
 
-def _versions(parts: Sequence[RunResult]) -> dict[str, str]:
-    """Each version, or all that the parts have, such as the machines of a cluster."""
-    each = [part.result["versions"] for part in parts]
-    return {name: ", ".join(dict.fromkeys(str(own.get(name)) for own in each)) for name in each[0]}
+def _list_values(tables: Sequence[Mapping[str, Any]], name: str) -> str:
+    """All values by a name, each once, such as the machines of a cluster."""
+    return ", ".join(dict.fromkeys(str(table.get(name)) for table in tables))
 
 
-def _isolation(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _isolation(tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The worst of all parts."""
-    worst = {name: max(own[name] for own in each) for name in ("construction_seconds", "peak_memory_mb")}
-    return {"level": ", ".join(dict.fromkeys(own["level"] for own in each)), **worst}
+    worst = {name: max(table[name] for table in tables) for name in ("construction_seconds", "peak_memory_mb")}
+    return {"level": _list_values(tables, "level"), **worst}

@@ -15,7 +15,6 @@ import sys
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,44 +32,29 @@ MOST_UNDER_WAY = 500
 """Parts that are with the cluster at a time, at most: each keeps a lock, and processes may open about 1000 files."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """What the workers make of a run.
-
-    Attributes:
-        spec: The run, as a worker loads it.
-        parts: Its parts, and where they are put.
-        own: Those to make.
-    """
-
-    spec: RunSpec
-    parts: Parts
-    own: Sequence[Cases]
-
-
 def make_run_on_ray(
     run: Run, out: Path, shard: Shard, overwrite: bool, *, cpus: int, progress: Callable[[float], None]
 ) -> None:
     """Make the parts of one run, or of a shard of it; arguments and errors are those of `make_parts` and `make_run`."""
     check_free(out, overwrite)
-    parts = Parts.of(run, out)
-    with parts.report_kept():
-        make_parts([Job(run.spec, parts, shard.select(parts.cases))], cpus=cpus, progress=progress)
+    parts = Parts.of(run, out, shard)
+    with parts.report_finished():
+        make_parts([parts], cpus=cpus, progress=progress)
 
 
 def make_parts(
-    jobs: Sequence[Job],
+    runs: Sequence[Parts],
     *,
     cpus: int = 1,
-    finished: Callable[[int], None] | None = None,
-    progress: Callable[[float], None] | None = None,
+    finished: Callable[[int], None] = lambda number: None,
+    progress: Callable[[float], None],
 ) -> None:
     """Make parts of runs on a cluster: the one that `RAY_ADDRESS` names, or one that is started on this machine.
 
     Args:
-        jobs: What to make. Parts that are there, and those that other processes are making, are left out.
+        runs: What to make. Parts that are there, and those that other processes are making, are left out.
         cpus: CPUs that a part takes, and threads that its planner and simulator use.
-        finished: Called with the number of a job when none of its parts is left to make.
+        finished: Called with the number of a run when none of its parts is left to make.
         progress: Called with the number of cases of each part that is there.
 
     Raises:
@@ -79,43 +63,45 @@ def make_parts(
         KeyboardInterrupt: Somebody interrupted it. Finished parts are kept.
     """
     with _connect() as ray, contextlib.ExitStack() as stack:
-        for job in jobs:
-            stack.enter_context(job.parts.open())
-        left = [len(job.own) for job in jobs]
-        for number, cases in _finish_parts(ray, jobs, cpus):
-            if progress is not None:
-                progress(cases)
+        for parts in runs:
+            stack.enter_context(parts.open())
+        left = [len(parts.selected) for parts in runs]
+        for number, cases in _finish_parts(ray, runs, cpus):
+            progress(cases)
             left[number] -= 1
-            if not left[number] and finished is not None:
+            if not left[number]:
                 finished(number)
 
 
-def _finish_parts(ray: Any, jobs: Sequence[Job], cpus: int) -> Iterator[tuple[int, int]]:
-    """Have all parts made, and yield for each the number of its job and how many cases have come by it."""
+def _finish_parts(ray: Any, runs: Sequence[Parts], cpus: int) -> Iterator[tuple[int, int]]:
+    """Have all parts made, and yield for each the number of its run and how many cases have come by it."""
     environment = {"NUMBA_NUM_THREADS": str(cpus), "OMP_NUM_THREADS": str(cpus), "OMP_WAIT_POLICY": "passive"}
     task = ray.remote(_make_part).options(num_cpus=cpus, runtime_env={"env_vars": environment})
     most = min(MOST_UNDER_WAY, 2 * _count_places(ray, cpus))
-    waiting = deque((number, part) for number, job in enumerate(jobs) for part in job.own)
+    waiting = deque((number, part) for number, parts in enumerate(runs) for part in parts.selected)
     under_way: dict[Any, tuple[int, Cases, contextlib.ExitStack]] = {}
     with contextlib.ExitStack() as all_locks:
         while waiting or under_way:
             while waiting and len(under_way) < most:
                 number, part = waiting.popleft()
-                job, lock = jobs[number], all_locks.enter_context(contextlib.ExitStack())
+                parts, lock = runs[number], all_locks.enter_context(contextlib.ExitStack())
                 try:
-                    is_missing = lock.enter_context(job.parts.claim(part))
+                    is_missing = lock.enter_context(parts.claim(part))
                 except Timeout:
                     yield number, 0
                     continue
                 if is_missing:
-                    future = task.remote(job.spec, part, job.parts.request, os.getcwd())
+                    future = task.remote(parts.spec, part, parts.request, os.getcwd())
                     under_way[future] = number, part, lock
                 else:
                     lock.close()
                     yield number, len(part)
             for done in ray.wait(list(under_way))[0] if under_way else []:
                 number, part, lock = under_way.pop(done)
-                _write_files(_fetch_files(ray, done, part), jobs[number].parts.directory(part))
+                files = _fetch_files(ray, done, part)
+                with new_directory(runs[number].directory(part), overwrite=True) as partial:
+                    for name, contents in files.items():
+                        (partial / name).write_bytes(contents)
                 lock.close()
                 yield number, len(part)
 
@@ -137,12 +123,6 @@ def _fetch_files(ray: Any, done: Any, part: Cases) -> dict[str, bytes]:
     if isinstance(answer, str):
         raise InputError(answer)
     return dict(answer)
-
-
-def _write_files(files: dict[str, bytes], directory: Path) -> None:
-    with new_directory(directory, overwrite=True) as partial:
-        for name, contents in files.items():
-            (partial / name).write_bytes(contents)
 
 
 def _make_part(spec: RunSpec, part: Cases, request: str, folder: str) -> dict[str, bytes] | str:
@@ -172,8 +152,8 @@ def _make_part(spec: RunSpec, part: Cases, request: str, folder: str) -> dict[st
 
 def _check_same(run: Run, request: str) -> None:
     """Raise InputError where this machine would make another run."""
-    asked, own = json.loads(request), json.loads(Parts.of(run, Path("run")).request)
-    differ = [key for key in ("code", *asked) if asked.get(key) != own.get(key)]
+    expected, own = json.loads(request), json.loads(Parts.of(run, Path("run")).request)
+    differ = [key for key in ("code", *expected) if expected.get(key) != own.get(key)]
     if differ:
         what = "code of crowdbench" if differ[0] == "code" else differ[0]
         raise InputError(

@@ -1,23 +1,36 @@
-"""What a run records while it goes on: the commands of all cases, and episodes for the viewer."""
+"""What a run records while it goes on: the commands of all cases, and episodes for the viewer.
+
+The commands lie in `commands.parquet`: with the scenario, they are all that it takes to simulate each case again.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from jaxtyping import Float, Int
 
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics import Metric, unit_of
 from crowdbench.runs.results import RECORDING, Episodes
 from crowdbench.scenario.cases import Cases
-from crowdbench.utils.defaults import FIRST_RECORDED, MOST_FAILURES, RECORDED_CROWD, WITH_EPISODES
+from crowdbench.utils.defaults import BATCH, FIRST_RECORDED, MOST_FAILURES, RECORDED_CROWD, WITH_EPISODES
+from crowdbench.utils.errors import InputError, describe_error
 
 if TYPE_CHECKING:
     from crowdbench.record.write import Recorder
+
+COMMANDS = "commands.parquet"
+
+_SCHEMA = pa.schema([("case", pa.int64()), ("command", pa.list_(pa.float64()))])
+"""A row per case: its number, and x and y of the command of each of its steps, in m/s."""
 
 
 @dataclass
@@ -27,7 +40,7 @@ class RunRecorder:
     Attributes:
         cases: The cases of the whole run.
         most_failures: How many failures are recorded at most; None for all episodes.
-        write_commands: Writes the commands of a trace, if they are kept.
+        commands: Writes commands, if they are kept.
         recorder: Writes episodes, if any are recorded.
         failures: How many failures there were.
         number: How many episodes were recorded.
@@ -35,15 +48,15 @@ class RunRecorder:
 
     cases: Cases
     most_failures: int | None
-    write_commands: Callable[[Trace], None] | None = None
+    commands: pq.ParquetWriter | None = None
     recorder: Recorder | None = None
     failures: int = 0
     number: int = 0
 
     def add(self, trace: Trace, episodes: Episodes) -> None:
         """Record a batch of episodes, as far as they are recorded."""
-        if self.write_commands is not None:
-            self.write_commands(trace)
+        if self.commands is not None:
+            self.commands.write_table(_to_table(trace))
         if self.recorder is None:
             return
         chosen = np.ones(len(trace), bool)
@@ -76,9 +89,7 @@ def open_recorder(
 
             recording.recorder = stack.enter_context(Recorder(folder / RECORDING, **header))
         if record != "none":
-            from crowdbench.runs.commands import COMMANDS, open_writer
-
-            recording.write_commands = stack.enter_context(open_writer(folder / COMMANDS))
+            recording.commands = stack.enter_context(_open_writer(folder / COMMANDS))
         yield recording
 
 
@@ -90,3 +101,81 @@ def units_of(metrics: Mapping[str, Metric]) -> dict[str, str]:
 def most_failures(pedestrians: int) -> int:
     """How many failures are recorded: fewer in crowds so large that recording would take longer than driving."""
     return max(1, MOST_FAILURES * RECORDED_CROWD // max(pedestrians, RECORDED_CROWD))
+
+
+@dataclass(frozen=True)
+class Commands:
+    """The commands of several cases.
+
+    Attributes:
+        case: Number of each case.
+        steps: Number of its commands.
+        command: The commands of the first case in m/s, then those of the second, ...
+    """
+
+    case: Int[np.ndarray, "case"]
+    steps: Int[np.ndarray, "case"]
+    command: Float[np.ndarray, "step 2"]
+
+    def pad(self, rows: Int[np.ndarray, "row"], steps: int) -> Float[np.ndarray, "row {steps} 2"]:
+        """The commands in m/s of the cases with these indices for so many steps, zero after the last command."""
+        ends = np.cumsum(self.steps)
+        padded = np.zeros((len(rows), steps, 2))
+        for own, end, length in zip(padded, ends[rows], self.steps[rows], strict=True):
+            own[:length] = self.command[end - length : end][:steps]
+        return padded
+
+
+def read_commands(path: Path) -> Commands:
+    """Read the commands of a run. Raises InputError where the file is missing or has other contents."""
+    table = _read_table(path)
+    command = pc.list_flatten(table["command"])
+    lengths = pc.list_value_length(table["command"])
+    if table["case"].null_count or lengths.null_count or command.null_count or np.any(lengths.to_numpy() % 2):
+        raise InputError(f"{path} is not a table of commands as crowdbench writes it: values are missing in it")
+    steps = lengths.to_numpy().astype(np.int64) // 2
+    return Commands(table["case"].to_numpy(), steps, command.to_numpy().reshape(-1, 2))
+
+
+def join_commands(parts: Sequence[Path], path: Path) -> None:
+    """Write the commands of several runs, whose cases follow each other, as one run would write them.
+
+    Args:
+        parts: The files of the runs. Raises InputError where one is missing or has other contents.
+        path: The file to write.
+    """
+    table = pa.concat_tables([_read_table(part) for part in parts])
+    with _open_writer(path) as writer:
+        for start in range(0, len(table), BATCH):
+            writer.write_table(table.slice(start, BATCH).combine_chunks())
+
+
+@contextlib.contextmanager
+def _open_writer(path: Path) -> Iterator[pq.ParquetWriter]:
+    # Opened here, because Arrow takes only paths that are UTF-8.
+    with path.open("wb") as file, pq.ParquetWriter(file, _SCHEMA, compression="zstd") as writer:
+        yield writer
+
+
+def _to_table(trace: Trace) -> pa.Table:
+    is_step = np.arange(trace.command.shape[1]) < trace.steps[:, None]
+    ends = np.concatenate([[0], np.cumsum(2 * trace.steps)])
+    commands = pa.ListArray.from_arrays(pa.array(ends, pa.int32()), pa.array(trace.command[is_step].ravel()))
+    return pa.table([pa.array(trace.case), commands], _SCHEMA)
+
+
+def _read_table(path: Path) -> pa.Table:
+    if not path.is_file():
+        raise InputError(
+            f"there is no {path}, so that the run cannot be replayed: it was made with --record none or before "
+            "crowdbench kept commands"
+        )
+    try:
+        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
+            table = parquet.read()
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise InputError(f"{path} is cut short, damaged or no Parquet file at all: {describe_error(error)}") from None
+    if not table.schema.equals(_SCHEMA):
+        found = ", ".join(f"{field.name}: {field.type}" for field in table.schema)
+        raise InputError(f"{path} is not a table of commands as crowdbench writes it: it has the columns {found}")
+    return table

@@ -7,7 +7,7 @@ the commands can be checked: states, outcomes, metrics. Who gave the commands, h
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,11 +18,11 @@ from crowdbench.core.types import Observation, Trace
 from crowdbench.metrics import Metric
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.commands import COMMANDS, Commands
 from crowdbench.runs.differences import Difference, Differences
 from crowdbench.runs.manifest import MANIFEST, code
+from crowdbench.runs.recording import COMMANDS, Commands
 from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, to_json
-from crowdbench.runs.rollout import rollout
+from crowdbench.runs.rollout import Progress, rollout
 from crowdbench.runs.run import fit_batch, read_versions
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
@@ -85,9 +85,8 @@ class Replay:
         if self.versions:
             lines.append(f"The last bits may differ, because {', '.join(self.versions)}.")
         if self.unchecked:
-            lines.append(
-                f"Not compared, because their metric is not known: {', '.join(self.unchecked)} (see --metric)."
-            )
+            unknown = ", ".join(self.unchecked)
+            lines.append(f"Not compared, because their metric is not known: {unknown} (see --metric).")
         if self.differences:
             return "\n".join([*lines, "The run is not what its commands lead to:", *map(str, self.differences)])
         lines.append(
@@ -97,7 +96,7 @@ class Replay:
 
 
 def replay(
-    run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], progress: Callable[[float], None] | None = None
+    run: RunResult, scenario: Scenario, metrics: Mapping[str, Metric], progress: Progress | None = None
 ) -> Replay:
     """Simulate the cases of a run again and compare.
 
@@ -139,10 +138,7 @@ def _recorded(run: RunResult) -> int:
 
 
 def traces(
-    run: RunResult,
-    scenario: Scenario,
-    only: Collection[int] | None = None,
-    progress: Callable[[float], None] | None = None,
+    run: RunResult, scenario: Scenario, only: Collection[int] | None = None, progress: Progress | None = None
 ) -> Iterator[Trace]:
     """Simulate cases of a run again, in order, and yield their traces batch by batch.
 
@@ -207,18 +203,15 @@ def _compare_episodes(found: Differences, run: RunResult, replayed: Episodes) ->
 def _compare_result(found: Differences, run: RunResult, scenario: Scenario, replayed: Episodes) -> None:
     """Note what is wrong with `result.json`."""
     result, metrics = run.result, run.result["metrics"]
-    recorded = {
-        "scenario": {"digest": result["scenario"].get("digest")},
-        "outcomes": result.get("outcomes"),
-        "metrics": {name: metrics.get(name) for name in replayed.columns},
-        "recorded": result.get("recorded"),
-    }
     again = {
         "scenario": {"digest": scenario.digest},
         "outcomes": replayed.counts(),
         "metrics": to_json(replayed.summary()),
         "recorded": _recorded(run),
     }
+    recorded = {name: result.get(name) for name in ("outcomes", "recorded")}
+    recorded["scenario"] = {"digest": result["scenario"].get("digest")}
+    recorded["metrics"] = {name: metrics.get(name) for name in replayed.columns}
     found.note_values(RESULT, recorded, again)
 
 
@@ -255,6 +248,6 @@ def _changed_versions(run: RunResult) -> list[str]:
         for name, here in read_versions().items()
         if known.get(name) != here
     ]
-    if run.manifest is not None and run.manifest.code != code():
+    if run.manifest and run.manifest["code"] != code():
         changed.append("the code of crowdbench is another than in the run")
     return changed

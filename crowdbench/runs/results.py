@@ -64,25 +64,17 @@ class Episodes:
         Raises:
             InputError: A metric raises, or does not return one value per episode.
         """
-        return cls(
-            trace.case,
-            trace.outcome,
-            trace.steps,
-            {name: measure(name, metric, trace) for name, metric in metrics.items()},
-            trace.block,
-        )
+        columns = {name: measure(name, metric, trace) for name, metric in metrics.items()}
+        return cls(trace.case, trace.outcome, trace.steps, columns, trace.block)
 
     @classmethod
     def join(cls, parts: list[Episodes]) -> Episodes:
         """The rows of all parts, in order."""
+        names = ("case", "outcome", "steps")
+        case, outcome, steps = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+        columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
         blocks = [part.block for part in parts if part.block is not None]
-        return cls(
-            np.concatenate([part.case for part in parts]),
-            np.concatenate([part.outcome for part in parts]),
-            np.concatenate([part.steps for part in parts]),
-            {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns},
-            np.concatenate(blocks) if blocks else None,
-        )
+        return cls(case, outcome, steps, columns, np.concatenate(blocks) if blocks else None)
 
     @property
     def rates(self) -> list[str]:
@@ -112,11 +104,8 @@ class Episodes:
         """A table of Arrow with a row per episode: case, outcome, steps, and all metrics; undefined values are null."""
         import pyarrow as pa
 
-        labels = [Outcome(outcome).label for outcome in self.outcome]
-        blocks = {} if self.block is None else {BLOCK: self.block}
-        first = {"case": self.case, "outcome": labels, "steps": self.steps, **blocks}
         columns = {name: pa.array(values, from_pandas=True) for name, values in self.columns.items()}
-        return pa.table({**first, **columns})
+        return pa.table({**self._first_columns(), **columns})
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """How pandas, polars and others take the table, see Arrow's PyCapsule interface."""
@@ -126,12 +115,15 @@ class Episodes:
         """Write as CSV. Numbers read back to the last bit."""
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            blocks = {} if self.block is None else {BLOCK: self.block.tolist()}
-            writer.writerow(["case", "outcome", "steps", *blocks, *self.columns])
-            labels = [Outcome(outcome).label for outcome in self.outcome]
-            columns = [_texts(values) for values in self.columns.values()]
-            each = self.case.tolist(), labels, self.steps.tolist(), *blocks.values(), *columns
-            writer.writerows(zip(*each, strict=True))
+            columns = self._first_columns() | {name: _texts(values) for name, values in self.columns.items()}
+            writer.writerow(columns)
+            writer.writerows(zip(*columns.values(), strict=True))
+
+    def _first_columns(self) -> dict[str, list[Any]]:
+        """The columns of every table of episodes before those of metrics."""
+        labels = [Outcome(outcome).label for outcome in self.outcome]
+        blocks = {} if self.block is None else {BLOCK: self.block.tolist()}
+        return {"case": self.case.tolist(), "outcome": labels, "steps": self.steps.tolist(), **blocks}
 
     @classmethod
     def read(cls, path: Path) -> Episodes:
@@ -194,16 +186,12 @@ def _is_moderate(value: Any) -> bool:
     return is_number(value) and abs(value) <= LARGEST
 
 
-def planner_label(planner: str, options: Mapping[str, Any], replanning: Mapping[str, Any] | None = None) -> str:
-    """A planner's name with its settings in brackets, as shown to people.
+def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
+    """A planner's name with its options, and when it observes, in brackets: as shown to people and written in TOML.
 
-    Args:
-        planner: The planner's name.
-        options: Its options.
-        replanning: When it observes, as `Replanning.settings` and `replanning_of` give it.
+    Such as `sarl (modes=5, limits={max_velocity_change=1.0}, explore=false)`.
     """
-    given = settings_label({**options, **(replanning or {})})
-    return f"{planner} ({given})" if given else planner
+    return f"{planner} ({_format_table(settings)})" if settings else planner
 
 
 def replanning_of(result: Mapping[str, Any]) -> dict[str, Any]:
@@ -215,17 +203,16 @@ def replanning_of(result: Mapping[str, Any]) -> dict[str, Any]:
 
 def result_label(result: Mapping[str, Any]) -> str:
     """`planner_label` of a run, from the contents of its `result.json`."""
-    return planner_label(result["planner"], result.get("options", {}), replanning_of(result))
+    return planner_label(result["planner"], {**result["options"], **replanning_of(result)})
 
 
-def settings_label(settings: Mapping[str, Any]) -> str:
-    """Settings as shown to people and written in TOML: `modes=5, limits={max_velocity_change=1.0}, explore=false`."""
-    return ", ".join(f"{key}={_format_value(value)}" for key, value in settings.items())
+def _format_table(table: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key}={_format_value(value)}" for key, value in table.items())
 
 
 def _format_value(value: Any) -> str:
     if isinstance(value, Mapping):
-        return f"{{{settings_label(value)}}}"
+        return f"{{{_format_table(value)}}}"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -25,6 +25,10 @@ LOG_MEMORY = 256e6
 """Bytes that the logs of a batch may take, unless it is of one world."""
 
 
+Progress = Callable[[float], None]
+"""Called after each step with what it added to the episodes, in parts of an episode."""
+
+
 class LogsTooLarge(Exception):
     """What a planner logs would take too much memory: the batch must be smaller.
 
@@ -45,7 +49,7 @@ def rollout(
     replanning: Replanning = EVERY_STEP,
     keep_logs: bool = False,
     undisturbed: bool = True,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Trace:
     """Drive a planner through cases, each to its outcome. Worlds that have ended leave the batch.
 
@@ -95,10 +99,12 @@ def rollout(
     return states.trace(cases.split, alone, scenario.blocks(cases))
 
 
-def _walk_alone(
-    scenario: Scenario, world: World
-) -> tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]]:
-    """Where the pedestrians would walk if the vehicle were not there, in metres, and their numbers as persons."""
+_Alone = tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]]
+"""Where the pedestrians would walk if the vehicle were not there, in metres, and their numbers as persons."""
+
+
+def _walk_alone(scenario: Scenario, world: World) -> _Alone:
+    """Simulate the pedestrians without the vehicle, to the time limit."""
     world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
     positions, persons = [world.position[:, 1:]], [world.person]
     for _ in range(scenario.rules.max_steps):
@@ -115,7 +121,7 @@ class _Shares:
     A running episode is expected to end when the vehicle has gone straight to its goal, or at the time limit.
     """
 
-    def __init__(self, worlds: int, progress: Callable[[float], None]) -> None:
+    def __init__(self, worlds: int, progress: Progress) -> None:
         self.progress = progress
         self.share = np.zeros(worlds)
 
@@ -152,11 +158,8 @@ class _States:
         steps = start.rules.max_steps
         self.start = start
         self.steps = np.zeros(worlds, np.int64)
-        self.states = {
-            "position": np.full((worlds, steps + 1, agents, 2), np.nan),
-            "velocity": np.full((worlds, steps + 1, agents, 2), np.nan),
-            "heading": np.full((worlds, steps + 1), np.nan),
-        }
+        shapes = {"position": (agents, 2), "velocity": (agents, 2), "heading": ()}
+        self.states = {name: np.full((worlds, steps + 1, *shape), np.nan) for name, shape in shapes.items()}
         self.checks = {name: np.full((worlds, steps), np.nan) for name in ("gap", "wall_gap")}
         self.outcome = np.zeros(worlds, np.int64)
         self.command = np.full((worlds, steps, 2), np.nan)
@@ -167,18 +170,17 @@ class _States:
             self.people = {name: array.copy() for name, array in self.people.items()}
         for name, array in self.states.items():
             array[:, 0] = getattr(start, name)
-        self.perceived: Float[np.ndarray, "world time pedestrian 2"] | None = None
-        self.age: Float[np.ndarray, "world time pedestrian"] | None = None
+        self.sight: dict[str, np.ndarray] = {}
         if not start.rules.sensor.sees_all:
-            self.perceived = np.full((worlds, steps + 1, agents - 1, 2), np.nan)
-            self.age = np.full((worlds, steps + 1, agents - 1), np.inf)
+            shape = worlds, steps + 1, agents - 1
+            self.sight = {"perceived": np.full((*shape, 2), np.nan), "age": np.full(shape, np.inf)}
             self._perceive(np.arange(worlds), 0, start)
 
     def _perceive(self, rows: Int[np.ndarray, "running"], t: int, world: World) -> None:
         """Keep what the vehicles see in state `t` of the worlds in these rows."""
-        if self.perceived is not None and self.age is not None:
-            self.age[rows, t] = age = ages(world)
-            self.perceived[rows, t] = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
+        if self.sight:
+            self.sight["age"][rows, t] = age = ages(world)
+            self.sight["perceived"][rows, t] = np.where(np.isinf(age)[..., None], np.nan, world.sight["state"][..., :2])
 
     def add(
         self,
@@ -239,23 +241,10 @@ class _States:
             raise LogsTooLarge(max(1, int(worlds * LOG_MEMORY / size)))
         return np.full(shape, np.nan, dtype)
 
-    def trace(
-        self,
-        split: str,
-        alone: tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "world time pedestrian"]] | None,
-        block: Int[np.ndarray, "world"] | None,
-    ) -> Trace:
-        """The trace of all episodes.
-
-        Args:
-            split: The split of the cases.
-            alone: Where the pedestrians would walk without the vehicle, in metres, and their numbers as persons.
-            block: See `Trace`.
-        """
-        if self.changing:  # the last state is repeated beyond an episode's end
-            row, time = np.arange(len(self.steps))[:, None], np.arange(self.command.shape[1] + 1)
-            last = np.minimum(time, self.steps[:, None])
-            self.people = {name: array[row, last] for name, array in self.people.items()}
+    def trace(self, split: str, alone: _Alone | None, block: Int[np.ndarray, "world"] | None) -> Trace:
+        """The trace of all episodes, from the split of the cases and their blocks of recorded time."""
+        if self.changing:
+            self.people = {name: array[self._last_states()] for name, array in self.people.items()}
         for name in ("position", "velocity"):
             self.states[name][~self.people["present"]] = np.nan
         undisturbed = None
@@ -279,19 +268,22 @@ class _States:
             obstacles=self.start.obstacles,
             rules=self.start.rules,
             undisturbed=undisturbed,
-            perceived=self.perceived,
-            age=self.age,
+            **self.sight,
             block=block,
             logs=self.logs,
         )
 
     def _seen(self) -> Bool[np.ndarray, "world time pedestrian"]:
         """Whom the vehicles saw; in the last state, also after it."""
-        if self.age is None:
+        if not self.sight:
             return self.people["present"][:, :, 1:]
-        last = np.minimum(np.arange(self.age.shape[1]), self.steps[:, None])
         late = (self.start.rules.sensor.delay + 0.5) * self.start.rules.dt
-        return np.asarray(np.take_along_axis(self.age, last[..., None], axis=1) < late)
+        return np.asarray(self.sight["age"][self._last_states()] < late)
+
+    def _last_states(self) -> tuple[Int[np.ndarray, "world 1"], Int[np.ndarray, "world time"]]:
+        """The indices by which the last state of each world is repeated beyond the end of its episode."""
+        time = np.arange(self.start.rules.max_steps + 1)
+        return np.arange(len(self.steps))[:, None], np.minimum(time, self.steps[:, None])
 
     def _always(self, array: np.ndarray) -> np.ndarray:
         """An array `[world, ...]` that does not change in an episode, as `[world, time, ...]`; it takes no memory."""

@@ -8,7 +8,7 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from crowdbench.planners.driver import Driver
 from crowdbench.runs.manifest import code
 from crowdbench.runs.recording import open_recorder, units_of
 from crowdbench.runs.results import Episodes, planner_label, to_json
-from crowdbench.runs.rollout import LogsTooLarge, rollout
+from crowdbench.runs.rollout import LogsTooLarge, Progress, rollout
 from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import write_run
 from crowdbench.scenario.cases import Cases
@@ -58,7 +58,7 @@ class Run:
     origin: Mapping[str, Any] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
 
-    def drive(self, part: Cases, directory: Path, progress: Callable[[float], None] | None = None) -> None:
+    def drive(self, part: Cases, directory: Path, progress: Progress | None = None) -> None:
         """Drive some of the cases, measure and record them, and write the directory of a run of these cases.
 
         Args:
@@ -87,9 +87,7 @@ class Run:
         if interrupts.pending and part != self.spec.cases:
             raise Interrupted
 
-    def _traces(
-        self, cases: Cases, interrupts: Interrupts, progress: Callable[[float], None] | None
-    ) -> Iterator[Trace]:
+    def _traces(self, cases: Cases, interrupts: Interrupts, progress: Progress | None) -> Iterator[Trace]:
         """The traces of all cases, batch by batch, in smaller ones where the planner's logs would take too much."""
         with_episodes = self.spec.record in WITH_EPISODES
         of_others = any(name in UNDISTURBED or name not in METRICS for name in self.metrics)
@@ -117,7 +115,7 @@ class Run:
     @property
     def label(self) -> str:
         """The planner's name with its settings, as shown to people."""
-        return planner_label(self.driver.name, self.spec.options, self.spec.replanning.settings)
+        return planner_label(self.driver.name, {**self.spec.options, **self.spec.replanning.settings})
 
     @property
     def header(self) -> dict[str, Any]:
@@ -136,33 +134,32 @@ class Run:
     @property
     def depends(self) -> dict[str, Any]:
         """All that the figures depend on."""
-        planner = {"planner": self.driver.name, "privileged": self.driver.privileged, "facts": self.driver.facts}
         # What an isolated planner has used differs from run to run.
-        about = {key: value for key, value in self._about().items() if key != "isolation"}
-        return {**planner, **self._request(), **about, "scenario": self.scenario.digest, "code": code()}
-
-    def _observing(self) -> dict[str, Any]:
-        """When the planner observes, as results say it."""
-        return {"replan_every": self.spec.replanning.every, **self.spec.replanning.settings}
+        planner = {key: value for key, value in self._describe_planner().items() if key != "isolation"}
+        return {**planner, **self._request(), "scenario": self.scenario.digest, "code": code()}
 
     def _request(self) -> dict[str, Any]:
         """What a manifest says of what was asked for."""
         cases = {"cases": str(self.spec.cases), "metrics": list(self.metrics)}
         limits = {"record": self.spec.record, "decision_limit": self.driver.decision_limit}
-        return {**cases, **self._observing(), **limits, **self.origin}
+        changes = {"options": self.spec.options, "overrides": self.spec.changes}
+        return {**cases, **self._observing(), **limits, **self.origin, **changes}
 
-    def _about(self) -> dict[str, Any]:
-        """What results and manifests say of planner and scenario beside their names."""
-        return {"options": self.spec.options, **self.details, "overrides": self.spec.changes}
+    def _observing(self) -> dict[str, Any]:
+        """When the planner observes, as results say it."""
+        return {"replan_every": self.spec.replanning.every, **self.spec.replanning.settings}
+
+    def _describe_planner(self) -> dict[str, Any]:
+        """What `result.json` says of the planner, and of what is changed for it in the scenario."""
+        driver, spec = self.driver, self.spec
+        planner = {"planner": driver.name, "privileged": driver.privileged, "planner_facts": driver.facts}
+        return {**planner, **self._observing(), "options": spec.options, **self.details, "overrides": spec.changes}
 
     def _result(self, cases: Cases, episodes: Episodes, recorded: int, seconds: float) -> dict[str, Any]:
         """The contents of `result.json`."""
+        steps = int(episodes.steps.sum())
         return {
-            "planner": self.driver.name,
-            "privileged": self.driver.privileged,
-            "planner_facts": self.driver.facts,
-            **self._observing(),
-            **self._about(),
+            **self._describe_planner(),
             "scenario": {"name": self.scenario.name, "digest": self.scenario.digest, **self.scenario.table},
             "cases": str(cases),
             "recorded": recorded,
@@ -170,10 +167,7 @@ class Run:
             "metrics": to_json(episodes.summary()),
             **episodes.blocks,
             "rates": episodes.rates,
-            "timing": {
-                "decision_ms_per_step": 1e3 * self.driver.seconds / int(episodes.steps.sum()),
-                "seconds": seconds,
-            },
+            "timing": {"decision_ms_per_step": 1e3 * self.driver.seconds / steps, "seconds": seconds},
             "versions": read_versions(),
         }
 
@@ -182,7 +176,7 @@ class Run:
         torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
         return {
             "interrupted": False,
-            "asked": {**self._request(), "options": self.spec.options, "overrides": self.spec.changes},
+            "asked": self._request(),
             "planner_files": self.details.get("planner_files", {}),
             "versions": read_versions() | torch,
         }

@@ -25,8 +25,9 @@ from typing import Any, TypeVar
 from filelock import Timeout
 
 from crowdbench.runs.manifest import MANIFEST, check_files
-from crowdbench.runs.merge import merge
+from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, NotWritten
@@ -59,8 +60,10 @@ class Shard:
     count: int = 1
 
     @classmethod
-    def parse(cls, text: str) -> Shard:
-        """Read `2/8`. Raises InputError where the text has another form, or there is no such shard."""
+    def parse(cls, text: str | None) -> Shard:
+        """Read `2/8`; None is the whole. Raises InputError where there is no such shard, or the form is another one."""
+        if text is None:
+            return WHOLE
         match = re.fullmatch("([0-9]{1,9})/([0-9]{1,9})", text)
         if match and 1 <= int(match[1]) <= int(match[2]):
             return cls(int(match[1]), int(match[2]))
@@ -83,24 +86,30 @@ class Parts:
     """The parts of a run.
 
     Attributes:
+        spec: The run, as another process loads it.
         out: The directory of the run.
         folder: The folder that has a directory for each of them until all are there.
         request: The text of the file that says what they are parts of.
         cases: Their cases, in order.
+        selected: The cases of those that this process makes.
     """
 
+    spec: RunSpec
     out: Path
     folder: Path
     request: str
-    cases: tuple[Cases, ...]
+    cases: Sequence[Cases]
+    selected: Sequence[Cases]
 
     @classmethod
-    def of(cls, run: Run, out: Path) -> Parts:
-        """The parts of a run that is made in the directory `out`."""
-        cases, batch = run.spec.cases, run.spec.batch
-        request = json.dumps({**run.depends, "cases": str(cases), "batch": batch}, indent=2, sort_keys=True) + "\n"
+    def of(cls, run: Run, out: Path, shard: Shard = WHOLE) -> Parts:
+        """The parts of a run that is made in the directory `out`, of which this process makes a shard."""
+        spec = run.spec
+        depends = {**run.depends, "batch": spec.batch}
+        request = json.dumps(depends, indent=2, sort_keys=True) + "\n"
         folder = out.with_name(f"{out.name}{ENDING}{hashlib.sha256(request.encode()).hexdigest()[:8]}")
-        return cls(out, folder, request, tuple(cases.batches(batch)))
+        cases = tuple(spec.cases.batches(spec.batch))
+        return cls(spec, out, folder, request, cases, shard.select(cases))
 
     def directory(self, part: Cases) -> Path:
         """Where a part lies."""
@@ -109,6 +118,10 @@ class Parts:
     def list_finished(self) -> list[Cases]:
         """The parts that are there."""
         return [part for part in self.cases if is_finished(self.directory(part))]
+
+    def count_finished(self) -> int:
+        """The number of cases whose parts are there."""
+        return sum(map(len, self.list_finished()))
 
     @contextlib.contextmanager
     def open(self) -> Iterator[None]:
@@ -125,18 +138,17 @@ class Parts:
             yield
 
     @contextlib.contextmanager
-    def report_kept(self) -> Iterator[None]:
-        """Say in an InputError, and after an interrupt, what is kept."""
+    def report_finished(self) -> Iterator[None]:
+        """Say in an InputError, and after an interrupt, which part of the run is kept."""
         try:
             yield
         except (KeyboardInterrupt, InputError) as error:
-            cases = sum(map(len, self.list_finished()))
-            if not cases:
+            number = self.count_finished()
+            if not number:
                 raise
-            kept = f"{cases} of {sum(map(len, self.cases))} cases are kept in {self.folder}"
-            by_hand = f"`crowdbench merge {self.folder} --out DIR` makes a run of them"
-            goes_on = f"the same command goes on with them, and {by_hand}"
-            raise type(error)(f"{str(error) or 'interrupted'}: {kept}; {goes_on}") from error
+            finished = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
+            goes_on = f"the same command goes on with them, and `crowdbench merge {self.folder} --out DIR`"
+            raise type(error)(f"{str(error) or 'interrupted'}: {finished}; {goes_on} makes a run of them") from error
 
     def _close(self) -> None:
         is_empty = self.folder.exists() and not any(each.is_dir() for each in self.folder.iterdir())
@@ -166,28 +178,15 @@ class Parts:
                     with new_directory(self.out, overwrite) as directory:
                         shutil.copytree(directories[0], directory, dirs_exist_ok=True)
                 else:
+                    from crowdbench.runs.merge import merge
+
                     merge(directories, self.out, overwrite)
-                for tried in self.out.parent.glob(f"{glob.escape(self.out.name)}{ENDING}{'[0-9a-f]' * 8}"):
+                for earlier in self.out.parent.glob(f"{glob.escape(self.out.name)}{ENDING}{'[0-9a-f]' * 8}"):
                     # What a longer run has kept outlives a shorter one of its name.
-                    is_worthless = len(directories) > 1 or not any(tried.glob(f"*/{MANIFEST}"))
-                    if tried == self.folder or (is_worthless and _is_idle(tried)):
-                        _remove(tried)
+                    is_worthless = len(directories) > 1 or not any(earlier.glob(f"*/{MANIFEST}"))
+                    if earlier == self.folder or (is_worthless and _is_idle(earlier)):
+                        _remove(earlier)
             lock.unlink(missing_ok=True)
-
-
-@dataclass(frozen=True)
-class RunStatus:
-    """What is there of a run.
-
-    Attributes:
-        folder: The folder of its parts, which is gone once all are there.
-        cases: How many of its cases are there.
-        is_whole: Whether all are, and the run is in its directory.
-    """
-
-    folder: Path
-    cases: int
-    is_whole: bool
 
 
 def make_run(
@@ -198,8 +197,8 @@ def make_run(
     overwrite: bool = False,
     wait: bool = True,
     drive: Drive | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> RunStatus:
+    progress: Progress | None = None,
+) -> bool:
     """Make a run, or a shard of it, going on from what is there. The run is put together once all parts are there.
 
     Args:
@@ -212,17 +211,17 @@ def make_run(
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
     Returns:
-        What is there now.
+        Whether all parts are there, and the run is in its directory.
 
     Raises:
         InputError: The directory is taken, or as `Run.drive` raises it.
         KeyboardInterrupt: Somebody interrupted it. The parts that are finished are kept.
     """
     check_free(out, overwrite)
-    parts = Parts.of(run, out)
+    parts = Parts.of(run, out, shard)
     drive = drive or functools.partial(run.drive, progress=progress)
-    with parts.open(), parts.report_kept():
-        waiting = shard.select(parts.cases)
+    with parts.open(), parts.report_finished():
+        waiting = parts.selected
         while waiting:
             left = [part for part in waiting if not _make_part(parts, part, drive, progress)]
             if not wait:
@@ -233,13 +232,13 @@ def make_run(
         if len(parts.list_finished()) == len(parts.cases):
             parts.put_together(overwrite)
         # Another process that has the same command may put the parts together, and remove the folder, at any time.
-        if not (parts.folder / REQUEST).exists():
+        is_whole = not (parts.folder / REQUEST).exists()
+        if is_whole:
             shutil.rmtree(parts.folder, ignore_errors=True)  # locks are made with their folder
-            return RunStatus(parts.folder, len(run.spec.cases), is_whole=True)
-        return RunStatus(parts.folder, sum(map(len, parts.list_finished())), is_whole=False)
+        return is_whole
 
 
-def _make_part(parts: Parts, part: Cases, drive: Drive, progress: Callable[[float], None] | None) -> bool:
+def _make_part(parts: Parts, part: Cases, drive: Drive, progress: Progress | None) -> bool:
     """Make a part, unless it is there; False where another process is making it."""
     try:
         with parts.claim(part) as is_missing:
@@ -276,8 +275,8 @@ def _name(part: Cases) -> str:
 
 def is_finished(directory: Path) -> bool:
     """Whether a run is there, to its last case. Raises InputError where its manifest is damaged."""
-    manifest = check_files(directory, ()) if (directory / MANIFEST).exists() else None
-    return manifest is not None and not manifest.interrupted
+    manifest = check_files(directory, ())
+    return bool(manifest) and not manifest["interrupted"]
 
 
 def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
@@ -297,8 +296,8 @@ def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
         if request != requests[0]:
             raise InputError(f"{folders[0]} and {folder} hold parts of different runs: their {REQUEST} differ")
     parts = list(Cases.parse(requests[0]["cases"]).batches(requests[0]["batch"]))
-    there = [next(filter(is_finished, (folder / _name(part) for folder in folders)), None) for part in parts]
-    finished = [directory for directory in itertools.takewhile(bool, there) if directory]
+    directories = [next(filter(is_finished, (folder / _name(part) for folder in folders)), None) for part in parts]
+    finished = [directory for directory in itertools.takewhile(bool, directories) if directory]
     return finished, len(finished) == len(parts)
 
 

@@ -83,6 +83,9 @@ class RunSpec:
         isolated: Whether the planner runs in a process of its own.
         decision_limit: Seconds that the planner may take for a decision.
         data: The folder with recorded tracks.
+
+    Raises:
+        InputError: There is no such way to record.
     """
 
     planner: str
@@ -98,6 +101,10 @@ class RunSpec:
     isolated: bool = False
     decision_limit: float = DECISION_LIMIT
     data: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.record not in RECORD:
+            raise InputError(f"record {self.record!r} is not one of {', '.join(RECORD)}")
 
     @property
     def changes(self) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,8 @@ from crowdbench.core.types import Outcome, Rules
 from crowdbench.metrics import POOLED, is_rate
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.metrics.summary import weighted_mean
-from crowdbench.runs import commands
-from crowdbench.runs.commands import COMMANDS, Commands
-from crowdbench.runs.manifest import Manifest, check_files, write_manifest
+from crowdbench.runs.manifest import check_files, write_manifest
+from crowdbench.runs.recording import COMMANDS, Commands, read_commands
 from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, read_result, result_label
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -49,14 +48,14 @@ class RunResult:
         directory: Its directory.
         result: The contents of `result.json`.
         episodes: The table in `episodes.csv`.
-        manifest: The manifest, or None where the run has none, or a damaged one.
+        manifest: The contents of its manifest, empty where the run has none, or a damaged one.
         broken: The sentence on the first file that is not as the run wrote it, empty for a run that was checked.
     """
 
     directory: Path
     result: dict[str, Any]
     episodes: Episodes
-    manifest: Manifest | None
+    manifest: Mapping[str, Any]
     broken: str = ""
 
     @classmethod
@@ -69,9 +68,8 @@ class RunResult:
         result = read_result(directory)
         manifest = check_files(directory, (RESULT, EPISODES))
         episodes = Episodes.read(directory / EPISODES)
-        for contradiction in CONTRADICTIONS:
-            if found := contradiction(result, episodes):
-                raise InputError(f"{directory / EPISODES} {found}; make the run again")
+        for contradiction in _contradictions(result, episodes):
+            raise InputError(f"{directory / EPISODES} {contradiction}; make the run again")
         return cls(directory, result, episodes, manifest)
 
     @classmethod
@@ -79,7 +77,7 @@ class RunResult:
         """Read a run that a replay checks. Raises InputError where a file is missing or damaged."""
         if not directory.is_dir():
             raise InputError(f"{directory} is not the directory of a run, which --replay needs")
-        result, manifest, broken = read_result(directory), None, ""
+        result, manifest, broken = read_result(directory), {}, ""
         try:
             manifest = check_files(directory, (RESULT, EPISODES, COMMANDS, RECORDING))
         except InputError as error:
@@ -99,7 +97,7 @@ class RunResult:
     @functools.cached_property
     def commands(self) -> Commands:
         """The commands of its cases. Raises InputError where they were not kept, or the file is damaged."""
-        return commands.read(self.directory / COMMANDS)
+        return read_commands(self.directory / COMMANDS)
 
     @functools.cached_property
     def recording(self) -> Recording | None:
@@ -111,62 +109,48 @@ class RunResult:
         return read(self.directory / RECORDING)
 
 
-def _cases(result: Mapping[str, Any], episodes: Episodes) -> str:
-    cases = Cases.parse(result["cases"])
+def _contradictions(result: Mapping[str, Any], episodes: Episodes) -> Iterator[str]:
+    """In which points a table of episodes contradicts its result or itself."""
+    cases, scenario = Cases.parse(result["cases"]), result["scenario"]
     if len(episodes) != len(cases):
-        return f"has {len(episodes)} rows, but {RESULT} says cases {cases}"
+        yield f"has {len(episodes)} rows, but {RESULT} says cases {cases}"
     if wrong := np.flatnonzero(episodes.case != cases.indices).tolist():
-        return f"has case {episodes.case[wrong[0]]} in the place of case {cases.start + wrong[0]}"
-    return ""
-
-
-def _steps(result: Mapping[str, Any], episodes: Episodes) -> str:
-    scenario = result["scenario"]
+        yield f"has case {episodes.case[wrong[0]]} in the place of case {cases.start + wrong[0]}"
     most = Rules(dt=scenario["dt"], time_limit=scenario["time_limit"]).max_steps
     if wrong := np.flatnonzero((episodes.steps < 1) | (episodes.steps > most)).tolist():
-        return f"has {episodes.steps[wrong[0]]} steps in case {episodes.case[wrong[0]]}, which must be 1 to {most}"
-    return ""
-
-
-def _outcomes(result: Mapping[str, Any], episodes: Episodes) -> str:
+        yield f"has {episodes.steps[wrong[0]]} steps in case {episodes.case[wrong[0]]}, which must be 1 to {most}"
     for outcome in Outcome:
-        found, told = int((episodes.outcome == outcome).sum()), result["outcomes"].get(outcome.label, 0)
-        if found != told:
-            return f"has {found} episodes with the outcome {outcome.label}, but {RESULT} says {told}"
-    return ""
-
-
-def _rates(result: Mapping[str, Any], episodes: Episodes) -> str:
+        number, stated = int((episodes.outcome == outcome).sum()), result["outcomes"].get(outcome.label, 0)
+        if number != stated:
+            yield f"has {number} episodes with the outcome {outcome.label}, but {RESULT} says {stated}"
     for name in COUNTED.keys() & episodes.columns.keys():
         values = episodes.columns[name]
         if not is_rate(values):
-            return f"has values in the column {name} that are not true or false"
+            yield f"has values in the column {name} that are not true or false"
         if wrong := np.flatnonzero(values != np.isin(episodes.outcome, COUNTED[name])).tolist():
             label = Outcome(int(episodes.outcome[wrong[0]])).label
-            return f"has another {name} than the outcome {label} means in case {episodes.case[wrong[0]]}"
-    return ""
-
-
-def _means(result: Mapping[str, Any], episodes: Episodes) -> str:
+            yield f"has another {name} than the outcome {label} means in case {episodes.case[wrong[0]]}"
     if differ := sorted(result["metrics"].keys() ^ episodes.columns.keys()):
-        return f"and {RESULT} have not the same metrics ({', '.join(differ)})"
-    for name, column in episodes.columns.items():
-        values = column.astype(float)
-        defined = ~np.isnan(values)
-        weights = episodes.steps * 1.0 if name in POOLED else np.ones(len(values))
-        n, told = int(defined.sum()), result["metrics"][name]
-        mean = float(weighted_mean(values[defined], weights[defined])) if n else None
-        if n != told["n"] or not _close(mean, told["mean"]):
-            return f"has {n} values of {name} with the mean {mean}, but {RESULT} says {told['n']} with {told['mean']}"
-    return ""
+        yield f"and {RESULT} have not the same metrics ({', '.join(differ)})"
+    for name in episodes.columns:
+        (n, mean), estimate = _mean(name, episodes), result["metrics"][name]
+        if n != estimate["n"] or not _is_close(mean, estimate["mean"]):
+            yield (
+                f"has {n} values of {name} with the mean {mean}, but {RESULT} says {estimate['n']} with "
+                f"{estimate['mean']}"
+            )
 
 
-def _close(mean: float | None, told: float | None) -> bool:
-    # Another version of NumPy may add in another order.
-    return mean is told is None or (
-        mean is not None and told is not None and math.isclose(mean, told, rel_tol=1e-9, abs_tol=1e-12)
-    )
+def _mean(name: str, episodes: Episodes) -> tuple[int, float | None]:
+    """In how many episodes a metric is defined, and its mean, if it is in any."""
+    values = episodes.columns[name].astype(float)
+    is_defined = ~np.isnan(values)
+    weights = episodes.steps * 1.0 if name in POOLED else np.ones(len(values))
+    n = int(is_defined.sum())
+    return n, float(weighted_mean(values[is_defined], weights[is_defined])) if n else None
 
 
-CONTRADICTIONS = (_cases, _steps, _outcomes, _rates, _means)
-"""Each says in which point a table of episodes contradicts its result or itself, or nothing."""
+def _is_close(one: float | None, two: float | None) -> bool:
+    if one is None or two is None:
+        return one is two
+    return math.isclose(one, two, rel_tol=1e-9, abs_tol=1e-12)  # another version of NumPy may add in another order

@@ -58,7 +58,7 @@ def is_complete(run: Run, out: Path) -> bool:
     if not (directory / RESULT).exists() and not (directory / MANIFEST).exists():
         return False
     found = RunResult.read(directory)
-    return found.manifest is not None and found.cases == run.spec.cases
+    return bool(found.manifest) and found.cases == run.spec.cases
 
 
 def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None = None, *, wait: bool = True) -> bool:
@@ -79,7 +79,7 @@ def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None
     """
     if is_complete(run, out):  # another process may have made it meanwhile
         return True
-    return make_run(run, run_directory(run, out), overwrite=True, wait=wait, progress=progress).is_whole
+    return make_run(run, run_directory(run, out), overwrite=True, wait=wait, progress=progress)
 
 
 def read_episodes(run: Run, out: Path) -> Episodes:
