@@ -15,8 +15,15 @@ from crowdbench.check.result import CheckResult
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.place_agents import add_routes, check_finite, check_obstacles, check_routes, check_shape
-from crowdbench.scenario.placement import Layout, Placement
+from crowdbench.scenario.placement import (
+    Layout,
+    Placement,
+    add_routes,
+    check_finite,
+    check_obstacles,
+    check_routes,
+    check_shape,
+)
 from crowdbench.scenario.respawn import LayoutWithRespawn, Respawn, Room, Way, draw_again, find_respawn
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, plugin_errors

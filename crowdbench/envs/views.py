@@ -40,7 +40,7 @@ from crowdbench.planners.policy.features import (
     to_world,
 )
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.scenario.place_agents import EXTENT
+from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.population import Quantity
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way

@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.scenario.place_agents import check_finite, check_shape
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import Placement, check_finite, check_shape
 from crowdbench.scenario.respawn import Room
 
 GAP = 0.2

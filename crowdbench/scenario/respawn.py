@@ -13,11 +13,10 @@ import shapely
 from jaxtyping import Float, Int
 
 from crowdbench.core.dynamics import reach
-from crowdbench.core.geometry import norm
+from crowdbench.core.geometry import norm, polygons
 from crowdbench.core.types import World
 from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
-from crowdbench.scenario.place_agents import add_routes, check_shape
-from crowdbench.scenario.placement import Layout, Placement, split_corners
+from crowdbench.scenario.placement import Layout, Placement, add_routes, check_shape
 from crowdbench.scenario.visibility_graph import edges_of, nearest_on
 from crowdbench.utils.errors import InputError, plugin_errors
 
@@ -86,7 +85,7 @@ class Room:
         edges = edges_of(self.obstacles)
         if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < keep:
             return False
-        solid = [shapely.Polygon(each) for each in split_corners(self.obstacles) if len(each) > 2]
+        solid = [shapely.Polygon(each) for each in polygons(self.obstacles) if len(each) > 2]
         return not any(shapely.contains_xy(each, *point) for each in solid)
 
     def way(self, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], radius: float) -> np.ndarray | None:

@@ -16,8 +16,7 @@ from crowdbench.core import rng
 from crowdbench.core.dynamics import reach
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
-from crowdbench.scenario.place_agents import complete_placement
-from crowdbench.scenario.placement import LayoutCall, Placement
+from crowdbench.scenario.placement import LayoutCall, Placement, complete_placement
 from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.renewal import Renewal
 from crowdbench.scenario.respawn import find_respawn

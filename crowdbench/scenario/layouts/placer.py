@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import shapely
-from jaxtyping import Float
 
-from crowdbench.scenario.placement import Placement, pad_points
+from crowdbench.core.geometry import pad_points
+from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
 CLEARANCE = 0.2
@@ -99,7 +99,7 @@ class Placer:
         obstacles: The corners in metres of what stands around them: walls with two, solid polygons with more.
     """
 
-    def __init__(self, radius: Float[np.ndarray, "agent"], obstacles: Sequence[Sequence[Point]] = ()) -> None:
+    def __init__(self, radius: PerAgent, obstacles: Sequence[Sequence[Point]] = ()) -> None:
         self.radius: list[float] = radius.tolist()
         self.obstacles = pad_points(obstacles) if obstacles else None
         shapes = [shapely.LineString(each) if len(each) == 2 else shapely.Polygon(each) for each in obstacles]

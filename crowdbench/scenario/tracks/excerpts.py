@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.scenario.placement import pad_points
+from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.tracks.dut import Car
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
 from crowdbench.scenario.tracks.scenes import Recording, Scene
