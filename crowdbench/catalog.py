@@ -17,7 +17,6 @@ from crowdbench.scenario.certified import FOLDER
 from crowdbench.scenario.placement import Layout
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import PedestriansSpec
-from crowdbench.scenario.tracks.scenes import load_scene
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.files import sha256
@@ -192,7 +191,7 @@ def load_scenario(
     load = scenario_file.Loaders(
         functools.partial(load_layout, folder=path.parent),
         functools.partial(load_policy, folder=path.parent),
-        lambda scene, files: load_scene(scene, data, files),
+        data,
     )
     scenario = scenario_file.parse(table, path.stem, source, load)
     if all_cases:
@@ -232,7 +231,7 @@ def load_recorded_scenario(
     load = scenario_file.Loaders(
         _only_given(load_layout, [layout] if layout else [], layouts, "layout", "--layout", source),
         _only_given(load_policy, pedestrians, digests, "pedestrian policy", "--pedestrians", source),
-        lambda scene, files: load_scene(scene, data, files),
+        data,
     )
     return scenario_file.restore(table, source, load)
 

@@ -192,7 +192,7 @@ def print_result(
     if as_json:
         print(json.dumps(result, indent=2))
         return
-    from crowdbench.scenario.recorded import RECORDED
+    from crowdbench.scenario.population import RECORDED
 
     print_table(result_table(f"{title}, cases {result['cases']}", result, metrics))
     if "tracks" in result["scenario"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,16 +16,13 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.layouts.placer import CLEARANCE
 from crowdbench.scenario.placement import Placement
-from crowdbench.scenario.population import Crowd, Traits
-from crowdbench.scenario.starts import Case, Start, Starts, Vehicle
+from crowdbench.scenario.population import RECORDED, Crowd, Traits
+from crowdbench.scenario.starts import Case, Start, Vehicle
 from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, split_windows, walked_paths
 from crowdbench.scenario.tracks.scenes import Scene
 from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.simulator import Renewal
 from crowdbench.utils.errors import InputError
-
-RECORDED = "recorded"
-"""The name of the policy of those who walk as they were recorded."""
 
 SLOWEST = 1e-3
 """Smallest preferred speed in m/s, that of people who stood."""
@@ -125,7 +123,7 @@ def _dense(way: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
 
 
 @dataclass(frozen=True)
-class TrackedCrowd(Starts):
+class TrackedCrowd:
     """The people of a scene, as a scenario has them.
 
     Attributes:
@@ -134,6 +132,7 @@ class TrackedCrowd(Starts):
         windows: The windows by split.
         free_space: The free space of each recording by its name.
         has_cars: Whether the vehicle takes the place of a recorded car, and other cars are there.
+        table: What results say of it.
     """
 
     scene: str
@@ -141,6 +140,7 @@ class TrackedCrowd(Starts):
     windows: Mapping[str, Sequence[Excerpt]]
     free_space: Mapping[str, FreeSpace]
     has_cars: bool
+    table: Mapping[str, Any]
 
     @classmethod
     def of(cls, scene: Scene, distance: float, rules: Rules) -> TrackedCrowd:
@@ -148,21 +148,24 @@ class TrackedCrowd(Starts):
 
         Args:
             scene: The scene.
-            distance: See there.
+            distance: Smallest distance in metres from the vehicle's start to its goal, where no car gives them.
             rules: The rules of the scenario.
 
         Raises:
             InputError: No recording is as long as an episode may be.
         """
-        found = cut_windows(scene, rules.max_steps, rules.dt)
-        if not found:
+        windows = cut_windows(scene, rules.max_steps, rules.dt)
+        if not windows:
             raise InputError(
                 f"no recording of the scene {scene.name} holds people for the {rules.max_steps * rules.dt:g} s that an "
                 "episode may take: lower time_limit"
             )
+        table = {"scene": scene.name, "files": dict(scene.files)}
         has_cars = any(recording.cars for recording in scene.recordings)
-        free = {} if has_cars else {each.tracks.name: FreeSpace(walked_paths(each.tracks)) for each in scene.recordings}
-        return cls(scene.name, distance, split_windows(found), free, has_cars)
+        if has_cars:
+            return cls(scene.name, distance, split_windows(windows), {}, has_cars, table)
+        free = {each.tracks.name: FreeSpace(walked_paths(each.tracks)) for each in scene.recordings}
+        return cls(scene.name, distance, split_windows(windows), free, has_cars, {**table, "distance": distance})
 
     @property
     def number(self) -> tuple[int, int]:
@@ -219,17 +222,17 @@ class TrackedCrowd(Starts):
         return np.array([self.window(split, case).block for case in cases.tolist()], np.int64)
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """See `Starts`. Who comes later starts where they come."""
-        window, population = self.window(case.split, case.number), crowd.population
-        traits = population.draw(rng.generator(case.key, "crowd"), len(window.radius))
-        traits = take_recorded(window, traits, list(population.parameters))
+        """Draw the start of a case, see `LayoutStarts`. Who comes later starts where they come."""
+        window = self.window(case.split, case.number)
+        traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
+        traits = take_recorded(window, traits, list(crowd.parameters))
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         with case.name_errors():
             placement = self._place(window, rng.generator(case.key, "places"), radius, rules)
         return Start(traits, placement, np.full(len(window.radius), -1))
 
     def renewal(self, crowd: Crowd) -> Renewal:
-        """See `Starts`: people come and go as they were recorded."""
+        """People come and go as they were recorded."""
         return come_and_go
 
     def _place(
@@ -252,7 +255,7 @@ class TrackedCrowd(Starts):
         )
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """The worlds with tracks, velocities, and those present who are there at the start; see `Starts`."""
+        """The worlds with tracks, velocities, and those present who are there at the start."""
         windows = [self.window(case.split, case.number) for case in cases]
         track = np.full((len(world), world.rules.max_steps + 1, *world.person.shape[1:], 2), np.nan)
         recorded = np.zeros((*world.person.shape, 2))

@@ -51,7 +51,7 @@ class Renewal:
         if not arrived.any() and not is_due.any():
             return world
         walks = running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0)
-        walks &= ~self.crowd.population.stands[world.policy]
+        walks &= ~self.crowd.stands[world.policy]
         arrived &= walks
         turned = np.zeros_like(walks)
         if change is not None:
@@ -89,7 +89,7 @@ class Renewal:
         start, goal = world.position[row, agents], world.goal[row, agents]
         if is_new:
             crowd = rng.generator(world.key[row], "crowd again", *of_this)
-            traits = self.crowd.population.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
+            traits = self.crowd.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
             radius, speed = traits.radius, float(traits.preferred_speed[0])
         room, stream = Room.of(world, row, agents), rng.generator(world.key[row], "places again", *of_this)
         found = draw_again(self.again, stream, room, group_reach(radius), speed, None if is_new else start.mean(axis=0))

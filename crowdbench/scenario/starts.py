@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import abc
 import contextlib
 import functools
 from collections.abc import Iterator, Sequence
@@ -74,46 +73,24 @@ class Start(NamedTuple):
     drawn: int = -1
 
 
-class Starts(abc.ABC):
-    """How the cases of a scenario start."""
-
-    @property
-    def layout(self) -> LayoutCall | None:
-        """The layout; None where there is none."""
-        return None
-
-    @abc.abstractmethod
-    def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """Draw the start of a case. Raises InputError where that cannot be."""
-
-    @abc.abstractmethod
-    def renewal(self, crowd: Crowd) -> simulator.Renewal | None:
-        """What becomes of people after a step; None where they only walk."""
-
-    def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """Worlds at their start, with what only these cases have."""
-        return world
-
-
 @dataclass(frozen=True)
-class LayoutStarts(Starts):
-    """A layout places the agents.
+class LayoutStarts:
+    """How cases start in which a layout places the agents.
 
     Attributes:
-        call: The layout with its options.
+        layout: The layout with its options.
         crowdnav_cases: Test cases below this number have CrowdNav's random streams.
     """
 
-    call: LayoutCall
+    layout: LayoutCall
     crowdnav_cases: int = 0
 
-    @property
-    def layout(self) -> LayoutCall:
-        """See `Starts`."""
-        return self.call
+    def is_crowdnavs(self, case: Case) -> bool:
+        """Whether a case has CrowdNav's random stream."""
+        return case.split == "test" and case.number < self.crowdnav_cases
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """See `Starts`."""
+        """Draw the start of a case. Raises InputError where that cannot be."""
         traits = crowd.draw(rng.generator(case.key, "crowd"))
         leader, group = np.arange(len(traits.radius)), np.full(len(traits.radius), -1)
         if crowd.groups:
@@ -121,14 +98,13 @@ class LayoutStarts(Starts):
             traits, group = traits.alike(leader), group_numbers(leader)
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         speed = np.append(vehicle.speed, traits.preferred_speed)
-        stands = crowd.population.stands[traits.policy]
-        seed = CROWDNAV_TEST_SEED + case.number
-        is_crowdnavs = case.split == "test" and case.number < self.crowdnav_cases
-        stream = np.random.Generator(seed_legacy(seed)) if is_crowdnavs else rng.generator(case.key, "places")
+        stands, stream = crowd.stands[traits.policy], rng.generator(case.key, "places")
+        if self.is_crowdnavs(case):
+            stream = np.random.Generator(seed_legacy(CROWDNAV_TEST_SEED + case.number))
 
         def call_layout(radius: Float[np.ndarray, "group"], speed: Float[np.ndarray, "group"]) -> object:
             with plugin_errors("the layout raised"):
-                return self.call(stream, radius, speed)
+                return self.layout(stream, radius, speed)
 
         with case.name_errors():
             if crowd.groups or stands.any():
@@ -138,11 +114,15 @@ class LayoutStarts(Starts):
                 answer = call_layout(radius, speed)
             return Start(traits, complete_placement(answer, radius), group)
 
-    def renewal(self, crowd: Crowd) -> Renewal | None:
-        """See `Starts`."""
+    def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
+        """Worlds at their start, with what only these cases have."""
+        return world
+
+    def renewal(self, crowd: Crowd) -> simulator.Renewal | None:
+        """What becomes of people after a step; None where they only walk."""
         if crowd.arrival == "walk_on" and crowd.goal_change is None:
             return None
-        return Renewal(crowd, functools.partial(find_respawn(self.call.function), **self.call.options))
+        return Renewal(crowd, functools.partial(find_respawn(self.layout.function), **self.layout.options))
 
 
 def seed_legacy(seed: int) -> np.random.MT19937:

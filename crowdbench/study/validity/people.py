@@ -14,7 +14,6 @@ from crowdbench import catalog
 from crowdbench.scenario import load as scenario_file
 from crowdbench.scenario.placement import Placement
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.tracks.scenes import load_scene
 from crowdbench.utils.errors import InputError
 
 
@@ -85,9 +84,7 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
             "preferred_speed": people.preferred_speed,
         },
     }
-    load = scenario_file.Loaders(
-        lambda _: ("validity", layout, None), catalog.load_policy, lambda scene, files: load_scene(scene, None, files)
-    )
+    load = scenario_file.Loaders(lambda _: ("validity", layout, None), catalog.load_policy)
     return scenario_file.parse(table, "validity", "validity", load)
 
 
