@@ -18,13 +18,14 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.placement import (
     Layout,
     Placement,
+    Way,
     add_routes,
     check_finite,
     check_obstacles,
     check_routes,
     check_shape,
 )
-from crowdbench.scenario.respawn import LayoutWithRespawn, Respawn, Room, Way, draw_again, find_respawn
+from crowdbench.scenario.respawn import LayoutWithRespawn, Respawn, Room, draw_again, find_respawn
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, plugin_errors
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.scenario.placement import Placement, check_finite, check_shape
+from crowdbench.scenario.placement import PerAgent, Placement, Position, Way, check_finite, check_shape
 from crowdbench.scenario.respawn import Room
 
 GAP = 0.2
@@ -47,9 +47,7 @@ def group_reach(radius: Float[np.ndarray, "member"]) -> float:
     return float(radius.max()) + _spacing(radius) * (len(radius) - 1) / 2
 
 
-def spread(
-    ahead: Float[np.ndarray, "2"], radius: Float[np.ndarray, "member"], stands: bool
-) -> Float[np.ndarray, "member 2"]:
+def spread(ahead: Position, radius: Float[np.ndarray, "member"], stands: bool) -> Float[np.ndarray, "member 2"]:
     """Where the members of a group are, from its middle: side by side if it walks, in a circle if it stands.
 
     Args:
@@ -70,10 +68,10 @@ def spread(
 
 
 def place_groups(
-    layout: Callable[[Float[np.ndarray, "group"], Float[np.ndarray, "group"]], object],
+    layout: Callable[[PerAgent, PerAgent], object],
     leader: Int[np.ndarray, "pedestrian"],
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
+    radius: PerAgent,
+    preferred_speed: PerAgent,
     stands: Bool[np.ndarray, "pedestrian"],
     stream: np.random.Generator,
 ) -> Placement:
@@ -108,24 +106,17 @@ def place_groups(
         if stands[members[0] - 1]:
             others = np.setdiff1d(np.arange(len(radius)), members)
             room = Room(start[others], goal[others], radius[others], preferred_speed[others], obstacles)
-            middle = _on_way(
-                placement.start[number], placement.goal[number], group_reach(radius[members]), room, stream
-            )
-            ahead = placement.goal[number] - placement.start[number]
+            way = placement.start[number], placement.goal[number]
+            middle, ahead = _draw_on_way(way, group_reach(radius[members]), room, stream), way[1] - way[0]
             start[members] = goal[members] = middle + spread(ahead, radius[members], True)
             if route is not None:
                 route[members] = np.nan
     return Placement(start, goal, route, placement.obstacles)
 
 
-def _on_way(
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    radius: float,
-    room: Room,
-    stream: np.random.Generator,
-) -> Float[np.ndarray, "2"]:
+def _draw_on_way(way: Way, radius: float, room: Room, stream: np.random.Generator) -> Position:
     """A clear point in metres between start and goal; the start where none is found."""
+    start, goal = way
     for share in stream.random(TRIES):
         point = start + share * (goal - start)
         if room.is_clear(point, radius):

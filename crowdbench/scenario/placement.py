@@ -26,6 +26,12 @@ _TOLERANCE = 1e-9
 PerAgent = Float[np.ndarray, "agent"]
 """A number per agent, the vehicle first."""
 
+Position = Float[np.ndarray, "2"]
+"""A point in metres."""
+
+Way = tuple[Position, Position]
+"""Where an agent starts, and where it goes."""
+
 
 @dataclass(frozen=True)
 class Placement:

@@ -15,7 +15,7 @@ from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.layouts.placer import CLEARANCE
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
 from crowdbench.scenario.population import RECORDED, Crowd, Traits
 from crowdbench.scenario.starts import Case, Start, Vehicle
 from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, split_windows, walked_paths
@@ -67,10 +67,10 @@ class FreeSpace:
         self,
         stream: np.random.Generator,
         distance: float,
-        radius: Float[np.ndarray, "agent"],
+        radius: PerAgent,
         track: Float[np.ndarray, "time pedestrian 2"],
         dt: float,
-    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    ) -> Way:
         """Draw start and goal of the vehicle, with free space on the straight way.
 
         Args:
@@ -99,14 +99,14 @@ class FreeSpace:
             f"there is no room for the vehicle to start with a goal {distance:g} m away: lower tracks.distance"
         )
 
-    def _is_free(self, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"]) -> bool:
+    def _is_free(self, start: Position, goal: Position) -> bool:
         along = np.linspace(0.0, 1.0, int(np.ceil(2.0 * math.dist(start, goal) / CELL)) + 1)[:, None]
         x, y = ((start + along * (goal - start) - self.origin) / CELL).astype(np.int64).T
         return bool(self.free[x, y].all())
 
 
 def _near(
-    place: Float[np.ndarray, "2"], track: Float[np.ndarray, "time pedestrian 2"], reach: Float[np.ndarray, "pedestrian"]
+    place: Position, track: Float[np.ndarray, "time pedestrian 2"], reach: Float[np.ndarray, "pedestrian"]
 ) -> Bool[np.ndarray, "time"]:
     """At which times somebody is nearer to a place than `reach`, in metres."""
     return np.asarray((norm(track - place) < reach).any(axis=1))
@@ -235,9 +235,7 @@ class TrackedCrowd:
         """People come and go as they were recorded."""
         return come_and_go
 
-    def _place(
-        self, window: Excerpt, stream: np.random.Generator, radius: Float[np.ndarray, "agent"], rules: Rules
-    ) -> Placement:
+    def _place(self, window: Excerpt, stream: np.random.Generator, radius: PerAgent, rules: Rules) -> Placement:
         """Starts and goals, and the recorded ways. Raises InputError where there is no room for the vehicle."""
         if window.driven is None:
             start, goal = self.free_space[window.recording].draw(stream, self.distance, radius, window.track, rules.dt)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core import rng
+from crowdbench.core.geometry import norm
 from crowdbench.core.types import World
 from crowdbench.scenario.groups import group_reach, spread
+from crowdbench.scenario.placement import Position
 from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.respawn import Respawn, Room, draw_again
-from crowdbench.utils.compiled import njit
 
 
 @dataclass(frozen=True)
@@ -121,14 +120,13 @@ def _add_groups(
 
 
 def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.ndarray, "world pedestrian"]:
-    """Who has arrived, in worlds that are running: whose goal is nearer than its radius."""
-    arrived = np.zeros(world.person.shape, bool)
-    _fill_arrived(world.position, world.goal, world.radius, world.preferred_speed, world.present, running, arrived)
-    return arrived
+    """Who has arrived, in worlds that are running: whose goal is nearer than its radius. Who stands has not."""
+    walks = running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0)
+    return np.asarray(walks & (norm((world.goal - world.position)[:, 1:]) < world.radius[:, 1:]))
 
 
 def replace_person(
-    world: World, row: int, pedestrian: int, traits: Traits, one: int, start: Float[np.ndarray, "2"], numbers: int
+    world: World, row: int, pedestrian: int, traits: Traits, one: int, start: Position, numbers: int
 ) -> None:
     """Put somebody new in the place of a pedestrian, in the arrays of worlds.
 
@@ -198,14 +196,3 @@ def _turn_back(world: World, arrived: Bool[np.ndarray, "world pedestrian"]) -> N
 
 _AT_ONCE = {"stop": _stop, "leave": _leave, "back_and_forth": _turn_back}
 """What happens to all who arrive, without a draw."""
-
-
-@no_type_check
-@njit
-def _fill_arrived(position, goal, radius, speed, present, running, arrived):
-    """Fill `arrived`, which is False; who prefers no speed has arrived before."""
-    for w in range(len(running)):
-        for i in range(1, radius.shape[1]):
-            if running[w] and present[w, i] and speed[w, i] > 0.0:
-                dx, dy = goal[w, i, 0] - position[w, i, 0], goal[w, i, 1] - position[w, i, 1]
-                arrived[w, i - 1] = math.sqrt(dx * dx + dy * dy) < radius[w, i]

@@ -16,7 +16,7 @@ from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm, polygons
 from crowdbench.core.types import World
 from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
-from crowdbench.scenario.placement import Layout, Placement, add_routes, check_shape
+from crowdbench.scenario.placement import Layout, Placement, Position, Way, add_routes, check_shape
 from crowdbench.scenario.visibility_graph import edges_of, nearest_on
 from crowdbench.utils.errors import InputError, plugin_errors
 
@@ -25,9 +25,6 @@ TRIES = 20
 
 SHORTEST_WAY = 1.0
 """Distance in metres from a person to its new goal, at least."""
-
-Way = tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
-"""Start and goal in metres."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +53,11 @@ class Room:
         radius = world.radius[row].copy()
         radius[0] += reach(world.rules.body)
         others[0] = True
-        return cls(
-            position=world.position[row, others],
-            goal=world.goal[row, others],
-            radius=radius[others],
-            preferred_speed=world.preferred_speed[row, others],
-            obstacles=world.obstacles[row],
-        )
+        agents = (world.position[row], world.goal[row], radius, world.preferred_speed[row])
+        return cls(*(array[others] for array in agents), world.obstacles[row])
 
     def is_clear(
-        self, point: Float[np.ndarray, "2"], radius: float, clearance: float = CLEARANCE, walls: float = WALL_CLEARANCE
+        self, point: Position, radius: float, clearance: float = CLEARANCE, walls: float = WALL_CLEARANCE
     ) -> bool:
         """Whether a disc at a point keeps its distance from all positions and goals, and from walls.
 
@@ -80,7 +72,7 @@ class Room:
             return False
         return not len(self.obstacles) or self._is_outside(point, radius + walls)
 
-    def _is_outside(self, point: Float[np.ndarray, "2"], keep: float) -> bool:
+    def _is_outside(self, point: Position, keep: float) -> bool:
         """Whether a point in metres is in no obstacle and keeps a distance in metres from all."""
         edges = edges_of(self.obstacles)
         if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < keep:
@@ -88,7 +80,7 @@ class Room:
         solid = [shapely.Polygon(each) for each in polygons(self.obstacles) if len(each) > 2]
         return not any(shapely.contains_xy(each, *point) for each in solid)
 
-    def way(self, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], radius: float) -> np.ndarray | None:
+    def way(self, start: Position, goal: Position, radius: float) -> np.ndarray | None:
         """The waypoints `[waypoint, 2]` in metres of a disc's shortest way, None where no way leads to the goal."""
         if not np.isfinite(self.obstacles).any():
             return np.empty((0, 2))
@@ -142,7 +134,7 @@ def _respawn_by_layout(
     room: Room,
     radius: float,
     preferred_speed: float,
-    position: Float[np.ndarray, "2"] | None,
+    position: Position | None,
     **options: Any,
 ) -> Way | None:
     """Have a layout place the vehicle and one pedestrian until the latter is clear of all; see `Respawn`."""
@@ -156,19 +148,18 @@ def _respawn_by_layout(
     return None
 
 
-def draw_again(again: Respawn, *arguments: Any, **options: Any) -> Way | None:
+def draw_again(again: Respawn, *arguments: Any) -> Way | None:
     """What is drawn, checked.
 
     Args:
         again: Draws a person, see `Respawn`.
         *arguments: Its arguments.
-        **options: The options of the layout.
 
     Raises:
         InputError: It raises, or returns neither None nor two points.
     """
     with plugin_errors("the layout raised"):
-        answer = again(*arguments, **options)
+        answer = again(*arguments)
     if answer is None:
         return None
     if not isinstance(answer, tuple) or len(answer) != 2 or not all(map(_is_point, answer)):

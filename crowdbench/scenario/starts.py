@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from crowdbench.core import rng
 from crowdbench.core.dynamics import reach
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
-from crowdbench.scenario.placement import LayoutCall, Placement, complete_placement
+from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, complete_placement
 from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.renewal import Renewal
 from crowdbench.scenario.respawn import find_respawn
@@ -102,7 +102,7 @@ class LayoutStarts:
         if self.is_crowdnavs(case):
             stream = np.random.Generator(seed_legacy(CROWDNAV_TEST_SEED + case.number))
 
-        def call_layout(radius: Float[np.ndarray, "group"], speed: Float[np.ndarray, "group"]) -> object:
+        def call_layout(radius: PerAgent, speed: PerAgent) -> object:
             with plugin_errors("the layout raised"):
                 return self.layout(stream, radius, speed)
 

@@ -36,8 +36,8 @@ Point = tuple[float, float]
 Area = tuple[Point, Point]
 """A rectangle: its smallest and its largest coordinates in metres."""
 
-Way = tuple[Area, Area]
-"""Where somebody starts, and where they go."""
+Areas = tuple[Area, Area]
+"""Where an agent may start, and where it may go."""
 
 
 class Points:
@@ -134,7 +134,9 @@ class Placer:
         self.add(own_start, own_goal)
         return True
 
-    def fill_two_ways(self, rng: np.random.Generator, one: Way, other: Way, area: str, share: float = 0.5) -> Placement:
+    def fill_two_ways(
+        self, rng: np.random.Generator, one: Areas, other: Areas, area: str, share: float = 0.5
+    ) -> Placement:
         """Place all agents that are left on one of two ways; a `share` of them on the first. See `fill`."""
         return self.fill(lambda: self.draw(rng, *(one if rng.random() < share else other)), area, "layout.width")
 
