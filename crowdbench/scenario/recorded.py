@@ -18,7 +18,7 @@ from crowdbench.scenario.layouts.placer import CLEARANCE
 from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
 from crowdbench.scenario.population import RECORDED, Crowd, Traits
 from crowdbench.scenario.starts import Case, Start, Vehicle
-from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, split_windows, walked_paths
+from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, people_of, split_windows
 from crowdbench.scenario.tracks.scenes import Scene
 from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.simulator import Renewal
@@ -118,8 +118,7 @@ def _dense(way: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
         return way
     parts = np.maximum(np.ceil(norm(np.diff(way, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
     at = np.concatenate([i + np.arange(n) / n for i, n in enumerate(parts.tolist())])
-    points = np.stack([np.interp(at, np.arange(len(way)), way[:, axis]) for axis in (0, 1)], axis=1)
-    return np.concatenate([points, way[-1:]])
+    return np.concatenate([interpolate(at, np.arange(len(way)), way), way[-1:]])
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,10 @@ class TrackedCrowd:
         has_cars = any(recording.cars for recording in scene.recordings)
         if has_cars:
             return cls(scene.name, distance, split_windows(windows), {}, has_cars, table)
-        free = {each.tracks.name: FreeSpace(walked_paths(each.tracks)) for each in scene.recordings}
+        free = {
+            each.tracks.name: FreeSpace([person.position for person in people_of(each.tracks)])
+            for each in scene.recordings
+        }
         return cls(scene.name, distance, split_windows(windows), free, has_cars, {**table, "distance": distance})
 
     @property

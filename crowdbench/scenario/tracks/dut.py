@@ -6,6 +6,7 @@ Of each clip there are `<clip>_traj_ped_filtered.csv`, `<clip>_traj_veh_filtered
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,15 +86,12 @@ def _metres(table: dict[str, np.ndarray], x: str, y: str, ratio: float) -> Float
 
 def _ratio(path: Path) -> float:
     """Pixels per metre."""
-    try:
-        found = float(files.read_text(path))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
-    except ValueError:  # no number, or no text
-        found = math.nan
-    if not 0.0 < found < 1e6:
+    ratio = math.nan
+    with contextlib.suppress(OSError, ValueError):  # where it cannot be read, or holds no number or no text
+        ratio = float(files.read_text(path))
+    if not 0.0 < ratio < 1e6:
         raise InputError(f"{path} must hold one number, the pixels of a metre")
-    return found
+    return ratio
 
 
 def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Real
 
 from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.tracks.dut import Car
@@ -49,9 +49,9 @@ class MovingDisc:
     position: Float[np.ndarray, "row 2"]
     radius: float = math.nan
 
-    def is_there(self, time: Float[np.ndarray, "time"]) -> bool:
-        """Whether it was there at any of these times in seconds."""
-        return bool(((time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)).any())
+    def is_there(self, time: Float[np.ndarray, "time"]) -> Bool[np.ndarray, "time"]:
+        """Whether it was there at each of these times in seconds."""
+        return (time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)
 
     def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time 2"]:
         """Where it was, between its recorded positions on the straight line; NaN before the first and after the last.
@@ -62,10 +62,7 @@ class MovingDisc:
         Returns:
             Positions in metres.
         """
-        outside = (time < self.time[0] - _ROUNDING) | (time > self.time[-1] + _ROUNDING)
-        found = np.stack([np.interp(time, self.time, self.position[:, axis]) for axis in (0, 1)], axis=1)
-        found[outside] = np.nan
-        return found
+        return np.where(self.is_there(time)[:, None], interpolate(time, self.time, self.position), np.nan)
 
 
 @dataclass(frozen=True)
@@ -132,13 +129,13 @@ def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
     """
     found: list[Excerpt] = []
     for recording in scene.recordings:
-        everybody = list(_people(recording.tracks))
+        everybody = list(people_of(recording.tracks))
         own: list[Excerpt] = []
         for first, car in _windows(recording, steps * dt):
             times = first + dt * np.arange(-1, steps + 1)
-            people = [each for each in everybody if each.is_there(times[1:])]
+            people = [each for each in everybody if each.is_there(times[1:]).any()]
             others = [disc for other in recording.cars if other is not car for disc in _discs(other)]
-            others = [disc for disc in others if disc.is_there(times[1:])]
+            others = [disc for disc in others if disc.is_there(times[1:]).any()]
             if people:
                 driven = _follow_car(car, first, first + PACE * steps * dt)
                 block = len(own) if car is None else 0
@@ -166,17 +163,13 @@ def split_windows(found: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
     }
 
 
-def walked_paths(tracks: Tracks) -> list[Float[np.ndarray, "_ 2"]]:
-    """The positions of each pedestrian in metres, in the order of time."""
-    return [each.position for each in _people(tracks)]
-
-
 def times_of(tracks: Tracks) -> Float[np.ndarray, "row"]:
     """The time of each annotation in seconds."""
     return tracks.frame / FRAME_STEP * tracks.dt
 
 
-def _people(tracks: Tracks) -> Iterator[MovingDisc]:
+def people_of(tracks: Tracks) -> Iterator[MovingDisc]:
+    """The pedestrians of a recording."""
     bounds = np.flatnonzero(np.diff(tracks.pedestrian)) + 1
     for rows in np.split(np.arange(len(tracks.frame)), bounds):
         yield MovingDisc(times_of(tracks)[rows], tracks.position[rows])
@@ -263,5 +256,11 @@ def _way(
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     duration = each.time[-1] - times[first]
     marks = np.arange(SPACING, lengths[-1] - SPACING / 2.0, SPACING)
-    waypoints = np.stack([np.interp(marks, lengths, points[:, axis]) for axis in (0, 1)], axis=1)
-    return waypoints, float(lengths[-1] / duration) if duration > _ROUNDING else 0.0
+    return interpolate(marks, lengths, points), float(lengths[-1] / duration) if duration > _ROUNDING else 0.0
+
+
+def interpolate(
+    at: Float[np.ndarray, "time"], known: Real[np.ndarray, "row"], position: Float[np.ndarray, "row 2"]
+) -> Float[np.ndarray, "time 2"]:
+    """Positions in metres at other times, or lengths of way, than those at which they are known."""
+    return np.stack([np.interp(at, known, position[:, axis]) for axis in (0, 1)], axis=1)
