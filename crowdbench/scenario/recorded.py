@@ -229,7 +229,7 @@ class TrackedCrowd:
         traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
         traits = take_recorded(window, traits, list(crowd.parameters))
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
-        with case.name_errors():
+        with case.location.named():
             placement = self._place(window, rng.generator(case.key, "places"), radius, rules)
         return Start(traits, placement, np.full(len(window.radius), -1))
 

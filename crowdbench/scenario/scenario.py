@@ -25,6 +25,7 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sight import look
 from crowdbench.sim.simulator import Renewal, init_memories
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location
 
 if TYPE_CHECKING:  # most scenarios have nobody recorded
     from crowdbench.scenario.recorded import TrackedCrowd
@@ -125,7 +126,10 @@ class Scenario:
         """
         numbers = self._numbers(split, cases)
         keys = rng.case_keys(self.seed, split, numbers)
-        drawn = [Case(self.source, split, case, key) for case, key in zip(numbers.tolist(), keys, strict=True)]
+        drawn = [
+            Case(Location(self.source, f"case {split}:{case}"), split, case, key)
+            for case, key in zip(numbers.tolist(), keys, strict=True)
+        ]
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
         traits, placements = [start.traits for start in starts], [start.placement for start in starts]
         worlds, agents = len(cases), self.max_agents

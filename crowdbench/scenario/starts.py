@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +19,8 @@ from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.renewal import Renewal
 from crowdbench.scenario.respawn import find_respawn
 from crowdbench.sim import simulator
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.errors import plugin_errors
+from crowdbench.utils.toml import Location
 
 CROWDNAV_TEST_SEED = 1000
 """CrowdNav draws test case c with NumPy's legacy generator, seeded with this number plus c."""
@@ -37,24 +37,16 @@ class Case(NamedTuple):
     """A case that is drawn.
 
     Attributes:
-        source: What the scenario's file is called, for errors.
+        location: The scenario's file and the case, for errors.
         split: `train`, `val` or `test`.
         number: The number by which it is drawn.
         key: Start of its random streams.
     """
 
-    source: str
+    location: Location
     split: str
     number: int
     key: np.uint64
-
-    @contextlib.contextmanager
-    def name_errors(self) -> Iterator[None]:
-        """Say of an InputError raised within in which case that was."""
-        try:
-            yield
-        except InputError as error:
-            raise InputError(f"{self.source}: in case {self.split}:{self.number}, {error}") from None
 
 
 class Start(NamedTuple):
@@ -106,7 +98,7 @@ class LayoutStarts:
             with plugin_errors("the layout raised"):
                 return self.layout(stream, radius, speed)
 
-        with case.name_errors():
+        with case.location.named():
             if crowd.groups or stands.any():
                 standing = rng.generator(case.key, "standing")
                 answer: object = place_groups(call_layout, leader, radius, speed, stands, standing)
