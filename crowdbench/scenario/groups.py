@@ -81,7 +81,7 @@ def place_groups(
 
     Args:
         layout: Places so many agents of these radii in metres and speeds in m/s.
-        leader: The first one in the group of each pedestrian.
+        leader: The first one in the group of each pedestrian; the members of a group follow each other.
         radius: Radii in metres, the vehicle first.
         preferred_speed: In m/s.
         stands: Which pedestrians stand.
@@ -90,25 +90,23 @@ def place_groups(
     Raises:
         InputError: What the layout returns is no placement.
     """
-    everybody = [np.zeros(1, np.int64), *(np.flatnonzero(leader == first) + 1 for first in np.unique(leader))]
-    leaders = [members[0] for members in everybody]
-    reach = np.array([group_reach(radius[each]) for each in everybody])
-    placement = check_finite(check_shape(layout(reach, preferred_speed[leaders]), len(leaders)))
-    start, goal = (np.empty((len(radius), 2)) for _ in range(2))
-    route = None if placement.route is None else np.empty((len(radius), *placement.route.shape[1:]))
-    for number, members in enumerate(everybody):
-        offsets = spread(placement.goal[number] - placement.start[number], radius[members], False)
-        start[members], goal[members] = placement.start[number] + offsets, placement.goal[number] + offsets
-        if route is not None and placement.route is not None:
-            route[members] = placement.route[number]
+    group = np.unique(np.append(0, leader + 1), return_inverse=True)[1]
+    groups = [np.flatnonzero(group == number) for number in range(group.max() + 1)]
+    reach = np.array([group_reach(radius[members]) for members in groups])
+    leaders = [members[0] for members in groups]
+    placement = check_finite(check_shape(layout(reach, preferred_speed[leaders]), len(groups)))
+    ahead = placement.goal - placement.start
+    offset = np.concatenate([spread(ahead[number], radius[members], False) for number, members in enumerate(groups)])
+    start, goal = placement.start[group] + offset, placement.goal[group] + offset
+    route = None if placement.route is None else placement.route[group]
     obstacles = np.empty((0, 0, 2)) if placement.obstacles is None else placement.obstacles
-    for number, members in enumerate(everybody[1:], 1):
+    for number, members in enumerate(groups[1:], 1):
         if stands[members[0] - 1]:
-            others = np.setdiff1d(np.arange(len(radius)), members)
+            others = group != number
             room = Room(start[others], goal[others], radius[others], preferred_speed[others], obstacles)
             way = placement.start[number], placement.goal[number]
-            middle, ahead = _draw_on_way(way, group_reach(radius[members]), room, stream), way[1] - way[0]
-            start[members] = goal[members] = middle + spread(ahead, radius[members], True)
+            middle = _draw_on_way(way, float(reach[number]), room, stream)
+            start[members] = goal[members] = middle + spread(ahead[number], radius[members], True)
             if route is not None:
                 route[members] = np.nan
     return Placement(start, goal, route, placement.obstacles)

@@ -43,17 +43,11 @@ class Renewal:
         Raises:
             InputError: The layout fails.
         """
-        change, is_due = self.crowd.goal_change, np.zeros(len(world), bool)
-        if change is not None:
-            is_due = running & (world.step % change.every == 0)
-        arrived = find_arrived(world, running & (self.crowd.arrival != "walk_on"))
-        if not arrived.any() and not is_due.any():
-            return world
-        walks = running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0)
-        walks &= ~self.crowd.stands[world.policy]
-        arrived &= walks
+        walks = find_walking(world, running) & ~self.crowd.stands[world.policy]
+        arrived = walks & find_arrived(world, running & (self.crowd.arrival != "walk_on"))
         turned = np.zeros_like(walks)
-        if change is not None:
+        change = self.crowd.goal_change
+        if change is not None and (is_due := running & (world.step % change.every == 0)).any():
             # A group has one mind.
             mind = np.where(world.group < 0, world.person, world.group)
             draws = rng.uniforms(world.key, "goal_change", world.step, mind)
@@ -119,10 +113,15 @@ def _add_groups(
     return together
 
 
+def find_walking(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.ndarray, "world pedestrian"]:
+    """Who prefers some speed, in worlds that are running."""
+    return np.asarray(running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0))
+
+
 def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.ndarray, "world pedestrian"]:
     """Who has arrived, in worlds that are running: whose goal is nearer than its radius. Who stands has not."""
-    walks = running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0)
-    return np.asarray(walks & (norm((world.goal - world.position)[:, 1:]) < world.radius[:, 1:]))
+    to_goal = (world.goal - world.position)[:, 1:]
+    return np.asarray(find_walking(world, running) & (norm(to_goal) < world.radius[:, 1:]))
 
 
 def replace_person(
