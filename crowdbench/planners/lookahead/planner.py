@@ -22,7 +22,7 @@ from crowdbench.planners.lookahead.kce import Limits
 from crowdbench.planners.lookahead.one_step import propagate_vehicle, try_commands
 from crowdbench.planners.scene import Scene, scene_of
 from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.validation import validate_prediction
+from crowdbench.predict.base import validate_prediction
 from crowdbench.utils.numbers import require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
