@@ -35,7 +35,9 @@ class Linear(Predictor):
         deviation = weight * (time - mean_time)
         variance = (deviation**2).sum(axis=2, keepdims=True)
         slope_weight = np.divide(deviation, variance, out=np.zeros_like(deviation), where=variance > 0.0)
-        velocity, mean = (_weighted_sum(each, crowd.history) for each in (slope_weight, mean_weight))
+        # Without matrix products, whose last bits depend on the number of worlds.
+        weights = [np.ascontiguousarray(each.swapaxes(1, 2))[..., None] for each in (slope_weight, mean_weight)]
+        velocity, mean = ((each * crowd.history).sum(axis=1) for each in weights)
         return _straight_on(mean - velocity * mean_time, velocity[:, None], obs, steps)
 
 
@@ -87,14 +89,6 @@ class Oracle(Predictor):
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There is one mode. Raises PermissionError where the planner is not privileged."""
         return _straight_on(obs.pedestrians.position, obs.true_next()[:, None], obs, steps)
-
-
-def _weighted_sum(
-    weight: Float[np.ndarray, "world pedestrian time"], history: Float[np.ndarray, "world time pedestrian 2"]
-) -> Float[np.ndarray, "world pedestrian 2"]:
-    """The weighted sum over time of positions in metres."""
-    # Without matrix products, whose last bits depend on the number of worlds.
-    return (np.ascontiguousarray(weight.swapaxes(1, 2))[..., None] * history).sum(axis=1)
 
 
 def last_velocity(obs: Observation) -> Float[np.ndarray, "world pedestrian 2"]:

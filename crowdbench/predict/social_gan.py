@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from crowdbench.core.types import Observation, Pedestrians
@@ -127,16 +127,10 @@ def extrapolated_history(crowd: Pedestrians) -> Float[np.ndarray, "world time pe
     history = crowd.history
     last = history.shape[1] - 1
     start = np.clip(last + 1 - crowd.observed, 0, last)
-    first, second = (_at(history, time) for time in (start, np.minimum(start + 1, last)))
+    times = start, np.minimum(start + 1, last)
+    first, second = (np.take_along_axis(history, time[:, None, :, None], axis=1)[:, 0] for time in times)
     before = np.maximum(start[:, None] - np.arange(last + 1)[:, None], 0)[..., None]
     return history - before * (second - first)[:, None]
-
-
-def _at(
-    history: Float[np.ndarray, "world time pedestrian 2"], time: Int[np.ndarray, "world pedestrian"]
-) -> Float[np.ndarray, "world pedestrian 2"]:
-    """Each pedestrian's position at a time index of its own."""
-    return np.take_along_axis(history, time[:, None, :, None], axis=1)[:, 0]
 
 
 def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> SocialGAN:

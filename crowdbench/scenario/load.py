@@ -204,6 +204,9 @@ def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules
     if isinstance(dynamics, Unicycle) and dynamics.max_angular_speed * top.dt > math.pi:
         right = f"{math.pi / top.dt:.6g} rad/s at most: the vehicle may turn by half a circle in a step"
         raise location.at("max_angular_speed").wrong(f"{dynamics.max_angular_speed:g}", right)
+    sensor = top.sensor.complete()
+    if sensor["nearest"] is None and top.pedestrians.number[1] > SHOWN_IN:
+        sensor["nearest"] = SHOWN
     return Rules(
         dt=top.dt,
         time_limit=top.time_limit,
@@ -213,16 +216,8 @@ def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules
         dynamics=dynamics,
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),
-        sensor=_sensor(top),
+        sensor=Sensor.of_table(sensor),
     )
-
-
-def _sensor(top: ScenarioSpec) -> Sensor:
-    """The sensor of a scenario; without `nearest` it shows the nearest `SHOWN` of more than `SHOWN_IN` pedestrians."""
-    sensor = Sensor.of_table(top.sensor.complete())
-    if sensor.nearest is None and top.pedestrians.number[1] > SHOWN_IN:
-        return dataclasses.replace(sensor, nearest=SHOWN)
-    return sensor
 
 
 def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:

@@ -70,12 +70,8 @@ class Room:
         ways = np.concatenate([self.position, self.goal]) - point
         if (norm(ways) < np.tile(self.radius, 2) + (radius + clearance)).any():
             return False
-        return not len(self.obstacles) or self._is_outside(point, radius + walls)
-
-    def _is_outside(self, point: Position, keep: float) -> bool:
-        """Whether a point in metres is in no obstacle and keeps a distance in metres from all."""
         edges = edges_of(self.obstacles)
-        if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < keep:
+        if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < radius + walls:
             return False
         solid = [shapely.Polygon(each) for each in polygons(self.obstacles) if len(each) > 2]
         return not any(shapely.contains_xy(each, *point) for each in solid)

@@ -52,14 +52,9 @@ def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
     """The pedestrians and the cars of a clip. Raises InputError where a file cannot be read or has another format."""
     ratio = _ratio(folder / f"{clip}{RATIO}")
     people = _columns(folder / f"{clip}{PEDESTRIANS}", ("id", "frame", "x_est", "y_est"))
-    order = np.lexsort((people["frame"], people["id"]))
-    tracks = Tracks(
-        clip,
-        people["frame"][order].astype(np.int64) * FRAME_STEP,
-        people["id"][order].astype(np.int64),
-        _metres(people, "x_est", "y_est", ratio)[order],
-        1.0 / FRAMES_PER_SECOND,
-    )
+    frame, number = people["frame"].astype(np.int64), people["id"].astype(np.int64)
+    position = _metres(people, "x_est", "y_est", ratio)
+    tracks = Tracks(clip, frame * FRAME_STEP, number, position, 1.0 / FRAMES_PER_SECOND)
     corners = [f"{axis}_{corner}" for corner in _CORNERS for axis in "xy"]
     cars = _columns(folder / f"{clip}{CARS}", ("id", "frame", "x_est", "y_est", *corners))
     return tracks, [_car(cars, cars["id"] == number, ratio) for number in np.unique(cars["id"])]
@@ -67,7 +62,6 @@ def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
 
 def _car(table: dict[str, np.ndarray], rows: np.ndarray, ratio: float) -> Car:
     own = {name: values[rows] for name, values in table.items()}
-    own = {name: values[np.argsort(own["frame"], kind="stable")] for name, values in own.items()}
     corner = {name: _metres(own, f"x_{name}", f"y_{name}", ratio) for name in _CORNERS}
     front, rear = (corner["fl"] + corner["fr"]) / 2.0, (corner["rl"] + corner["rr"]) / 2.0
     ahead, across = front - rear, corner["fl"] - corner["fr"]
@@ -95,7 +89,7 @@ def _ratio(path: Path) -> float:
 
 
 def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Columns of a table with a header, as numbers."""
+    """Columns of a table with a header, as numbers; its rows ordered by `id`, then by `frame`."""
     options = pa.csv.ConvertOptions(include_columns=names, column_types=dict.fromkeys(names, pa.float64()))
     try:
         files.check_regular(path)
@@ -107,4 +101,5 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     found = {name: table.column(name).to_numpy() for name in names}
     if not len(table) or not all(np.isfinite(values).all() for values in found.values()):
         raise InputError(f"{path} must have a finite number in {', '.join(names)} of each row, and a row or more")
-    return found
+    order = np.lexsort((found["frame"], found["id"]))
+    return {name: values[order] for name, values in found.items()}

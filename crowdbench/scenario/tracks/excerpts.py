@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -131,17 +130,16 @@ def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
     for recording in scene.recordings:
         everybody = list(people_of(recording.tracks))
         own: list[Excerpt] = []
-        for first, car in _windows(recording, steps * dt):
+        first_block = found[-1].block + 1 if found else 0
+        for first, car, driven in _windows(recording, steps, dt):
             times = first + dt * np.arange(-1, steps + 1)
             people = [each for each in everybody if each.is_there(times[1:]).any()]
             others = [disc for other in recording.cars if other is not car for disc in _discs(other)]
             others = [disc for disc in others if disc.is_there(times[1:]).any()]
             if people:
-                driven = _follow_car(car, first, first + PACE * steps * dt)
-                block = len(own) if car is None else 0
+                block = first_block + (len(own) if car is None else 0)
                 own.append(_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
-        first_block = found[-1].block + 1 if found else 0
-        found += [dataclasses.replace(each, block=each.block + first_block) for each in own]
+        found += own
     return found
 
 
@@ -183,30 +181,28 @@ def _discs(car: Car) -> Iterator[MovingDisc]:
         yield MovingDisc(car.time, car.position + ahead * direction, car.width / 2.0)
 
 
-def _windows(recording: Recording, length: float) -> list[tuple[float, Car | None]]:
-    """When windows of this length in seconds start, in the order of time, and the car that drives in each, if any."""
-    time = times_of(recording.tracks)
+def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
+    """When windows of so many steps start, in the order of time, and the car that drives in each, if any."""
+    time, length = times_of(recording.tracks), steps * dt
     start, end = float(time.min()), float(time.max())
     if not recording.cars:
         number = math.floor((end - start) / length + _ROUNDING)
-        return [(start + each * length, None) for each in range(number)]
+        return [(start + each * length, None, None) for each in range(number)]
     end = max(end, *(float(car.time[-1]) for car in recording.cars))
-    windows: list[tuple[float, Car | None]] = []
+    windows: list[tuple[float, Car | None, CarMotion | None]] = []
     for car in recording.cars:
         for each in itertools.count():
             first = float(car.time[0]) + each * length
             if first >= car.time[-1] or first + length > end + _ROUNDING:
                 break
-            driven = _follow_car(car, first, first + PACE * length)
-            if driven and math.dist(driven.start, driven.goal) >= LEAST_WAY:
-                windows.append((first, car))
+            driven = _follow_car(car, first, first + PACE * steps * dt)
+            if math.dist(driven.start, driven.goal) >= LEAST_WAY:
+                windows.append((first, car, driven))
     return sorted(windows, key=lambda window: window[0])
 
 
-def _follow_car(car: Car | None, first: float, end: float) -> CarMotion | None:
+def _follow_car(car: Car, first: float, end: float) -> CarMotion:
     """How a car moves from one time to another, in seconds, or to the last at which it is there."""
-    if car is None:
-        return None
     middle = MovingDisc(car.time, car.position)
     start, goal = middle.at(np.array([first, min(end, float(car.time[-1]))]))
     # Over a quarter of a second: the difference of two frames is mostly noise.
