@@ -23,7 +23,6 @@ from crowdbench.plugins.load import Kind, file_and_function, load_module
 from crowdbench.plugins.options import read_options
 from crowdbench.predict.load import PREDICTORS, load_predictor
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.respawn import LayoutWithRespawn
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
@@ -136,11 +135,8 @@ def _check_layout(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     generator = str(Path.cwd() / request.plugin) if digest else name
     # As a part of the scenario, so that its options are checked.
     scenario = request.load_scenario({"layout": {"generator": generator, **request.options}})
-    layout, again = scenario.layout, None
-    assert layout is not None  # a scenario with recorded people would have refused the changes
-    if isinstance(layout.function, LayoutWithRespawn):
-        again = functools.partial(layout.function.again, **layout.options)
-    return name, check_layout(layout, name, scenario, request.cases, again)
+    assert scenario.layout is not None  # a scenario with recorded people would have refused the changes
+    return name, check_layout(scenario.layout, name, scenario, request.cases)
 
 
 def _tolerance() -> Tolerance:

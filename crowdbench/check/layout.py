@@ -17,6 +17,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.placement import (
     Layout,
+    LayoutCall,
     Placement,
     Way,
     add_routes,
@@ -25,7 +26,7 @@ from crowdbench.scenario.placement import (
     check_routes,
     check_shape,
 )
-from crowdbench.scenario.respawn import LayoutWithRespawn, Respawn, Room, draw_again, find_respawn
+from crowdbench.scenario.respawn import LayoutWithRespawn, Room, draw_again
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, plugin_errors
 
@@ -52,9 +53,7 @@ class _Crowd:
         return 1
 
 
-def check_layout(
-    layout: Layout, name: str, scenario: Scenario, cases: Cases, again: Respawn | None = None
-) -> list[CheckResult]:
+def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) -> list[CheckResult]:
     """Let a layout place the crowds of some cases and examine each part of its contract by itself.
 
     Args:
@@ -62,7 +61,6 @@ def check_layout(
         name: What the layout is called in errors.
         scenario: The scenario whose crowds are placed.
         cases: The cases.
-        again: How it draws people again, with its options if any; as `find_respawn` says if None.
     """
     examination = _LayoutExamination(lambda: layout, name)
     findings = examination.findings
@@ -86,7 +84,7 @@ def check_layout(
         findings.result("goal", "no start is its own goal"),
         findings.result("random numbers", "only from its stream"),
         examination.check_deterministic("when it is given the same again, from the last to the first"),
-        _check_respawn(again, layout, f"layout {name}", placed),
+        _check_respawn(layout if isinstance(layout, LayoutCall) else LayoutCall(layout), f"layout {name}", placed),
     ]
 
 
@@ -149,13 +147,10 @@ def _named(name: str, step: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return examine
 
 
-def _check_respawn(
-    again: Respawn | None, layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]
-) -> CheckResult:
+def _check_respawn(layout: LayoutCall, name: str, placed: list[tuple[_Crowd, Placement]]) -> CheckResult:
     """Whether somebody new, and another goal, can be drawn among those who are placed."""
     # Whether a layout that draws by itself is deterministic is another check.
-    times = 1 if again is None and not isinstance(layout, LayoutWithRespawn) else 2
-    draw = again or find_respawn(layout)
+    times = 2 if isinstance(layout.function, LayoutWithRespawn) else 1
     crowds = [(crowd, placement) for crowd, placement in placed if len(crowd.radius) > 1]
     if not crowds:
         return CheckResult("again", None, "not examined: the layout placed no pedestrian")
@@ -163,7 +158,7 @@ def _check_respawn(
     for crowd, placement in crowds:
         for position in (None, placement.start[-1]):
             try:
-                one, *others = (_respawn_last(draw, crowd, placement, position) for _ in range(times))
+                one, *others = (_respawn_last(layout, crowd, placement, position) for _ in range(times))
             except InputError as error:
                 return CheckResult("again", False, f"{name}: {error}")
             if not all(np.array_equal(np.array(one), np.array(other)) for other in others):
@@ -173,12 +168,12 @@ def _check_respawn(
     return CheckResult("again", True, f"room for {found} of {2 * len(crowds)} new people and goals")
 
 
-def _respawn_last(again: Respawn, crowd: _Crowd, placement: Placement, position: np.ndarray | None) -> Way | None:
+def _respawn_last(layout: LayoutCall, crowd: _Crowd, placement: Placement, position: np.ndarray | None) -> Way | None:
     """What is drawn for the last pedestrian of a crowd. Raises InputError where that cannot be."""
     obstacles = np.empty((0, 0, 2)) if placement.obstacles is None else placement.obstacles
     room = Room(placement.start[:-1], placement.goal[:-1], crowd.radius[:-1], crowd.speed[:-1], obstacles)
     radius, speed = float(crowd.radius[-1]), float(crowd.speed[-1])
-    way = draw_again(again, rng.generator(crowd.key, "places again"), room, radius, speed, position)
+    way = draw_again(layout, rng.generator(crowd.key, "places again"), room, radius, speed, position)
     if way is None:
         return None
     start, goal = way

@@ -11,9 +11,9 @@ from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import World
 from crowdbench.scenario.groups import group_reach, spread
-from crowdbench.scenario.placement import Position
+from crowdbench.scenario.placement import LayoutCall, Position
 from crowdbench.scenario.population import Crowd, Traits
-from crowdbench.scenario.respawn import Respawn, Room, draw_again
+from crowdbench.scenario.respawn import Room, draw_again
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class Renewal:
 
     Attributes:
         crowd: The pedestrians; the number of somebody new in the place of a person is that person's plus their largest.
-        again: How the layout draws people and goals again, with its options.
+        layout: Draws people and goals again.
     """
 
     crowd: Crowd
-    again: Respawn
+    layout: LayoutCall
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
         """Worlds in which those who have arrived, or change their minds, do what they do then.
@@ -85,7 +85,9 @@ class Renewal:
             traits = self.crowd.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
             radius, speed = traits.radius, float(traits.preferred_speed[0])
         room, stream = Room.of(world, row, agents), rng.generator(world.key[row], "places again", *of_this)
-        found = draw_again(self.again, stream, room, group_reach(radius), speed, None if is_new else start.mean(axis=0))
+        found = draw_again(
+            self.layout, stream, room, group_reach(radius), speed, None if is_new else start.mean(axis=0)
+        )
         if found is None:
             return world
         offset = spread(found[1] - found[0], radius, stands=False)

@@ -16,7 +16,7 @@ from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm, polygons
 from crowdbench.core.types import World
 from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
-from crowdbench.scenario.placement import Layout, Placement, Position, Way, add_routes, check_shape
+from crowdbench.scenario.placement import Layout, LayoutCall, Placement, Position, Way, add_routes, check_shape
 from crowdbench.scenario.visibility_graph import edges_of, nearest_on
 from crowdbench.utils.errors import InputError, plugin_errors
 
@@ -119,11 +119,6 @@ class LayoutWithRespawn:
         return placement
 
 
-def find_respawn(layout: Layout) -> Respawn:
-    """How a layout draws people again."""
-    return layout.again if isinstance(layout, LayoutWithRespawn) else functools.partial(_respawn_by_layout, layout)
-
-
 def _respawn_by_layout(
     layout: Layout,
     rng: np.random.Generator,
@@ -144,18 +139,19 @@ def _respawn_by_layout(
     return None
 
 
-def draw_again(again: Respawn, *arguments: Any) -> Way | None:
-    """What is drawn, checked.
+def draw_again(layout: LayoutCall, *arguments: Any) -> Way | None:
+    """What a layout draws for one person, checked.
 
     Args:
-        again: Draws a person, see `Respawn`.
-        *arguments: Its arguments.
+        layout: The layout with its options.
+        *arguments: Those of a `Respawn`.
 
     Raises:
         InputError: It raises, or returns neither None nor two points.
     """
+    draw = layout.function.again if isinstance(layout.function, LayoutWithRespawn) else None
     with plugin_errors("the layout raised"):
-        answer = again(*arguments)
+        answer = (draw or functools.partial(_respawn_by_layout, layout.function))(*arguments, **layout.options)
     if answer is None:
         return None
     if not isinstance(answer, tuple) or len(answer) != 2 or not all(map(_is_point, answer)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,7 +16,6 @@ from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
 from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, complete_placement
 from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.renewal import Renewal
-from crowdbench.scenario.respawn import find_respawn
 from crowdbench.sim import simulator
 from crowdbench.utils.errors import plugin_errors
 from crowdbench.utils.toml import Location
@@ -114,7 +112,7 @@ class LayoutStarts:
         """What becomes of people after a step; None where they only walk."""
         if crowd.arrival == "walk_on" and crowd.goal_change is None:
             return None
-        return Renewal(crowd, functools.partial(find_respawn(self.layout.function), **self.layout.options))
+        return Renewal(crowd, self.layout)
 
 
 def seed_legacy(seed: int) -> np.random.MT19937:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
@@ -26,9 +27,6 @@ TRIES = 10_000
 ATTEMPTS = 10
 """How often all pedestrians are placed anew where the layout is full: those before the last one may stand so that
 nobody else finds room, in a layout that has room for all."""
-
-_FEW = 16
-"""With fewer points it takes no longer to look at all than into cells."""
 
 Point = tuple[float, float]
 """A point in metres."""
@@ -52,40 +50,29 @@ class Points:
         self.all: list[Point] = []
         # Two points that are too close to each other are in the same cell or in two that touch, whatever is rounded.
         self._side = 1.001 * (2 * max(radius) + CLEARANCE)
-        self._cells: dict[tuple[int, int], list[int]] = {}
-        self._in_cells = 0
+        self._cells: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
 
     def __len__(self) -> int:
         return len(self.all)
 
     def append(self, point: Point) -> None:
         """Add the point of the next agent, in metres."""
+        self._cells[self._cell(*point)].append(len(self.all))
         self.all.append(point)
 
     def pop(self) -> None:
         """Take the last point away."""
-        point = self.all.pop()
-        if self._in_cells > len(self.all):
-            self._in_cells -= 1
-            self._cells[self._cell(*point)].pop()
+        self._cells[self._cell(*self.all.pop())].pop()
 
     def is_clear(self, x: float, y: float) -> bool:
         """Whether the next agent, at a point in metres, keeps `CLEARANCE` from the disc around each of the points."""
-        own = self.radius[len(self.all)] + CLEARANCE
-        for i in range(len(self.all)) if len(self.all) < _FEW else self._around(x, y):
-            px, py = self.all[i]
-            if math.hypot(x - px, y - py) < own + self.radius[i]:
-                return False
+        own, (column, row) = self.radius[len(self.all)] + CLEARANCE, self._cell(x, y)
+        for cell in itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1)):
+            for i in self._cells.get(cell, ()):
+                px, py = self.all[i]
+                if math.hypot(x - px, y - py) < own + self.radius[i]:
+                    return False
         return True
-
-    def _around(self, x: float, y: float) -> Iterator[int]:
-        """Which points are in the cell of a position in metres, and in those that touch it."""
-        for i in range(self._in_cells, len(self.all)):
-            self._cells.setdefault(self._cell(*self.all[i]), []).append(i)
-        self._in_cells = len(self.all)
-        column, row = self._cell(x, y)
-        for near in itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1)):
-            yield from self._cells.get(near, ())
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         return math.floor(x / self._side), math.floor(y / self._side)
