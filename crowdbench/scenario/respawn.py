@@ -53,8 +53,8 @@ class Room:
         radius = world.radius[row].copy()
         radius[0] += reach(world.rules.body)
         others[0] = True
-        agents = (world.position[row], world.goal[row], radius, world.preferred_speed[row])
-        return cls(*(array[others] for array in agents), world.obstacles[row])
+        position, goal, speed = (array[row, others] for array in (world.position, world.goal, world.preferred_speed))
+        return cls(position, goal, radius[others], speed, world.obstacles[row])
 
     def is_clear(
         self, point: Position, radius: float, clearance: float = CLEARANCE, walls: float = WALL_CLEARANCE
