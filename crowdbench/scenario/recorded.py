@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from crowdbench.core import rng
 from crowdbench.core.dynamics import reach
@@ -18,6 +18,7 @@ from crowdbench.scenario.layouts.placer import CLEARANCE
 from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
 from crowdbench.scenario.population import RECORDED, Crowd, Traits
 from crowdbench.scenario.starts import Case, Start, Vehicle
+from crowdbench.scenario.tracks.eth_ucy import Tracks
 from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, people_of, split_windows
 from crowdbench.scenario.tracks.scenes import Scene
 from crowdbench.sim.presence import come_and_go
@@ -50,11 +51,11 @@ class FreeSpace:
     """Where the vehicle can start and go in a recorded scene, of which no map is known: where somebody has walked.
 
     Args:
-        ways: The positions of each pedestrian in metres, one after the other in time.
+        tracks: The recording of the scene.
     """
 
-    def __init__(self, ways: Iterable[Float[np.ndarray, "_ 2"]]) -> None:
-        points = np.concatenate([_dense(way) for way in ways])
+    def __init__(self, tracks: Tracks) -> None:
+        points = np.concatenate([_dense(person.position) for person in people_of(tracks)])
         self.origin = points.min(axis=0) - 2.0 * CELL
         cells = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
         self.walked = cells
@@ -89,12 +90,10 @@ class FreeSpace:
         reach = radius[0] + radius[1:]
         soon = track[: int(np.ceil(CLEAR_TIME / dt)) + 1]
         for start, goal in points[(far >= distance) & (far <= distance + FARTHER)]:
-            if (
-                self._is_free(start, goal)
-                and not _near(start, soon, reach + CLEARANCE).any()
-                and _near(goal, track, reach).mean() <= MOST_BUSY
-            ):
-                return start, goal
+            if self._is_free(start, goal) and not (norm(soon - start) < reach + CLEARANCE).any():
+                is_busy = (norm(track - goal) < reach).any(axis=1)
+                if is_busy.mean() <= MOST_BUSY:
+                    return start, goal
         raise InputError(
             f"there is no room for the vehicle to start with a goal {distance:g} m away: lower tracks.distance"
         )
@@ -103,13 +102,6 @@ class FreeSpace:
         along = np.linspace(0.0, 1.0, int(np.ceil(2.0 * math.dist(start, goal) / CELL)) + 1)[:, None]
         x, y = ((start + along * (goal - start) - self.origin) / CELL).astype(np.int64).T
         return bool(self.free[x, y].all())
-
-
-def _near(
-    place: Position, track: Float[np.ndarray, "time pedestrian 2"], reach: Float[np.ndarray, "pedestrian"]
-) -> Bool[np.ndarray, "time"]:
-    """At which times somebody is nearer to a place than `reach`, in metres."""
-    return np.asarray((norm(track - place) < reach).any(axis=1))
 
 
 def _dense(way: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
@@ -159,15 +151,10 @@ class TrackedCrowd:
                 f"no recording of the scene {scene.name} holds people for the {rules.max_steps * rules.dt:g} s that an "
                 "episode may take: lower time_limit"
             )
-        table = {"scene": scene.name, "files": dict(scene.files)}
         has_cars = any(recording.cars for recording in scene.recordings)
-        if has_cars:
-            return cls(scene.name, distance, split_windows(windows), {}, has_cars, table)
-        free = {
-            each.tracks.name: FreeSpace([person.position for person in people_of(each.tracks)])
-            for each in scene.recordings
-        }
-        return cls(scene.name, distance, split_windows(windows), free, has_cars, {**table, "distance": distance})
+        free = {each.tracks.name: FreeSpace(each.tracks) for each in scene.recordings if not has_cars}
+        table = {"scene": scene.name, "files": dict(scene.files)} | ({} if has_cars else {"distance": distance})
+        return cls(scene.name, distance, split_windows(windows), free, has_cars, table)
 
     @property
     def number(self) -> tuple[int, int]:
@@ -227,7 +214,7 @@ class TrackedCrowd:
         """Draw the start of a case, see `LayoutStarts`. Who comes later starts where they come."""
         window = self.window(case.split, case.number)
         traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
-        traits = take_recorded(window, traits, list(crowd.parameters))
+        traits = _take_recorded(window, traits, list(crowd.parameters))
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         with case.location.named():
             placement = self._place(window, rng.generator(case.key, "places"), radius, rules)
@@ -275,22 +262,14 @@ class TrackedCrowd:
         return world.replace(velocity=velocity)
 
 
-def take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
+def _take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
     """Pedestrians with what a window tells of them: their speeds, and which of them are parts of cars.
 
-    Args:
-        window: The window.
-        traits: What was drawn for each.
-        policies: The names of the policies, as `traits.policy` counts them.
-
-    Returns:
-        The same with the preferred speeds that tracks need, or the mean ones of those who react. Cars are recorded.
+    The speeds are those that tracks need, and the mean ones of those who react. `policies` has the names of what
+    `traits.policy` counts.
     """
     recorded = policies.index(RECORDED) if RECORDED in policies else -1
     is_car = ~np.isnan(window.radius)
     policy = np.where(is_car, recorded, traits.policy)
-    return traits._replace(
-        radius=np.where(is_car, window.radius, traits.radius),
-        preferred_speed=np.maximum(np.where(policy == recorded, _ROOM * window.top_speed, window.mean_speed), SLOWEST),
-        policy=policy,
-    )
+    speed = np.maximum(np.where(policy == recorded, _ROOM * window.top_speed, window.mean_speed), SLOWEST)
+    return traits._replace(radius=np.where(is_car, window.radius, traits.radius), preferred_speed=speed, policy=policy)
