@@ -21,6 +21,7 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.files import sha256
 from crowdbench.utils.numbers import is_number
+from crowdbench.utils.toml import read_toml
 
 PLANNERS = Kind("planner", "planner", folder=ROOT / "agents" / "planners", entry_points="crowdbench.planners")
 PEDESTRIANS = Kind(
@@ -180,7 +181,7 @@ def load_scenario(
     if not own_file and spec not in (name for name, _ in scenarios()):
         known = ", ".join(name for name, _ in scenarios())
         raise InputError(f"no scenario is called {spec!r}; there are {known}, or give a file: ./mine.toml")
-    table = scenario_file.read_table(path)
+    table = read_toml(path, "scenario")
     crowd = table.get("pedestrians", {})
     if pedestrians is not None and isinstance(crowd, dict):
         table["pedestrians"] = {key: crowd[key] for key in crowd if key in PedestriansSpec.model_fields}
@@ -282,13 +283,13 @@ def _only_given(
 
 def simulated_scenarios() -> list[str]:
     """The names of the built-in scenarios that need no recorded tracks."""
-    return [name for name, _ in scenarios() if "tracks" not in scenario_file.read_table(SCENARIOS / f"{name}.toml")]
+    return [name for name, _ in scenarios() if "tracks" not in read_toml(SCENARIOS / f"{name}.toml", "scenario")]
 
 
 def scenarios() -> list[tuple[str, str]]:
     """Name and description of the built-in scenarios."""
     files = sorted(SCENARIOS.glob("*.toml"))
-    return [(path.stem, str(scenario_file.read_table(path).get("description", ""))) for path in files]
+    return [(path.stem, str(read_toml(path, "scenario").get("description", ""))) for path in files]
 
 
 def _from_here(policy: Any) -> Any:

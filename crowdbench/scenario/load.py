@@ -29,7 +29,7 @@ from crowdbench.scenario.schema import (
 from crowdbench.scenario.starts import LayoutStarts, Vehicle
 from crowdbench.sim.pedestrians import PedestrianPolicy, Recorded
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location, parse_table, read_toml
+from crowdbench.utils.toml import Location, parse_table
 
 if TYPE_CHECKING:
     from crowdbench.scenario.recorded import TrackedCrowd
@@ -51,11 +51,6 @@ class Loaders(NamedTuple):
     layout: Callable[[str], tuple[str, Layout, str | None]]
     policy: Callable[[str], tuple[str, PedestrianPolicy, str | None]]
     data: Path | None = None
-
-
-def read_table(path: Path) -> dict[str, Any]:
-    """The TOML table of a file. Raises InputError where it cannot be read."""
-    return read_toml(path, "scenario")
 
 
 def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Scenario:

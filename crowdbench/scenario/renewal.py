@@ -45,26 +45,22 @@ class Renewal:
         """
         walks = find_walking(world, running) & ~self.crowd.stands[world.policy]
         arrived = walks & find_arrived(world, running & (self.crowd.arrival != "walk_on"))
-        turned = np.zeros_like(walks)
-        change = self.crowd.goal_change
+        mind = np.where(world.group < 0, world.person, world.group)  # a group has one
+        change, turned = self.crowd.goal_change, np.zeros_like(walks)
         if change is not None and (is_due := running & (world.step % change.every == 0)).any():
-            # A group has one mind.
-            mind = np.where(world.group < 0, world.person, world.group)
             draws = rng.uniforms(world.key, "goal_change", world.step, mind)
             turned = is_due[:, None] & walks & (draws < change.chance)
         if not arrived.any() and not turned.any():
             return world
         after = world.take(np.arange(len(world)))  # a copy, which is changed in place
         if self.crowd.arrival == "back_and_forth":
-            arrived = walks & _add_groups(arrived, world.group)
+            arrived = walks & _add_groups(arrived, mind)
         if self.crowd.arrival in _AT_ONCE:
             _AT_ONCE[self.crowd.arrival](after, arrived)
             turned, walks, arrived = turned & ~arrived, walks & ~arrived, np.zeros_like(arrived)
-        changed = walks & _add_groups(arrived | turned, world.group)
+        changed = walks & _add_groups(arrived | turned, mind)
         for row, pedestrian in np.argwhere(changed).tolist():
-            same = world.group[row] == world.group[row, pedestrian]
-            alone = world.group[row, pedestrian] < 0
-            members = np.array([pedestrian]) if alone else np.flatnonzero(walks[row] & same)
+            members = np.flatnonzero(walks[row] & (mind[row] == mind[row, pedestrian]))
             if pedestrian == members[0]:
                 is_new = self.crowd.arrival == "respawn" and bool(arrived[row, members].any())
                 after = self._replace(after, row, members, is_new)
@@ -106,12 +102,12 @@ class Renewal:
 
 
 def _add_groups(
-    chosen: Bool[np.ndarray, "world pedestrian"], group: Int[np.ndarray, "world pedestrian"]
+    chosen: Bool[np.ndarray, "world pedestrian"], mind: Int[np.ndarray, "world pedestrian"]
 ) -> Bool[np.ndarray, "world pedestrian"]:
-    """Those who are chosen, and all others of their groups."""
+    """Those who are chosen, and all others of their groups, who have the same mind."""
     together = chosen.copy()
-    for row, number in {(row, group[row, one]) for row, one in np.argwhere(chosen & (group >= 0)).tolist()}:
-        together[row, group[row] == number] = True
+    for row, one in np.argwhere(chosen).tolist():
+        together[row] |= mind[row] == mind[row, one]
     return together
 
 

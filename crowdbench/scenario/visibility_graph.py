@@ -58,8 +58,7 @@ def find_routes(
     for size in np.unique(radius):
         corners = _find_corners(edges, solid, size)
         agents = np.flatnonzero(radius == size)
-        direct = corners.free(start[agents], goal[agents])
-        agents = agents[~direct]
+        agents = agents[~corners.free(start[agents], goal[agents])]
         if len(agents):
             for agent, way in zip(agents, _go_around(start[agents], goal[agents], corners), strict=True):
                 if way is None:
