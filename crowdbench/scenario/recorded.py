@@ -110,7 +110,7 @@ def _dense(way: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
         return way
     parts = np.maximum(np.ceil(norm(np.diff(way, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
     at = np.concatenate([i + np.arange(n) / n for i, n in enumerate(parts.tolist())])
-    return np.concatenate([interpolate(at, np.arange(len(way)), way), way[-1:]])
+    return np.concatenate([interpolate(at, np.arange(len(way), dtype=np.float64), way), way[-1:]])
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Real
+from jaxtyping import Bool, Float
 
 from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.tracks.dut import Car
@@ -256,7 +256,7 @@ def _way(
 
 
 def interpolate(
-    at: Float[np.ndarray, "time"], known: Real[np.ndarray, "row"], position: Float[np.ndarray, "row 2"]
+    at: Float[np.ndarray, "time"], known: Float[np.ndarray, "row"], position: Float[np.ndarray, "row 2"]
 ) -> Float[np.ndarray, "time 2"]:
     """Positions in metres at other times, or lengths of way, than those at which they are known."""
     return np.stack([np.interp(at, known, position[:, axis]) for axis in (0, 1)], axis=1)
