@@ -110,13 +110,12 @@ class LayoutWithRespawn:
     """
 
     def __init__(self, layout: Layout, again: Respawn) -> None:
-        self.again = again
         functools.update_wrapper(self, layout)  # so that it shows the layout's options and docstring
+        self.layout, self.again = layout, again
 
     def __call__(self, *args: Any, **options: Any) -> Placement:
         """The placement by the layout."""
-        placement: Placement = self.__wrapped__(*args, **options)  # type: ignore[attr-defined]  # by update_wrapper
-        return placement
+        return self.layout(*args, **options)
 
 
 def _respawn_by_layout(

@@ -112,14 +112,13 @@ def _read_line(where: str, fields: list[str]) -> list[float]:
             number = float(text)
         except ValueError:
             raise InputError(f"{where}: {text!r} is not a number") from None
-        is_coordinate, right = column in ("x", "y"), None
         if not math.isfinite(number):
-            right = "a finite number"
-        elif is_coordinate and abs(number) > FARTHEST:
-            right = f"in metres, from {-FARTHEST:g} to {FARTHEST:g}"
-        elif not is_coordinate and not (number.is_integer() and abs(number) <= 2**53):
-            right = "a whole number"
-        if right:
+            is_right, right = False, "a finite number"
+        elif column in ("x", "y"):
+            is_right, right = abs(number) <= FARTHEST, f"in metres, from {-FARTHEST:g} to {FARTHEST:g}"
+        else:
+            is_right, right = number.is_integer() and abs(number) <= 2**53, "a whole number"
+        if not is_right:
             raise InputError(f"{where}: {column} is {number}, but must be {right}")
         numbers.append(number)
     return numbers
