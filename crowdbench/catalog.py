@@ -16,9 +16,9 @@ from crowdbench.scenario import load as scenario_file
 from crowdbench.scenario.certified import FOLDER
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import PedestriansSpec
-from crowdbench.scenario.tracks.scenes import load_scene
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.utils.errors import InputError, find_named, is_number, plugin_errors
+from crowdbench.utils.toml import read_toml
 
 SCENARIOS = ROOT / "scenarios"
 
@@ -119,7 +119,7 @@ def load_scenario(
         InputError: There is no such scenario, or something in it is wrong.
     """
     path = scenario_path(spec)
-    table = scenario_file.read_table(path)
+    table = read_toml(path, "scenario")
     crowd = table.get("pedestrians", {})
     if pedestrians is not None and isinstance(crowd, dict):
         table["pedestrians"] = {key: crowd[key] for key in crowd if key in PedestriansSpec.model_fields}
@@ -129,7 +129,7 @@ def load_scenario(
     load = scenario_file.Loaders(
         functools.partial(LAYOUTS.load_with_digest, folder=path.parent),
         functools.partial(PEDESTRIANS.load_with_digest, folder=path.parent),
-        lambda scene, files: load_scene(scene, data, files),
+        data,
     )
     scenario = scenario_file.parse(table, path.stem, str(path) if spec.endswith(".toml") else path.name, load)
     if all_cases:
@@ -177,7 +177,7 @@ def load_recorded_scenario(
     load = scenario_file.Loaders(
         _make_loader(LAYOUTS, "--layout", [layout] if layout else [], layouts, source),
         _make_loader(PEDESTRIANS, "--pedestrians", pedestrians, policies, source),
-        lambda scene, files: load_scene(scene, data, files),
+        data,
     )
     return scenario_file.restore(table, source, load)
 
@@ -220,12 +220,12 @@ def _make_loader(
 
 def simulated_scenarios() -> list[str]:
     """The names of the built-in scenarios that need no recorded tracks."""
-    return [path.stem for path in _scenario_files() if "tracks" not in scenario_file.read_table(path)]
+    return [path.stem for path in _scenario_files() if "tracks" not in read_toml(path, "scenario")]
 
 
 def scenarios() -> list[tuple[str, str]]:
     """Name and description of the built-in scenarios."""
-    return [(path.stem, str(scenario_file.read_table(path).get("description", ""))) for path in _scenario_files()]
+    return [(path.stem, str(read_toml(path, "scenario").get("description", ""))) for path in _scenario_files()]
 
 
 def _scenario_files() -> list[Path]:

@@ -145,7 +145,7 @@ def test_the_scenario_of_the_docs_loads(tmp_path):
     place = load_scenario(str(tmp_path / "mine.toml"))
     assert place.crowd.number == (1, 8)
     assert set(place.policies) == {"orca", "social_force"}
-    assert place.crowd.population.preferred_speed.std == 0.2
+    assert place.crowd.preferred_speed.std == 0.2
 
 
 def test_the_layout_of_the_docs_keeps_the_contract(tmp_path):

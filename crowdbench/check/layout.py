@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,9 +16,18 @@ from crowdbench.check.result import CheckResult
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.place_agents import add_routes, check_finite, check_obstacles, check_routes, check_shape
-from crowdbench.scenario.placement import Layout, LayoutCall, Placement
-from crowdbench.scenario.respawn import LayoutWithRespawn, Respawn, Room, Way, draw_again, find_respawn
+from crowdbench.scenario.placement import (
+    Layout,
+    LayoutCall,
+    Placement,
+    Way,
+    add_routes,
+    check_finite,
+    check_obstacles,
+    check_routes,
+    check_shape,
+)
+from crowdbench.scenario.respawn import LayoutWithRespawn, Room, draw_again
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, plugin_errors
 
@@ -77,7 +85,7 @@ def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) ->
         findings.result("goal", "no start is its own goal"),
         findings.result("random numbers", "only from its stream"),
         examination.check_deterministic("when it is given the same again, from the last to the first"),
-        _check_respawn(layout, f"layout {name}", placed),
+        _check_respawn(layout if isinstance(layout, LayoutCall) else LayoutCall(layout), f"layout {name}", placed),
     ]
 
 
@@ -137,12 +145,10 @@ def _named(name: str) -> Iterator[None]:
         raise InputError(f"{name}: {error}") from None
 
 
-def _check_respawn(layout: Layout, name: str, placed: list[tuple[_Crowd, Placement]]) -> CheckResult:
+def _check_respawn(layout: LayoutCall, name: str, placed: list[tuple[_Crowd, Placement]]) -> CheckResult:
     """Whether somebody new, and another goal, can be drawn among those who are placed."""
     # Whether a layout that draws by itself is deterministic is another check.
-    function, options = (layout.function, layout.options) if isinstance(layout, LayoutCall) else (layout, {})
-    draw = functools.partial(find_respawn(function), **options)
-    times = 2 if isinstance(function, LayoutWithRespawn) else 1
+    times = 2 if isinstance(layout.function, LayoutWithRespawn) else 1
     crowds = [(crowd, placement) for crowd, placement in placed if len(crowd.radius) > 1]
     if not crowds:
         return CheckResult("again", None, "not examined: the layout placed no pedestrian")
@@ -150,7 +156,7 @@ def _check_respawn(layout: Layout, name: str, placed: list[tuple[_Crowd, Placeme
     for crowd, placement in crowds:
         for position in (None, placement.start[-1]):
             try:
-                one, *others = (_respawn_last(draw, crowd, placement, position) for _ in range(times))
+                one, *others = (_respawn_last(layout, crowd, placement, position) for _ in range(times))
             except InputError as error:
                 return CheckResult("again", False, f"{name}: {error}")
             if not all(np.array_equal(np.array(one), np.array(other)) for other in others):
@@ -160,12 +166,12 @@ def _check_respawn(layout: Layout, name: str, placed: list[tuple[_Crowd, Placeme
     return CheckResult("again", True, f"room for {found} of {2 * len(crowds)} new people and goals")
 
 
-def _respawn_last(again: Respawn, crowd: _Crowd, placement: Placement, position: np.ndarray | None) -> Way | None:
+def _respawn_last(layout: LayoutCall, crowd: _Crowd, placement: Placement, position: np.ndarray | None) -> Way | None:
     """What is drawn for the last pedestrian of a crowd. Raises InputError where that cannot be."""
     obstacles = np.empty((0, 0, 2)) if placement.obstacles is None else placement.obstacles
     room = Room(placement.start[:-1], placement.goal[:-1], crowd.radius[:-1], crowd.speed[:-1], obstacles)
     radius, speed = float(crowd.radius[-1]), float(crowd.speed[-1])
-    way = draw_again(again, rng.generator(crowd.key, "places again"), room, radius, speed, position)
+    way = draw_again(layout, rng.generator(crowd.key, "places again"), room, radius, speed, position)
     if way is None:
         return None
     start, goal = way

@@ -20,7 +20,7 @@ from crowdbench.check.inputs import (
 from crowdbench.check.result import UNEXAMINED_SIGHT, CheckResult
 from crowdbench.core.types import Observation
 from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.validation import validate_numbers, validate_shape
+from crowdbench.predict.base import validate_numbers, validate_shape
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError, plugin_errors

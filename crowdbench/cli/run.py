@@ -169,7 +169,7 @@ def print_result(
         return
     print_table(result_table(f"{title}, cases {result['cases']}", result, metrics))
     if "tracks" in result["scenario"]:
-        from crowdbench.scenario.recorded import RECORDED
+        from crowdbench.scenario.population import RECORDED
 
         policy = result["scenario"]["pedestrians"]["policy"]
         print(f"\nIntervals are over the {result['blocks']} blocks of recorded time that the cases are from.")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, no_type_check
+from collections.abc import Sequence
+from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -148,6 +149,14 @@ def polygons(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[Float[np.
     """The corners of each polygon of a world in metres, without the padding."""
     corners = [polygon[~np.isnan(polygon[:, 0])] for polygon in obstacles]
     return [each for each in corners if len(each)]
+
+
+def pad_points(points: Sequence[Any]) -> Float[np.ndarray, "row point 2"]:
+    """Rows of different numbers of points in one array, NaN beyond the last point of each."""
+    padded = np.full((len(points), max(map(len, points), default=0), 2), np.nan)
+    for row, each in zip(padded, points, strict=True):
+        row[: len(each)] = each
+    return padded
 
 
 def local_goals(

@@ -40,7 +40,7 @@ from crowdbench.planners.features import (
     to_world,
 )
 from crowdbench.scenario.layouts import LAYOUTS
-from crowdbench.scenario.place_agents import EXTENT
+from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.population import Quantity
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.routes import goals_on_way
@@ -181,7 +181,7 @@ def _box(*shape: int) -> Box:
 
 def pedestrian_action_space(scenario: Scenario) -> Box:
     """Velocities of a pedestrian in m/s, each axis within the largest preferred speed that the scenario draws."""
-    speed = _largest(scenario.crowd.population.preferred_speed)
+    speed = _largest(scenario.crowd.preferred_speed)
     return Box(-speed, speed, (2,), np.float64)
 
 
@@ -189,7 +189,7 @@ def flat_space(scenario: Scenario) -> Box:
     """The space of the flat observations of any agent, see `crowdbench.envs.observations`."""
     speed = _max_speed(scenario)
     body = scenario.rules.body
-    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, _largest(scenario.crowd.population.radius))
+    radius = max(scenario.vehicle.radius + (body[-1] - body[0]) / 2, _largest(scenario.crowd.radius))
     if scenario.tracks:
         radius = max(radius, scenario.tracks.largest_radius)
     # The difference of two coordinates is at most twice the largest coordinate.
@@ -227,7 +227,7 @@ def position_bound(scenario: Scenario) -> float:
 
 
 def _max_speed(scenario: Scenario) -> float:
-    return max(scenario.vehicle.speed, _largest(scenario.crowd.population.preferred_speed)) * (1 + SPEED_TOLERANCE)
+    return max(scenario.vehicle.speed, _largest(scenario.crowd.preferred_speed)) * (1 + SPEED_TOLERANCE)
 
 
 def _largest(quantity: Quantity) -> float:

@@ -21,7 +21,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import HISTORY, PERFECT, Observation
 from crowdbench.metrics.summary import Estimate, bootstrap_distribution, interval, weighted_mean
 from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.validation import validate_prediction
+from crowdbench.predict.base import validate_prediction
 from crowdbench.predict.windows import windows
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.population import GOES_ON

@@ -23,7 +23,7 @@ from crowdbench.planners.kce import Limits, Shaping
 from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction, Predictor
-from crowdbench.predict.validation import validate_prediction
+from crowdbench.predict.base import validate_prediction
 from crowdbench.utils.errors import require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 

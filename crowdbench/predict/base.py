@@ -1,4 +1,4 @@
-"""The interface of predictors: models of the pedestrians' future motion."""
+"""The interface of predictors, models of the pedestrians' future motion, and the check of what they return."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.types import Observation
+from crowdbench.utils.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -56,23 +57,64 @@ class Predictor(abc.ABC):
         return self
 
 
-def straight_on(
-    start: Float[np.ndarray, "world pedestrian 2"],
-    velocity: Float[np.ndarray, "world mode pedestrian 2"],
-    dt: float,
-    steps: int,
-) -> Prediction:
-    """The futures in which all pedestrians keep a constant velocity.
+def validate_prediction(answer: object, name: str, obs: Observation, steps: int) -> Prediction:
+    """Check what a predictor returned.
 
     Args:
-        start: Present positions in metres.
-        velocity: Velocities in m/s, for each mode.
-        dt: Length of a step in seconds.
-        steps: Number of steps to predict.
+        answer: What `predict` returned.
+        name: What the predictor is called in errors.
+        obs: What it was given.
+        steps: For how many steps it was asked.
 
     Returns:
-        The futures, with as many modes as there are velocities.
+        The prediction as plain arrays; what is not finite for pedestrians that are not seen is 0.
+
+    Raises:
+        InputError: It is no prediction, of another shape, or not finite for a pedestrian that is seen.
     """
-    elapsed = dt * np.arange(1, steps + 1)[:, None, None]
-    position = start[:, None, None] + elapsed * velocity[:, :, None]
-    return Prediction(position, np.repeat(velocity[:, :, None], steps, axis=2))
+    return validate_numbers(validate_shape(answer, name, obs, steps), name, obs)
+
+
+def validate_shape(answer: object, name: str, obs: Observation, steps: int) -> Prediction:
+    """Check type and shape alone, as `validate_prediction` does; numbers may still not be finite."""
+    if not isinstance(answer, Prediction):
+        raise InputError(f"predictor {name} returned a {type(answer).__name__} instead of a Prediction")
+    worlds, pedestrians = obs.pedestrians.seen.shape
+    arrays = {"positions": answer.position, "velocities": answer.velocity}
+    for what, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
+            raise InputError(f"predictor {name} returned {what} that are not an array of floats")
+        # Without a mask or the methods of a subclass, which could hide what is not finite.
+        arrays[what] = np.asarray(array)
+        shape = arrays[what].shape
+        if shape != (worlds, *shape[1:2], steps, pedestrians, 2) or shape[1] == 0:
+            raise InputError(
+                f"predictor {name} returned {what} of shape {list(shape)}, but they must be "
+                f"[world, mode, time, pedestrian, 2] with {worlds} worlds, {steps} steps and {pedestrians} pedestrians"
+            )
+    prediction = Prediction(*arrays.values())
+    if prediction.position.shape != prediction.velocity.shape:
+        raise InputError(
+            f"predictor {name} returned positions in {prediction.position.shape[1]} modes and velocities in "
+            f"{prediction.velocity.shape[1]}, but each mode must have both"
+        )
+    return prediction
+
+
+def validate_numbers(prediction: Prediction, name: str, obs: Observation) -> Prediction:
+    """Check the numbers of a prediction of the right shape alone, as `validate_prediction` does."""
+
+    def zero_absent(what: str, values: np.ndarray) -> np.ndarray:
+        numbers = np.isfinite(values)
+        if numbers.all():
+            return values
+        wrong = ~numbers.all(axis=4) & obs.pedestrians.seen[:, None, None]
+        for world, mode, time, pedestrian in np.argwhere(wrong)[:1].tolist():
+            raise InputError(
+                f"predictor {name} returned {what} that are not finite: "
+                f"{values[world, mode, time, pedestrian].tolist()} for pedestrian {pedestrian} {time + 1} steps ahead "
+                f"in mode {mode} (row {world} of the batch, step {obs.step[world]})"
+            )
+        return np.where(numbers, values, 0.0)
+
+    return Prediction(zero_absent("positions", prediction.position), zero_absent("velocities", prediction.velocity))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.types import Observation
-from crowdbench.predict.base import Prediction, Predictor, straight_on
+from crowdbench.predict.base import Prediction, Predictor
 from crowdbench.utils.errors import require
 
 
@@ -35,8 +35,10 @@ class Linear(Predictor):
         deviation = weight * (time - mean_time)
         variance = (deviation**2).sum(axis=2, keepdims=True)
         slope_weight = np.divide(deviation, variance, out=np.zeros_like(deviation), where=variance > 0.0)
-        velocity, mean = (_weighted_sum(each, crowd.history) for each in (slope_weight, mean_weight))
-        return straight_on(mean - velocity * mean_time, velocity[:, None], obs.dt, steps)
+        # Without matrix products, whose last bits depend on the number of worlds.
+        weights = [np.ascontiguousarray(each.swapaxes(1, 2))[..., None] for each in (slope_weight, mean_weight)]
+        velocity, mean = ((each * crowd.history).sum(axis=1) for each in weights)
+        return _straight_on(mean - velocity * mean_time, velocity[:, None], obs, steps)
 
 
 class ConstantVelocity(Predictor):
@@ -47,7 +49,7 @@ class ConstantVelocity(Predictor):
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There is one mode."""
-        return straight_on(obs.pedestrians.history[:, -1], last_velocity(obs)[:, None], obs.dt, steps)
+        return _straight_on(obs.pedestrians.history[:, -1], last_velocity(obs)[:, None], obs, steps)
 
 
 class ConstantVelocitySampled(Predictor):
@@ -76,7 +78,7 @@ class ConstantVelocitySampled(Predictor):
         turn = self.angle * obs.noise("constant_velocity_sampled", (self.modes, obs.pedestrians.seen.shape[1]))
         x, y = np.moveaxis(last_velocity(obs)[:, None], -1, 0)
         turned = np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)], axis=-1)
-        return straight_on(obs.pedestrians.history[:, -1], turned, obs.dt, steps)
+        return _straight_on(obs.pedestrians.history[:, -1], turned, obs, steps)
 
 
 class Oracle(Predictor):
@@ -86,15 +88,7 @@ class Oracle(Predictor):
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There is one mode. Raises PermissionError where the planner is not privileged."""
-        return straight_on(obs.pedestrians.position, obs.true_next()[:, None], obs.dt, steps)
-
-
-def _weighted_sum(
-    weight: Float[np.ndarray, "world pedestrian time"], history: Float[np.ndarray, "world time pedestrian 2"]
-) -> Float[np.ndarray, "world pedestrian 2"]:
-    """The weighted sum over time of positions in metres."""
-    # Without matrix products, whose last bits depend on the number of worlds.
-    return (np.ascontiguousarray(weight.swapaxes(1, 2))[..., None] * history).sum(axis=1)
+        return _straight_on(obs.pedestrians.position, obs.true_next()[:, None], obs, steps)
 
 
 def last_velocity(obs: Observation) -> Float[np.ndarray, "world pedestrian 2"]:
@@ -102,3 +96,15 @@ def last_velocity(obs: Observation) -> Float[np.ndarray, "world pedestrian 2"]:
     crowd = obs.pedestrians
     moved = (crowd.history[:, -1] - crowd.history[:, -2]) / obs.dt
     return np.where(crowd.observed[:, :, None] > 1, moved, 0.0)
+
+
+def _straight_on(
+    start: Float[np.ndarray, "world pedestrian 2"],
+    velocity: Float[np.ndarray, "world mode pedestrian 2"],
+    obs: Observation,
+    steps: int,
+) -> Prediction:
+    """The futures in which pedestrians keep a constant velocity in m/s, one for each mode, from a start in metres."""
+    elapsed = obs.dt * np.arange(1, steps + 1)[:, None, None]
+    position = start[:, None, None] + elapsed * velocity[:, :, None]
+    return Prediction(position, np.repeat(velocity[:, :, None], steps, axis=2))

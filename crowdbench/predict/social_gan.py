@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from crowdbench.core.types import Observation, Pedestrians
@@ -25,6 +26,7 @@ LONGEST_STEP = 60.0
 """The longest time step in seconds that a card can have."""
 
 
+@dataclass(eq=False, repr=False)
 class SocialGAN(Predictor):
     """Samples futures of the whole crowd from the generator of a Social GAN (Gupta et al. 2018).
 
@@ -45,21 +47,17 @@ class SocialGAN(Predictor):
         InputError: `modes` is not a whole number, 1 or more.
     """
 
-    def __init__(
-        self,
-        generator: Generator,
-        about: Mapping[str, Any],
-        modes: int = 20,
-        rescaled: bool = False,
-        trained_without: Callable[[str], Predictor] | None = None,
-    ) -> None:
-        require("modes", modes, isinstance(modes, int) and modes >= 1, "a whole number of futures, 1 or more")
-        self.generator = generator.eval()
-        self.about = about
-        self.modes = modes
-        self.rescaled = rescaled
-        self.trained_without = trained_without
-        self.facts = {"predictor_weights": digest(generator)}
+    generator: Generator
+    about: Mapping[str, Any]
+    modes: int = 20
+    rescaled: bool = False
+    trained_without: Callable[[str], Predictor] | None = None
+
+    def __post_init__(self) -> None:
+        require(
+            "modes", self.modes, isinstance(self.modes, int) and self.modes >= 1, "a whole number of futures, 1 or more"
+        )
+        self.facts = {"predictor_weights": digest(self.generator.eval())}
 
     def predict(self, obs: Observation, steps: int) -> Prediction:
         """See `Predictor`. There are `modes` modes."""
@@ -128,16 +126,10 @@ def extrapolated_history(crowd: Pedestrians) -> Float[np.ndarray, "world time pe
     history = crowd.history
     last = history.shape[1] - 1
     start = np.clip(last + 1 - crowd.observed, 0, last)
-    first, second = (_at(history, time) for time in (start, np.minimum(start + 1, last)))
+    times = start, np.minimum(start + 1, last)
+    first, second = (np.take_along_axis(history, time[:, None, :, None], axis=1)[:, 0] for time in times)
     before = np.maximum(start[:, None] - np.arange(last + 1)[:, None], 0)[..., None]
     return history - before * (second - first)[:, None]
-
-
-def _at(
-    history: Float[np.ndarray, "world time pedestrian 2"], time: Int[np.ndarray, "world pedestrian"]
-) -> Float[np.ndarray, "world pedestrian 2"]:
-    """Each pedestrian's position at a time index of its own."""
-    return np.take_along_axis(history, time[:, None, :, None], axis=1)[:, 0]
 
 
 def load_social_gan(weights: str, modes: int, rescaled: bool, device: str) -> SocialGAN:
@@ -174,12 +166,14 @@ def _check(about: Mapping[str, Any], file: Path) -> None:
             f"the card of the weights {file} must say on which scenes, in steps of which dt, they were trained"
         )
     dt, names = about["dt"], about["scenes"]
-    if not (is_number(dt) and 0.0 < dt <= LONGEST_STEP):
-        raise InputError(
-            f"the card of the weights {file} has a dt of {str(dt)[:40]}, but it must be a number of seconds above 0 "
-            f"and up to {LONGEST_STEP:g}"
-        )
-    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
-        raise InputError(f"the card of the weights {file} must have a list of names as scenes")
-    if not isinstance(about.get("pooling", False), bool):
-        raise InputError(f"the card of the weights {file} must have true or false as pooling")
+    right = f"it must be a number of seconds above 0 and up to {LONGEST_STEP:g}"
+    for is_right, sentence in (
+        (is_number(dt) and 0.0 < dt <= LONGEST_STEP, f"has a dt of {str(dt)[:40]}, but {right}"),
+        (
+            isinstance(names, list) and all(isinstance(name, str) for name in names),
+            "must have a list of names as scenes",
+        ),
+        (isinstance(about.get("pooling", False), bool), "must have true or false as pooling"),
+    ):
+        if not is_right:
+            raise InputError(f"the card of the weights {file} {sentence}")

@@ -17,10 +17,10 @@ from jaxtyping import Bool, Float
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.layouts.crossings import NOISE, PLUS_CLEARANCE, draw_beside, is_clear, vehicle_way
 from crowdbench.scenario.layouts.placer import Point
-from crowdbench.scenario.placement import LayoutCall, Placement
-from crowdbench.scenario.population import Crowd, Quantity, Traits
+from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.renewal import find_arrived, replace_person
-from crowdbench.scenario.starts import Case, LayoutStarts, Start, Starts, Vehicle, seed_legacy
+from crowdbench.scenario.starts import Case, LayoutStarts, Start, Vehicle, seed_legacy
 from crowdbench.sim.simulator import Renewal
 from crowdbench.utils.errors import InputError
 
@@ -30,6 +30,9 @@ SEED = 1425
 MEMORY = "crowdnav_plus"
 """Under this name `World.memory` has the number of each case, and how many numbers of its stream it has drawn, -1 in
 cases of others."""
+
+NOTICED = "neighbor_distance"
+"""The parameter of a policy that is drawn for each pedestrian."""
 
 
 class _Stream:
@@ -50,8 +53,7 @@ class _Stream:
         legacy.random_raw(2 * drawn, output=False)  # a number takes two of these
         self._generator = np.random.Generator(legacy)
         self.drawn = drawn
-        self._population = crowd.population
-        (self.policy,) = crowd.population.shares
+        self._crowd, (self.policy,) = crowd, crowd.shares
         self._circle_radius = circle_radius
 
     def draw(self) -> float:
@@ -59,84 +61,77 @@ class _Stream:
         self.drawn += 1
         return self._generator.random()
 
-    def person(self) -> Traits:
-        """Draw what a pedestrian is like."""
+    def draw_person(self) -> list[float]:
+        """Draw how far in metres a pedestrian notices others, its speed in m/s, and its radius in metres."""
+        noticed = self._crowd.parameters[self.policy][NOTICED]
+        quantities = noticed, self._crowd.preferred_speed, self._crowd.radius
+        if any(each.low < each.high for each in quantities):
+            return [each.low + (each.high - each.low) * self.draw() for each in quantities]
+        return [each.mean for each in quantities]
+
+    def traits(self, people: Sequence[list[float]]) -> Traits:
+        """What pedestrians are like that `draw_person` has drawn."""
+        distance, speed, radius = np.array(people).reshape(-1, 3).T
         parameters = {
-            name: {parameter: np.array([quantity.mean]) for parameter, quantity in table.items()}
-            for name, table in self._population.parameters.items()
+            name: {parameter: np.full(len(people), quantity.mean) for parameter, quantity in table.items()}
+            for name, table in self._crowd.parameters.items()
         }
-        noticed = self._population.parameters[self.policy]["neighbor_distance"]
-        quantities = noticed, self._population.preferred_speed, self._population.radius
-        if any(quantity.low < quantity.high for quantity in quantities):
-            distance, speed, radius = (self._uniform(quantity) for quantity in quantities)
-        else:
-            distance, speed, radius = (quantity.mean for quantity in quantities)
-        parameters[self.policy]["neighbor_distance"] = np.array([distance])
-        return Traits(np.array([radius]), np.array([speed]), np.zeros(1, np.int64), parameters)
+        parameters[self.policy][NOTICED] = distance
+        return Traits(radius, speed, np.zeros(len(people), np.int64), parameters)
 
-    def start(self, others: Float[np.ndarray, "point 2"], reach: Float[np.ndarray, "point"]) -> Point:
-        """Draw where somebody starts, clear of other positions and goals; `reach` has the sums of the radii."""
-        return self._point(0.0, NOISE, others, reach + PLUS_CLEARANCE)
-
-    def goal(self, speed: float, others: Float[np.ndarray, "point 2"], reach: Float[np.ndarray, "point"]) -> Point:
-        """Draw where somebody of this preferred speed in m/s goes; `reach` has the distances to keep from others."""
-        return self._point(0.5, speed, others, reach)
-
-    def _point(self, low: float, noise: float, others: np.ndarray, reach: np.ndarray) -> Point:
+    def draw_point(
+        self,
+        others: Float[np.ndarray, "point 2"],
+        reach: Float[np.ndarray, "point"],
+        low: float = 0.0,
+        noise: float = NOISE,
+    ) -> Point:
+        """Draw where somebody starts, or goes: as far as `reach` from other points in metres. See `draw_beside`."""
         clear = functools.partial(is_clear, others=others, reach=reach)
         point = draw_beside(self.draw, self._circle_radius, low, noise, clear)
         if point is None:
             raise InputError(f"a circle of {self._circle_radius:g} m radius has no room: raise layout.circle_radius")
         return point
 
-    def _uniform(self, quantity: Quantity) -> float:
-        return quantity.low + (quantity.high - quantity.low) * self.draw()
-
 
 @dataclass(frozen=True)
-class CrowdNavPlusStarts(Starts):
+class CrowdNavPlusStarts(LayoutStarts):
     """The first test cases start as those of CrowdNav++, other cases as the layout of the same name places them."""
 
-    others: LayoutStarts
-
-    @property
-    def layout(self) -> LayoutCall:
-        """See `Starts`."""
-        return self.others.layout
-
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """See `Starts`."""
-        if case.split != "test" or case.number >= self.others.crowdnav_cases:
-            return self.others.start(case, crowd, vehicle, rules)
+        """See `LayoutStarts`."""
+        if not self.is_crowdnavs(case):
+            return super().start(case, crowd, vehicle, rules)
         stream = _Stream(case.number, crowd, self.layout.options["circle_radius"])
-        ways, people = [vehicle_way(stream.draw, self.layout.options["half_width"])], list[Traits]()
+        ways, people, radius = [vehicle_way(stream.draw, self.layout.options["half_width"])], [], [vehicle.radius]
         for _ in range(crowd.number[1]):
-            people.append(stream.person())
-            radius = np.array([vehicle.radius, *(float(each.radius[0]) for each in people)])
-            start = stream.start(np.array(ways).reshape(-1, 2), np.repeat(radius[:-1], 2) + radius[-1])
+            people.append(stream.draw_person())
+            reach = np.repeat(radius, 2) + people[-1][2] + PLUS_CLEARANCE
+            start = stream.draw_point(np.array(ways).reshape(-1, 2), reach)
             ways.append((start, (-start[0], -start[1])))
+            radius.append(people[-1][2])
         starts, goals = np.array(ways).swapaxes(0, 1)
-        together = Traits.join(people)
-        distances = together.parameters[stream.policy]["neighbor_distance"]
-        distances[:] = distances[-1:]  # see `CrowdNavPlusRenewal._renew`
-        return Start(together, Placement(start=starts, goal=goals), np.full(len(people), -1), stream.drawn)
+        traits = stream.traits(people)
+        distances = traits.parameters[stream.policy][NOTICED]
+        distances[:] = distances[-1:]  # see `_Renewal._renew`
+        return Start(traits, Placement(start=starts, goal=goals), np.full(len(people), -1), stream.drawn)
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """See `Starts`."""
+        """See `LayoutStarts`."""
         numbers, drawn = [case.number for case in cases], [start.drawn for start in starts]
         own = {"case": np.array(numbers, np.int64), "drawn": np.array(drawn, np.int64)}
         return world.replace(memory={**world.memory, MEMORY: own})
 
     def renewal(self, crowd: Crowd) -> Renewal | None:
-        """See `Starts`."""
-        others = self.others.renewal(crowd)
+        """See `LayoutStarts`."""
+        others = super().renewal(crowd)
         if others is None or crowd.arrival != "respawn":
             return others
-        return CrowdNavPlusRenewal(crowd, self.layout.options["circle_radius"], others)
+        return _Renewal(crowd, self.layout.options["circle_radius"], others)
 
 
 @dataclass(frozen=True)
-class CrowdNavPlusRenewal:
+class _Renewal:
     """What becomes of people: in the test cases of CrowdNav++ what its code does, in other cases what others do.
 
     Attributes:
@@ -153,39 +148,39 @@ class CrowdNavPlusRenewal:
         """See `crowdbench.sim.simulator.Renewal`."""
         is_theirs = world.memory[MEMORY]["drawn"] >= 0
         after = self.others(world, running & ~is_theirs)
-        change = self.crowd.goal_change
-        due = find_arrived(world, running & is_theirs).any(axis=1)
-        if change is not None:
-            due |= running & is_theirs & (world.step % change.every == 0)
-        if not due.any():
-            return after
-        if after is world:
+        due = running & is_theirs & (find_arrived(world, running).any(axis=1) | self._is_change(world))
+        if due.any() and after is world:
             after = world.take(np.arange(len(world)))  # a copy, which is changed in place
         for row in np.flatnonzero(due).tolist():
             self._renew(after, row)
         return after
+
+    def _is_change(self, world: World) -> Bool[np.ndarray, "world"]:
+        """In which worlds people may change their goals after this step."""
+        change = self.crowd.goal_change
+        return np.zeros(len(world), bool) if change is None else world.step % change.every == 0
 
     def _renew(self, world: World, row: int) -> None:
         """Change the goals and the people of a world after a step, in its arrays."""
         number, drawn = world.memory[MEMORY]["case"], world.memory[MEMORY]["drawn"]
         stream = _Stream(int(number[row]), self.crowd, self.circle_radius, int(drawn[row]))
         change = self.crowd.goal_change
-        if change is not None and world.step[row] % change.every == 0:
+        if change is not None and self._is_change(world)[row]:
             for agent in range(1, self.crowd.number[1] + 1):
                 if stream.draw() <= change.chance:
                     self._turn(stream, world, row, agent)
         arrived, came = find_arrived(world, np.arange(len(world)) == row)[row], []
         for agent in (np.flatnonzero(arrived) + 1).tolist():
-            person = stream.person()
+            person = stream.traits([stream.draw_person()])
             # Clear also of the one whose place it takes.
             ways = np.concatenate([world.position[row], world.goal[row]])
-            start = stream.start(ways, np.tile(world.radius[row], 2) + person.radius)
+            start = stream.draw_point(ways, np.tile(world.radius[row], 2) + person.radius + PLUS_CLEARANCE)
             world.origin[row, agent], world.goal[row, agent] = start, (-start[0], -start[1])
             replace_person(world, row, agent - 1, person, 0, np.array(start), self.crowd.number[1])
             came.append(agent)
         if came:
             # A policy of theirs takes the distance that was drawn last before it decides first.
-            distances = world.parameters[stream.policy]["neighbor_distance"]
+            distances = world.parameters[stream.policy][NOTICED]
             distances[row, came] = distances[row, came[-1]]
         drawn[row] = stream.drawn
 
@@ -194,6 +189,6 @@ class CrowdNavPlusRenewal:
         others = np.arange(self.crowd.number[1] + 1) != agent
         points = np.concatenate([world.position[row, others], world.goal[row, others]])
         reach = np.tile(world.radius[row, others], 2) + (world.radius[row, agent] + PLUS_CLEARANCE)
-        goal = stream.goal(float(world.preferred_speed[row, agent]), points, reach)
+        goal = stream.draw_point(points, reach, 0.5, float(world.preferred_speed[row, agent]))
         world.origin[row, agent] = world.position[row, agent]
         world.goal[row, agent] = goal

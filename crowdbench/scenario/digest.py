@@ -14,7 +14,7 @@ from crowdbench.scenario.schema import (
     LidarSpec,
     ScenarioSpec,
     layout_spec,
-    parameters_spec,
+    pedestrians_spec,
     vehicle_spec,
 )
 from crowdbench.sim.pedestrians import ORCA, ORCAPlus, PowerLaw, Recorded, SocialForce, Standing, StopAndGo, Straight
@@ -64,7 +64,9 @@ def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
     The options of a layout and the parameters of a policy from elsewhere count in full.
     """
     top = ScenarioSpec()
-    defaults = top.complete()
+    files = table.get("pedestrians", {}).get("policy_files", {})
+    policies = {name: policy.parameters for name, policy in BUILT_IN.items() if name not in files}
+    defaults = {**top.complete(), "pedestrians": pedestrians_spec(policies)().complete()}
     # Written as the name of one policy, where all pedestrians follow the same.
     (defaults["pedestrians"]["policy"],) = top.pedestrians.policy
     # Tables that may be left out as a whole have defaults where they are given.
@@ -79,10 +81,6 @@ def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
     dynamics = table.get("vehicle", {}).get("dynamics", top.vehicle.dynamics)
     if dynamics in DYNAMICS:
         defaults["vehicle"] = vehicle_spec(dynamics)().complete()
-    files = table.get("pedestrians", {}).get("policy_files", {})
-    for name, policy in BUILT_IN.items():
-        if name not in files:
-            defaults["pedestrians"][name] = parameters_spec(policy.parameters)().complete()
     return defaults
 
 

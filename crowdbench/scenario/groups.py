@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.scenario.place_agents import check_finite, check_shape
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import PerAgent, Placement, Position, Way, check_finite, check_shape
 from crowdbench.scenario.respawn import Room
 
 GAP = 0.2
@@ -48,9 +47,7 @@ def group_reach(radius: Float[np.ndarray, "member"]) -> float:
     return float(radius.max()) + _spacing(radius) * (len(radius) - 1) / 2
 
 
-def spread(
-    ahead: Float[np.ndarray, "2"], radius: Float[np.ndarray, "member"], stands: bool
-) -> Float[np.ndarray, "member 2"]:
+def spread(ahead: Position, radius: Float[np.ndarray, "member"], stands: bool) -> Float[np.ndarray, "member 2"]:
     """Where the members of a group are, from its middle: side by side if it walks, in a circle if it stands.
 
     Args:
@@ -71,10 +68,10 @@ def spread(
 
 
 def place_groups(
-    layout: Callable[[Float[np.ndarray, "group"], Float[np.ndarray, "group"]], object],
+    layout: Callable[[PerAgent, PerAgent], object],
     leader: Int[np.ndarray, "pedestrian"],
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
+    radius: PerAgent,
+    preferred_speed: PerAgent,
     stands: Bool[np.ndarray, "pedestrian"],
     stream: np.random.Generator,
 ) -> Placement:
@@ -84,7 +81,7 @@ def place_groups(
 
     Args:
         layout: Places so many agents of these radii in metres and speeds in m/s.
-        leader: The first one in the group of each pedestrian.
+        leader: The first one in the group of each pedestrian; the members of a group follow each other.
         radius: Radii in metres, the vehicle first.
         preferred_speed: In m/s.
         stands: Which pedestrians stand.
@@ -93,40 +90,31 @@ def place_groups(
     Raises:
         InputError: What the layout returns is no placement.
     """
-    everybody = [np.zeros(1, np.int64), *(np.flatnonzero(leader == first) + 1 for first in np.unique(leader))]
-    leaders = [members[0] for members in everybody]
-    reach = np.array([group_reach(radius[each]) for each in everybody])
-    placement = check_finite(check_shape(layout(reach, preferred_speed[leaders]), len(leaders)))
-    start, goal = (np.empty((len(radius), 2)) for _ in range(2))
-    route = None if placement.route is None else np.empty((len(radius), *placement.route.shape[1:]))
-    for number, members in enumerate(everybody):
-        offsets = spread(placement.goal[number] - placement.start[number], radius[members], False)
-        start[members], goal[members] = placement.start[number] + offsets, placement.goal[number] + offsets
-        if route is not None and placement.route is not None:
-            route[members] = placement.route[number]
+    group = np.unique(np.append(0, leader + 1), return_inverse=True)[1]
+    groups = [np.flatnonzero(group == number) for number in range(group.max() + 1)]
+    reach = np.array([group_reach(radius[members]) for members in groups])
+    leaders = [members[0] for members in groups]
+    placement = check_finite(check_shape(layout(reach, preferred_speed[leaders]), len(groups)))
+    ahead = placement.goal - placement.start
+    offset = np.concatenate([spread(ahead[number], radius[members], False) for number, members in enumerate(groups)])
+    start, goal = placement.start[group] + offset, placement.goal[group] + offset
+    route = None if placement.route is None else placement.route[group]
     obstacles = np.empty((0, 0, 2)) if placement.obstacles is None else placement.obstacles
-    for number, members in enumerate(everybody[1:], 1):
+    for number, members in enumerate(groups[1:], 1):
         if stands[members[0] - 1]:
-            others = np.setdiff1d(np.arange(len(radius)), members)
+            others = group != number
             room = Room(start[others], goal[others], radius[others], preferred_speed[others], obstacles)
-            middle = _on_way(
-                placement.start[number], placement.goal[number], group_reach(radius[members]), room, stream
-            )
-            ahead = placement.goal[number] - placement.start[number]
-            start[members] = goal[members] = middle + spread(ahead, radius[members], True)
+            way = placement.start[number], placement.goal[number]
+            middle = _draw_on_way(way, float(reach[number]), room, stream)
+            start[members] = goal[members] = middle + spread(ahead[number], radius[members], True)
             if route is not None:
                 route[members] = np.nan
     return Placement(start, goal, route, placement.obstacles)
 
 
-def _on_way(
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    radius: float,
-    room: Room,
-    stream: np.random.Generator,
-) -> Float[np.ndarray, "2"]:
+def _draw_on_way(way: Way, radius: float, room: Room, stream: np.random.Generator) -> Position:
     """A clear point in metres between start and goal; the start where none is found."""
+    start, goal = way
     for share in stream.random(TRIES):
         point = start + share * (goal - start)
         if room.is_clear(point, radius):

@@ -5,18 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.core.types import Rules, Sensor
 from crowdbench.scenario.certified import LEFT_OUT, CasesBySplit, CertificateStatus, Certified
-from crowdbench.scenario.crowdnav_plus import CrowdNavPlusStarts
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
-from crowdbench.scenario.population import Crowd, GoalChange, Population, Quantity
-from crowdbench.scenario.recorded import RECORDED, TrackedCrowd
+from crowdbench.scenario.population import RECORDED, Crowd, GoalChange, Quantity
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.scenario.schema import (
     SHOWN,
@@ -30,10 +27,12 @@ from crowdbench.scenario.schema import (
     vehicle_spec,
 )
 from crowdbench.scenario.starts import LayoutStarts, Vehicle
-from crowdbench.scenario.tracks.scenes import Scene
 from crowdbench.sim.pedestrians import PedestrianPolicy, Recorded
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location, TomlTable, parse_table, read_toml
+from crowdbench.utils.toml import Location, parse_table
+
+if TYPE_CHECKING:
+    from crowdbench.scenario.recorded import TrackedCrowd
 
 MAX_STEPS = 100_000
 OF_TRACKS = ("number", "preferred_speed", "arrival", "goal_change", "groups")
@@ -46,17 +45,12 @@ class Loaders(NamedTuple):
     Attributes:
         layout: Turns what a table says of a layout into its name, the layout, and the digest of its file, if any.
         policy: The same for a pedestrian policy.
-        scene: Reads a scene by its name, whose files must have the given sha256.
+        data: The folder with the recorded tracks; None where nobody has said it.
     """
 
     layout: Callable[[str], tuple[str, Layout, str | None]]
     policy: Callable[[str], tuple[str, PedestrianPolicy, str | None]]
-    scene: Callable[[str, Mapping[str, str]], Scene]
-
-
-def read_table(path: Path) -> dict[str, Any]:
-    """The TOML table of a file. Raises InputError where it cannot be read."""
-    return read_toml(path, "scenario")
+    data: Path | None = None
 
 
 def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Scenario:
@@ -91,22 +85,18 @@ def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Sc
     layout_table = {**table.get("layout", {}), "generator": generator}
     options = parse_table(options_of_layout, layout_table, file.at("layout")).complete()
     policies = _policies(top.pedestrians.policy, load, file.at("pedestrians", "policy"))
-    tracks, tracks_table = _tracks(top, table, rules, load, file)
+    tracks = _tracks(top, table, rules, load.data, file)
     if tracks and tracks.has_cars and RECORDED not in policies:
         policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # which moves the other cars
     kind = pedestrians_spec({policy: each.policy.parameters for policy, each in policies.items()})
     pedestrians = parse_table(kind, table.get("pedestrians", {}), file.at("pedestrians")).complete()
-    by_layout = LayoutStarts(
-        LayoutCall(layout, {option: value for option, value in options.items() if option != "generator"}),
-        top.crowdnav_cases,
-    )
-    is_crowdnav_plus = top.crowdnav_cases and layout is crowdnav_plus
-    complete = {**top.complete(), "layout": options, "vehicle": vehicle.complete(), "tracks": tracks_table}
+    call = LayoutCall(layout, {option: value for option, value in options.items() if option != "generator"})
+    complete = {**top.complete(), "layout": options, "vehicle": vehicle.complete()}
     complete["pedestrians"] = pedestrians | _write_policies(policies)
     if layout_file:
         options["generator_file"] = layout_file
     if tracks:
-        complete["layout"] = {}
+        complete |= {"layout": {}, "tracks": tracks.table}
         for key in OF_TRACKS:
             del complete["pedestrians"][key]
     else:
@@ -118,35 +108,37 @@ def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Sc
         seed=top.seed,
         vehicle=Vehicle(vehicle.radius, vehicle.preferred_speed),
         crowd=Crowd(
-            tracks.number if tracks else top.pedestrians.number,
-            _population(pedestrians, policies, tracks),
+            number=tracks.number if tracks else top.pedestrians.number,
+            radius=Quantity(**pedestrians["radius"]),
+            preferred_speed=Quantity(tracks.top_speed) if tracks else Quantity(**pedestrians["preferred_speed"]),
+            shares={policy: each.share for policy, each in policies.items() if each.share},
+            standing=[policy for policy, each in policies.items() if each.policy.stands],
+            parameters={policy: _parameters(each.policy, pedestrians[policy]) for policy, each in policies.items()},
             groups={int(size): share for size, share in (top.pedestrians.groups or {}).items()},
             arrival=top.pedestrians.arrival,
             goal_change=_goal_change(top.pedestrians.goal_change, top.dt, file.at("pedestrians", "goal_change")),
         ),
-        starts=tracks or (CrowdNavPlusStarts(by_layout) if is_crowdnav_plus else by_layout),
+        starts=tracks or _layout_starts(call, top.crowdnav_cases),
         policies={policy: each.policy for policy, each in policies.items()},
         table=complete,
     )
 
 
-def _population(
-    pedestrians: Mapping[str, Any], policies: Mapping[str, _Policy], tracks: TrackedCrowd | None
-) -> Population:
-    """What pedestrians may be like, by the complete table `[pedestrians]`."""
-    return Population(
-        radius=Quantity(**pedestrians["radius"]),
-        preferred_speed=Quantity(tracks.top_speed) if tracks else Quantity(**pedestrians["preferred_speed"]),
-        shares={policy: each.share for policy, each in policies.items() if each.share},
-        standing=[policy for policy, each in policies.items() if each.policy.stands],
-        parameters={
-            policy: {
-                parameter: Quantity(**pedestrians[policy][parameter], whole=isinstance(default, int))
-                for parameter, default in each.policy.parameters.items()
-            }
-            for policy, each in policies.items()
-        },
-    )
+def _layout_starts(layout: LayoutCall, crowdnav_cases: int) -> LayoutStarts:
+    """How cases start by a layout: the first test cases as in CrowdNav, or as in CrowdNav++ with the layout of it."""
+    if not crowdnav_cases or layout.function is not crowdnav_plus:
+        return LayoutStarts(layout, crowdnav_cases)
+    from crowdbench.scenario.crowdnav_plus import CrowdNavPlusStarts
+
+    return CrowdNavPlusStarts(layout, crowdnav_cases)
+
+
+def _parameters(policy: PedestrianPolicy, table: Mapping[str, Any]) -> dict[str, Quantity]:
+    """The parameters of a policy, by its complete table."""
+    return {
+        parameter: Quantity(**table[parameter], whole=isinstance(default, int))
+        for parameter, default in policy.parameters.items()
+    }
 
 
 def _goal_change(spec: GoalChangeSpec | None, dt: float, location: Location) -> GoalChange | None:
@@ -160,9 +152,9 @@ def _goal_change(spec: GoalChangeSpec | None, dt: float, location: Location) -> 
 
 
 def _tracks(
-    top: ScenarioSpec, table: Mapping[str, Any], rules: Rules, load: Loaders, file: Location
-) -> tuple[TrackedCrowd | None, dict[str, Any]]:
-    """The recorded people of a scenario, if any, and what a result says of them.
+    top: ScenarioSpec, table: Mapping[str, Any], rules: Rules, data: Path | None, file: Location
+) -> TrackedCrowd | None:
+    """The recorded people of a scenario, if any.
 
     Raises InputError where a key says what the tracks say too, the policy of recorded people has none, or the scene
     cannot be read.
@@ -170,19 +162,21 @@ def _tracks(
     if top.tracks is None:
         if RECORDED in top.pedestrians.policy:
             raise file.at("pedestrians", "policy").wrong(RECORDED, "another policy, or there must be a table [tracks]")
-        return None, {}
+        return None
+    # Imported here, because most scenarios do without.
+    from crowdbench.scenario.recorded import TrackedCrowd
+    from crowdbench.scenario.tracks.scenes import load_scene
+
     own: list[tuple[str, ...]] = [(key,) for key in ("layout", "crowdnav_cases") if table.get(key)]
     own += [("pedestrians", key) for key in OF_TRACKS if key in table.get("pedestrians", {})]
     if own:
         right = "left out where there is a table [tracks], which says who starts where, how fast, and to where"
         raise file.at(*own[0]).wrong("given", right)
     with file.at("tracks").named():
-        scene = load.scene(top.tracks.scene, top.tracks.files)
-        crowd = TrackedCrowd.of(scene, top.tracks.distance, rules)
+        crowd = TrackedCrowd.of(load_scene(top.tracks.scene, data, top.tracks.files), top.tracks.distance, rules)
     if crowd.has_cars and "distance" in table["tracks"]:
         raise file.at("tracks", "distance").wrong("given", "left out where cars say where the vehicle starts and goes")
-    found = {"scene": scene.name, "files": dict(scene.files)}
-    return crowd, found if crowd.has_cars else found | {"distance": crowd.distance}
+    return crowd
 
 
 def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: Location) -> None:
@@ -205,6 +199,9 @@ def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules
     if isinstance(dynamics, Unicycle) and dynamics.max_angular_speed * top.dt > math.pi:
         right = f"{math.pi / top.dt:.6g} rad/s at most: the vehicle may turn by half a circle in a step"
         raise location.at("max_angular_speed").wrong(f"{dynamics.max_angular_speed:g}", right)
+    sensor = top.sensor.complete()
+    if sensor["nearest"] is None and top.pedestrians.number[1] > SHOWN_IN:
+        sensor["nearest"] = SHOWN
     return Rules(
         dt=top.dt,
         time_limit=top.time_limit,
@@ -214,16 +211,8 @@ def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules
         dynamics=dynamics,
         goal_tolerance=vehicle.goal_tolerance,
         body=_body(vehicle, dynamics, location),
-        sensor=_sensor(top),
+        sensor=Sensor.of_table(sensor),
     )
-
-
-def _sensor(top: ScenarioSpec) -> Sensor:
-    """The sensor of a scenario; without `nearest` it shows the nearest `SHOWN` of more than `SHOWN_IN` pedestrians."""
-    sensor = Sensor.of_table(top.sensor.complete())
-    if sensor.nearest is None and top.pedestrians.number[1] > SHOWN_IN:
-        return dataclasses.replace(sensor, nearest=SHOWN)
-    return sensor
 
 
 def _body(vehicle: VehicleSpec, dynamics: Dynamics, location: Location) -> Body:
@@ -256,20 +245,14 @@ def restore(table: Mapping[str, Any], source: str, load: Loaders) -> Scenario:
     layout = {key: value for key, value in table.get("layout", {}).items() if key != "generator_file"}
     keys |= {"layout": layout, "pedestrians": crowd}
     scenario = parse(keys, str(table.get("name", "")), source, load)
-    left_out = parse_table(
-        _LeftOut, {key: table[key] for key in (LEFT_OUT,) if key in table}, Location(source)
-    ).left_out
+    left_out = parse_table(CasesBySplit, table.get(LEFT_OUT, {}), Location(source, LEFT_OUT))
     scenario = scenario.leave_out(left_out.complete())
     shares = crowd.get("policy")
     if isinstance(shares, Mapping) and len(shares) > 1 and math.isclose(sum(shares.values()), 1.0, abs_tol=1e-12):
         # They have been divided by their sum: once more could change their last bits.
-        population = scenario.crowd.population
-        shares = {policy: float(shares[policy]) for policy in population.shares}
+        shares = {policy: float(shares[policy]) for policy in scenario.crowd.shares}
         written = {**scenario.table, "pedestrians": {**scenario.table["pedestrians"], "policy": shares}}
-        population = dataclasses.replace(population, shares=shares)
-        return dataclasses.replace(
-            scenario, crowd=dataclasses.replace(scenario.crowd, population=population), table=written
-        )
+        return dataclasses.replace(scenario, crowd=dataclasses.replace(scenario.crowd, shares=shares), table=written)
     return scenario
 
 
@@ -291,14 +274,7 @@ def leave_out_uncertified(scenario: Scenario, spec: str, file: Path) -> Scenario
     return dataclasses.replace(scenario.leave_out(status.left_out), certificates=status)
 
 
-class _LeftOut(TomlTable):
-    """The part of a scenario's table that has the cases that are left out."""
-
-    left_out: CasesBySplit = CasesBySplit()
-
-
-@dataclass(frozen=True)
-class _Policy:
+class _Policy(NamedTuple):
     """A pedestrian policy of a crowd, the share of the pedestrians that follow it, and the digest of its file."""
 
     policy: PedestrianPolicy

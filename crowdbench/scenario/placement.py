@@ -1,13 +1,36 @@
-"""What a layout is, and what it places for one case."""
+"""What a layout is, what it places for one case, what that must be like, and the ways around its obstacles."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import shapely
 from jaxtyping import Float
+
+from crowdbench.core.geometry import pad_points
+from crowdbench.scenario.visibility_graph import edges_of, find_routes
+from crowdbench.utils.errors import InputError
+
+EXTENT = 1e6
+"""Coordinates are at most so many metres from zero."""
+
+SPACING = 1.0
+"""Waypoints of a shortest way are at most this far apart, in metres."""
+
+_TOLERANCE = 1e-9
+
+PerAgent = Float[np.ndarray, "agent"]
+"""A number per agent, the vehicle first."""
+
+Position = Float[np.ndarray, "2"]
+"""A point in metres."""
+
+Way = tuple[Position, Position]
+"""Where an agent starts, and where it goes."""
 
 
 @dataclass(frozen=True)
@@ -46,24 +69,191 @@ class LayoutCall:
     function: Layout
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def __call__(
-        self,
-        rng: np.random.Generator,
-        radius: Float[np.ndarray, "agent"],
-        preferred_speed: Float[np.ndarray, "agent"],
-    ) -> Any:
+    def __call__(self, rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent) -> Any:
         """A `Placement`; anything at all where it is a user's and wrong."""
         return self.function(rng, radius, preferred_speed, **self.options)
 
 
-def pad_points(points: Sequence[Any]) -> Float[np.ndarray, "row point 2"]:
-    """Rows of different numbers of points in one array, NaN beyond the last point of each."""
-    padded = np.full((len(points), max(map(len, points), default=0), 2), np.nan)
-    for row, each in zip(padded, points, strict=True):
-        row[: len(each)] = each
-    return padded
+def complete_placement(answer: object, radius: PerAgent) -> Placement:
+    """What a layout returned: with routes if there are obstacles, and solid polygons counter-clockwise.
+
+    Args:
+        answer: Whatever that is.
+        radius: Radii in metres.
+
+    Raises:
+        InputError: It is no placement of these agents, or cannot be.
+    """
+    return add_routes(check_obstacles(check_finite(check_shape(answer, len(radius))), radius), radius)
 
 
-def split_corners(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[Float[np.ndarray, "_ 2"]]:
-    """The corners of each polygon, without the padding."""
-    return [polygon[np.isfinite(polygon[:, 0])] for polygon in obstacles]
+def check_shape(answer: object, agents: int) -> Placement:
+    """What a layout returned. Raises InputError where it is no placement of so many agents."""
+    if not isinstance(answer, Placement):
+        raise InputError(f"the layout returned a {type(answer).__name__} instead of a Placement")
+    shapes = {"start": (agents, 2), "goal": (agents, 2), "route": (agents, None, 2), "obstacles": (None, None, 2)}
+    for part, shape in shapes.items():
+        array = getattr(answer, part)
+        if array is None and part in ("route", "obstacles"):
+            continue
+        if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
+            raise InputError(f"the layout returned a Placement with {part} that is not an array of floats")
+        fits = [right in (None, length) for right, length in zip(shape, array.shape, strict=False)]
+        if array.ndim != len(shape) or not all(fits):
+            words = ", ".join("any number" if right is None else str(right) for right in shape)
+            raise InputError(
+                f"the layout returned a Placement with {part} of shape {list(array.shape)} instead of [{words}]"
+            )
+    return answer
+
+
+def check_finite(placement: Placement) -> Placement:
+    """A placement. Raises InputError where a number in it is not finite, beyond the padding, or is too large."""
+    right = f"whose coordinates must be numbers from {-EXTENT:g} to {EXTENT:g}"
+    for part, points in (("start", placement.start), ("goal", placement.goal)):
+        for agent in _find_wrong(points):
+            raise InputError(f"the layout gives {who(agent)} the {part} {points[agent].tolist()}, {right}")
+    for part, rows in (("route", placement.route), ("obstacles", placement.obstacles)):
+        for row, points in enumerate(() if rows is None else rows):
+            padding = int(np.isnan(points).all(axis=1)[::-1].cumprod().sum())
+            for point in _find_wrong(points[: len(points) - padding]):
+                raise InputError(f"the layout returned {part}[{row}] with the point {points[point].tolist()}, {right}")
+    return placement
+
+
+def _find_wrong(points: Float[np.ndarray, "point 2"]) -> list[int]:
+    """Which points have a coordinate that is not finite or too large."""
+    return np.flatnonzero(~(np.abs(points) <= EXTENT).all(axis=1)).tolist()
+
+
+def check_obstacles(placement: Placement, radius: PerAgent) -> Placement:
+    """A placement among obstacles, solid polygons counter-clockwise.
+
+    Args:
+        placement: The placement.
+        radius: Radii in metres.
+
+    Raises:
+        InputError: An obstacle is a single point, has no length or no area, or crosses itself or another one, or a
+            start or a goal is in a wall.
+    """
+    if placement.obstacles is None:
+        return placement
+    corners = {i: points for i, points in enumerate(map(_points, placement.obstacles)) if len(points)}
+    shapes = {i: _shape(i, points) for i, points in corners.items()}
+    _apart(shapes)
+    _outside(placement, radius, shapes)
+    turned = placement.obstacles.copy()
+    for i, points in corners.items():
+        if len(points) > 2 and not shapely.is_ccw(shapely.LinearRing(points)):
+            turned[i, : len(points)] = points[::-1]
+    return dataclasses.replace(placement, obstacles=turned)
+
+
+def add_routes(placement: Placement, radius: PerAgent) -> Placement:
+    """A placement with routes if there are obstacles, without waypoints at the end that are the goal.
+
+    Args:
+        placement: The placement.
+        radius: Radii in metres.
+
+    Raises:
+        InputError: No way leads an agent to its goal.
+    """
+    route = placement.route
+    if route is None:
+        if placement.obstacles is None:
+            return placement
+        route = find_routes(placement.start, placement.goal, radius, placement.obstacles)
+        return dataclasses.replace(placement, route=_add_marks(placement.start, placement.goal, route))
+    route = route.copy()
+    for points, goal in zip(route, placement.goal, strict=True):
+        last = len(_points(points)) - 1
+        while last >= 0 and np.array_equal(points[last], goal):
+            points[last] = np.nan
+            last -= 1
+    return dataclasses.replace(placement, route=route)
+
+
+def _points(row: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point_there 2"]:
+    """The points of a row, without the padding."""
+    return row[np.isfinite(row[:, 0])]
+
+
+def _add_marks(
+    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], route: Float[np.ndarray, "agent corner 2"]
+) -> Float[np.ndarray, "agent waypoint 2"]:
+    """Routes with waypoints at most `SPACING` apart, so that whoever has been pushed off its way sees one of them."""
+    ways = []
+    for agent, corners in enumerate(route):
+        points = np.concatenate([start[agent, None], _points(corners), goal[agent, None]])
+        legs = np.ceil(np.hypot(*np.diff(points, axis=0).T) / SPACING).astype(int)
+        parts = [
+            first + np.arange(1, n + 1)[:, None] / n * (last - first)
+            for first, last, n in zip(points[:-1], points[1:], legs, strict=True)
+        ]
+        ways.append(np.concatenate([np.empty((0, 2)), *parts])[:-1])
+    return pad_points(ways)
+
+
+def check_routes(placement: Placement, radius: PerAgent) -> Placement:
+    """The same placement. Raises InputError where a route leads nearer to an obstacle than the radius in metres."""
+    if placement.route is None or placement.obstacles is None:
+        return placement
+    edges = shapely.MultiLineString(list(edges_of(placement.obstacles)))
+    for agent, points in enumerate(placement.route):
+        way = shapely.LineString([placement.start[agent], *_points(points), placement.goal[agent]])
+        if way.distance(edges) < radius[agent] - _TOLERANCE:
+            raise InputError(
+                f"the route of {who(agent)} leads {way.distance(edges):.3g} m past an obstacle, but its radius is "
+                f"{radius[agent]:.3g} m"
+            )
+    return placement
+
+
+def who(agent: int) -> str:
+    """What an agent is called in errors."""
+    return "the vehicle" if agent == 0 else f"pedestrian {agent}"
+
+
+def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
+    """An obstacle as a shape. Raises InputError where it is none."""
+    name = f"obstacles[{i}]"
+    if len(corners) == 1:
+        raise InputError(f"{name} has one corner, but a wall has two and a solid polygon three or more")
+    after = np.roll(corners, -1, axis=0)
+    same = (corners == after).all(axis=1)
+    if same.any():
+        point = corners[int(same.argmax())].tolist()
+        what = "has no length: both its corners are" if len(corners) == 2 else "has twice in a row the corner"
+        raise InputError(f"{name} {what} {point}")
+    if len(corners) == 2:
+        return shapely.LineString(corners)
+    shape = shapely.Polygon(corners)
+    if not shape.is_valid:
+        if shape.convex_hull.area < _TOLERANCE:
+            raise InputError(f"{name} has no area: its corners are on a line")
+        raise InputError(f"{name} crosses or touches itself: {shapely.is_valid_reason(shape)}")
+    return shape
+
+
+def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
+    """Raises InputError where two obstacles cross or overlap. They may touch."""
+    number, each = list(shapes), list(shapes.values())
+    for one, other in shapely.STRtree(each).query(each, predicate="intersects").T.tolist():
+        if one < other and shapely.relate_pattern(each[one], each[other], "T********"):
+            raise InputError(f"obstacles[{number[one]}] and obstacles[{number[other]}] cross or overlap")
+
+
+def _outside(placement: Placement, radius: PerAgent, shapes: Mapping[int, shapely.Geometry]) -> None:
+    """Raises InputError where a start or a goal is in a wall, or nearer to it than the agent's radius."""
+    for part, points in (("start", placement.start), ("goal", placement.goal)):
+        for i, shape in shapes.items():
+            distance = shapely.distance(shapely.points(points), shape)
+            wrong = distance < radius - _TOLERANCE
+            if wrong.any():
+                agent = int(wrong.argmax())
+                raise InputError(
+                    f"the {part} of {who(agent)}, {points[agent].tolist()}, is {distance[agent]:.3g} m from "
+                    f"obstacles[{i}], but must be {radius[agent]:.3g} m away, the radius of the disc around it"
+                )

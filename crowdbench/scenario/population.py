@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,9 @@ ARRIVALS = ("walk_on", "stop", "leave", "new_goal", "respawn", "back_and_forth")
 - `respawn`: make room for somebody else who comes in at another place, as in CrowdNav++,
 - `back_and_forth`: walk back to where it came from, and so on.
 """
+
+RECORDED = "recorded"
+"""The name of the policy of those who walk as they were recorded."""
 
 GOES_ON = ("new_goal", "respawn", "back_and_forth")
 """After these somebody walks on to another goal."""
@@ -73,65 +76,12 @@ class Traits(NamedTuple):
     policy: Int[np.ndarray, "pedestrian"]
     parameters: Mapping[str, Mapping[str, Float[np.ndarray, "pedestrian"]]]
 
-    @classmethod
-    def join(cls, crowds: Sequence[Traits]) -> Traits:
-        """Several crowds as one; one at least."""
-        radius, speed, policy, tables = zip(*crowds, strict=True)
-        parameters = {
-            name: {parameter: np.concatenate([each[name][parameter] for each in tables]) for parameter in table}
-            for name, table in tables[0].items()
-        }
-        return cls(np.concatenate(radius), np.concatenate(speed), np.concatenate(policy), parameters)
-
     def alike(self, first: Int[np.ndarray, "pedestrian"]) -> Traits:
         """The same pedestrians, each with the speed and the policy of the first one in its group."""
         return self._replace(preferred_speed=self.preferred_speed[first], policy=self.policy[first])
 
 
-@dataclass(frozen=True)
-class Population:
-    """What pedestrians there may be.
-
-    Attributes:
-        radius: Radii in metres.
-        preferred_speed: Preferred and largest speeds in m/s.
-        shares: By policy, the share of the pedestrians that follow it.
-        standing: The policies whose pedestrians stand, by name.
-        parameters: By policy and name, the parameters of the policies.
-    """
-
-    radius: Quantity
-    preferred_speed: Quantity
-    shares: Mapping[str, float]
-    standing: Collection[str]
-    parameters: Mapping[str, Mapping[str, Quantity]]
-
-    @property
-    def stands(self) -> Bool[np.ndarray, "policy"]:
-        """Whether the pedestrians of each policy stand. Recorded cars have a policy that nobody is drawn for."""
-        return np.array([name in self.standing for name in self.parameters])
-
-    def walking(self) -> Population:
-        """Those who walk: who replace others that have arrived."""
-        shares = {name: 0.0 if name in self.standing else share for name, share in self.shares.items()}
-        total = sum(shares.values())
-        if total in (0.0, 1.0):  # then nobody arrives, or everybody walks
-            return self
-        return dataclasses.replace(self, shares={name: share / total for name, share in shares.items()})
-
-    def draw(self, crowd: np.random.Generator, n: int) -> Traits:
-        """Draw n pedestrians from a random stream."""
-        radius, speed = self.radius.draw(crowd, n), self.preferred_speed.draw(crowd, n)
-        policy = crowd.choice(len(self.shares), n, p=list(self.shares.values()))
-        parameters = {
-            name: {parameter: quantity.draw(crowd, n) for parameter, quantity in table.items()}
-            for name, table in self.parameters.items()
-        }
-        return Traits(radius, speed, policy, parameters)
-
-
-@dataclass(frozen=True)
-class GoalChange:
+class GoalChange(NamedTuple):
     """How pedestrians change their goals on the way.
 
     Attributes:
@@ -149,18 +99,47 @@ class Crowd:
 
     Attributes:
         number: The smallest and the largest number of them.
-        population: What they may be like; the preferred speed of recorded people is the largest of all.
+        radius: Radii in metres.
+        preferred_speed: Preferred and largest speeds in m/s; of recorded people the largest of all.
+        shares: By policy, the share of the pedestrians that follow it.
+        standing: The policies whose pedestrians stand, by name.
+        parameters: By policy and name, the parameters of the policies.
         groups: By size, the share of the groups that are so large; empty where all walk alone.
         arrival: What becomes of those who arrive, one of `ARRIVALS`.
         goal_change: How they change their goals on the way, if they do.
     """
 
     number: tuple[int, int]
-    population: Population
-    groups: Mapping[int, float] = field(default_factory=dict)
-    arrival: str = "walk_on"
-    goal_change: GoalChange | None = None
+    radius: Quantity
+    preferred_speed: Quantity
+    shares: Mapping[str, float]
+    standing: Collection[str]
+    parameters: Mapping[str, Mapping[str, Quantity]]
+    groups: Mapping[int, float]
+    arrival: str
+    goal_change: GoalChange | None
 
-    def draw(self, stream: np.random.Generator) -> Traits:
-        """Draw the pedestrians of a case from the random stream of its crowd, at its start."""
-        return self.population.draw(stream, int(stream.integers(self.number[0], self.number[1] + 1)))
+    @property
+    def stands(self) -> Bool[np.ndarray, "policy"]:
+        """Whether the pedestrians of each policy stand. Recorded cars have a policy that nobody is drawn for."""
+        return np.array([name in self.standing for name in self.parameters])
+
+    def walking(self) -> Crowd:
+        """Those who walk: who replace others that have arrived."""
+        shares = {name: 0.0 if name in self.standing else share for name, share in self.shares.items()}
+        total = sum(shares.values())
+        if total in (0.0, 1.0):  # then nobody arrives, or everybody walks
+            return self
+        return dataclasses.replace(self, shares={name: share / total for name, share in shares.items()})
+
+    def draw(self, stream: np.random.Generator, n: int | None = None) -> Traits:
+        """Draw n pedestrians from a random stream; without n as many as a case has, whose number is drawn first."""
+        if n is None:
+            n = int(stream.integers(self.number[0], self.number[1] + 1))
+        radius, speed = self.radius.draw(stream, n), self.preferred_speed.draw(stream, n)
+        policy = stream.choice(len(self.shares), n, p=list(self.shares.values()))
+        parameters = {
+            name: {parameter: quantity.draw(stream, n) for parameter, quantity in table.items()}
+            for name, table in self.parameters.items()
+        }
+        return Traits(radius, speed, policy, parameters)

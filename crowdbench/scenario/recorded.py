@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from crowdbench.core import rng
 from crowdbench.core.dynamics import reach
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.layouts.placer import CLEARANCE
-from crowdbench.scenario.placement import Placement
-from crowdbench.scenario.population import Crowd, Traits
-from crowdbench.scenario.starts import Case, Start, Starts, Vehicle
-from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, split_windows, walked_paths
+from crowdbench.scenario.placement import PerAgent, Placement, Position, Way
+from crowdbench.scenario.population import RECORDED, Crowd, Traits
+from crowdbench.scenario.starts import Case, Start, Vehicle
+from crowdbench.scenario.tracks.eth_ucy import Tracks
+from crowdbench.scenario.tracks.excerpts import Excerpt, cut_windows, interpolate, people_of, split_windows
 from crowdbench.scenario.tracks.scenes import Scene
 from crowdbench.sim.presence import come_and_go
 from crowdbench.sim.simulator import Renewal
 from crowdbench.utils.errors import InputError
-
-RECORDED = "recorded"
-"""The name of the policy of those who walk as they were recorded."""
 
 SLOWEST = 1e-3
 """Smallest preferred speed in m/s, that of people who stood."""
@@ -52,11 +51,11 @@ class FreeSpace:
     """Where the vehicle can start and go in a recorded scene, of which no map is known: where somebody has walked.
 
     Args:
-        ways: The positions of each pedestrian in metres, one after the other in time.
+        tracks: The recording of the scene.
     """
 
-    def __init__(self, ways: Iterable[Float[np.ndarray, "_ 2"]]) -> None:
-        points = np.concatenate([_dense(way) for way in ways])
+    def __init__(self, tracks: Tracks) -> None:
+        points = np.concatenate([_dense(person.position) for person in people_of(tracks)])
         self.origin = points.min(axis=0) - 2.0 * CELL
         cells = np.unique(((points - self.origin) / CELL).astype(np.int64), axis=0)
         self.walked = cells
@@ -69,10 +68,10 @@ class FreeSpace:
         self,
         stream: np.random.Generator,
         distance: float,
-        radius: Float[np.ndarray, "agent"],
+        radius: PerAgent,
         track: Float[np.ndarray, "time pedestrian 2"],
         dt: float,
-    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    ) -> Way:
         """Draw start and goal of the vehicle, with free space on the straight way.
 
         Args:
@@ -91,27 +90,18 @@ class FreeSpace:
         reach = radius[0] + radius[1:]
         soon = track[: int(np.ceil(CLEAR_TIME / dt)) + 1]
         for start, goal in points[(far >= distance) & (far <= distance + FARTHER)]:
-            if (
-                self._is_free(start, goal)
-                and not _near(start, soon, reach + CLEARANCE).any()
-                and _near(goal, track, reach).mean() <= MOST_BUSY
-            ):
-                return start, goal
+            if self._is_free(start, goal) and not (norm(soon - start) < reach + CLEARANCE).any():
+                is_busy = (norm(track - goal) < reach).any(axis=1)
+                if is_busy.mean() <= MOST_BUSY:
+                    return start, goal
         raise InputError(
             f"there is no room for the vehicle to start with a goal {distance:g} m away: lower tracks.distance"
         )
 
-    def _is_free(self, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"]) -> bool:
+    def _is_free(self, start: Position, goal: Position) -> bool:
         along = np.linspace(0.0, 1.0, int(np.ceil(2.0 * math.dist(start, goal) / CELL)) + 1)[:, None]
         x, y = ((start + along * (goal - start) - self.origin) / CELL).astype(np.int64).T
         return bool(self.free[x, y].all())
-
-
-def _near(
-    place: Float[np.ndarray, "2"], track: Float[np.ndarray, "time pedestrian 2"], reach: Float[np.ndarray, "pedestrian"]
-) -> Bool[np.ndarray, "time"]:
-    """At which times somebody is nearer to a place than `reach`, in metres."""
-    return np.asarray((norm(track - place) < reach).any(axis=1))
 
 
 def _dense(way: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
@@ -120,12 +110,11 @@ def _dense(way: Float[np.ndarray, "row 2"]) -> Float[np.ndarray, "point 2"]:
         return way
     parts = np.maximum(np.ceil(norm(np.diff(way, axis=0)) / (CELL / 2.0)).astype(np.int64), 1)
     at = np.concatenate([i + np.arange(n) / n for i, n in enumerate(parts.tolist())])
-    points = np.stack([np.interp(at, np.arange(len(way)), way[:, axis]) for axis in (0, 1)], axis=1)
-    return np.concatenate([points, way[-1:]])
+    return np.concatenate([interpolate(at, np.arange(len(way), dtype=np.float64), way), way[-1:]])
 
 
 @dataclass(frozen=True)
-class TrackedCrowd(Starts):
+class TrackedCrowd:
     """The people of a scene, as a scenario has them.
 
     Attributes:
@@ -134,6 +123,7 @@ class TrackedCrowd(Starts):
         windows: The windows by split.
         free_space: The free space of each recording by its name.
         has_cars: Whether the vehicle takes the place of a recorded car, and other cars are there.
+        table: What results say of it.
     """
 
     scene: str
@@ -141,6 +131,7 @@ class TrackedCrowd(Starts):
     windows: Mapping[str, Sequence[Excerpt]]
     free_space: Mapping[str, FreeSpace]
     has_cars: bool
+    table: Mapping[str, Any]
 
     @classmethod
     def of(cls, scene: Scene, distance: float, rules: Rules) -> TrackedCrowd:
@@ -148,21 +139,22 @@ class TrackedCrowd(Starts):
 
         Args:
             scene: The scene.
-            distance: See there.
+            distance: Smallest distance in metres from the vehicle's start to its goal, where no car gives them.
             rules: The rules of the scenario.
 
         Raises:
             InputError: No recording is as long as an episode may be.
         """
-        found = cut_windows(scene, rules.max_steps, rules.dt)
-        if not found:
+        windows = cut_windows(scene, rules.max_steps, rules.dt)
+        if not windows:
             raise InputError(
                 f"no recording of the scene {scene.name} holds people for the {rules.max_steps * rules.dt:g} s that an "
                 "episode may take: lower time_limit"
             )
         has_cars = any(recording.cars for recording in scene.recordings)
-        free = {} if has_cars else {each.tracks.name: FreeSpace(walked_paths(each.tracks)) for each in scene.recordings}
-        return cls(scene.name, distance, split_windows(found), free, has_cars)
+        free = {each.tracks.name: FreeSpace(each.tracks) for each in scene.recordings if not has_cars}
+        table = {"scene": scene.name, "files": dict(scene.files)} | ({} if has_cars else {"distance": distance})
+        return cls(scene.name, distance, split_windows(windows), free, has_cars, table)
 
     @property
     def number(self) -> tuple[int, int]:
@@ -219,22 +211,20 @@ class TrackedCrowd(Starts):
         return np.array([self.window(split, case).block for case in cases.tolist()], np.int64)
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """See `Starts`. Who comes later starts where they come."""
-        window, population = self.window(case.split, case.number), crowd.population
-        traits = population.draw(rng.generator(case.key, "crowd"), len(window.radius))
-        traits = take_recorded(window, traits, list(population.parameters))
+        """Draw the start of a case, see `LayoutStarts`. Who comes later starts where they come."""
+        window = self.window(case.split, case.number)
+        traits = crowd.draw(rng.generator(case.key, "crowd"), len(window.radius))
+        traits = _take_recorded(window, traits, list(crowd.parameters))
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
-        with case.name_errors():
+        with case.location.named():
             placement = self._place(window, rng.generator(case.key, "places"), radius, rules)
         return Start(traits, placement, np.full(len(window.radius), -1))
 
     def renewal(self, crowd: Crowd) -> Renewal:
-        """See `Starts`: people come and go as they were recorded."""
+        """People come and go as they were recorded."""
         return come_and_go
 
-    def _place(
-        self, window: Excerpt, stream: np.random.Generator, radius: Float[np.ndarray, "agent"], rules: Rules
-    ) -> Placement:
+    def _place(self, window: Excerpt, stream: np.random.Generator, radius: PerAgent, rules: Rules) -> Placement:
         """Starts and goals, and the recorded ways. Raises InputError where there is no room for the vehicle."""
         if window.driven is None:
             start, goal = self.free_space[window.recording].draw(stream, self.distance, radius, window.track, rules.dt)
@@ -252,7 +242,7 @@ class TrackedCrowd(Starts):
         )
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """The worlds with tracks, velocities, and those present who are there at the start; see `Starts`."""
+        """The worlds with tracks, velocities, and those present who are there at the start."""
         windows = [self.window(case.split, case.number) for case in cases]
         track = np.full((len(world), world.rules.max_steps + 1, *world.person.shape[1:], 2), np.nan)
         recorded = np.zeros((*world.person.shape, 2))
@@ -272,22 +262,14 @@ class TrackedCrowd(Starts):
         return world.replace(velocity=velocity)
 
 
-def take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
+def _take_recorded(window: Excerpt, traits: Traits, policies: Sequence[str]) -> Traits:
     """Pedestrians with what a window tells of them: their speeds, and which of them are parts of cars.
 
-    Args:
-        window: The window.
-        traits: What was drawn for each.
-        policies: The names of the policies, as `traits.policy` counts them.
-
-    Returns:
-        The same with the preferred speeds that tracks need, or the mean ones of those who react. Cars are recorded.
+    The speeds are those that tracks need, and the mean ones of those who react. `policies` has the names of what
+    `traits.policy` counts.
     """
     recorded = policies.index(RECORDED) if RECORDED in policies else -1
     is_car = ~np.isnan(window.radius)
     policy = np.where(is_car, recorded, traits.policy)
-    return traits._replace(
-        radius=np.where(is_car, window.radius, traits.radius),
-        preferred_speed=np.maximum(np.where(policy == recorded, _ROOM * window.top_speed, window.mean_speed), SLOWEST),
-        policy=policy,
-    )
+    speed = np.maximum(np.where(policy == recorded, _ROOM * window.top_speed, window.mean_speed), SLOWEST)
+    return traits._replace(radius=np.where(is_car, window.radius, traits.radius), preferred_speed=speed, policy=policy)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core import rng
+from crowdbench.core.geometry import norm
 from crowdbench.core.types import World
 from crowdbench.scenario.groups import group_reach, spread
+from crowdbench.scenario.placement import LayoutCall, Position
 from crowdbench.scenario.population import Crowd, Traits
-from crowdbench.scenario.respawn import Respawn, Room, draw_again
-from crowdbench.utils.compiled import njit
+from crowdbench.scenario.respawn import Room, draw_again
 
 
 @dataclass(frozen=True)
@@ -23,11 +22,11 @@ class Renewal:
 
     Attributes:
         crowd: The pedestrians; the number of somebody new in the place of a person is that person's plus their largest.
-        again: How the layout draws people and goals again, with its options.
+        layout: Draws people and goals again.
     """
 
     crowd: Crowd
-    again: Respawn
+    layout: LayoutCall
 
     def __call__(self, world: World, running: Bool[np.ndarray, "world"]) -> World:
         """Worlds in which those who have arrived, or change their minds, do what they do then.
@@ -44,34 +43,24 @@ class Renewal:
         Raises:
             InputError: The layout fails.
         """
-        change, is_due = self.crowd.goal_change, np.zeros(len(world), bool)
-        if change is not None:
-            is_due = running & (world.step % change.every == 0)
-        arrived = find_arrived(world, running & (self.crowd.arrival != "walk_on"))
-        if not arrived.any() and not is_due.any():
-            return world
-        walks = running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0)
-        walks &= ~self.crowd.population.stands[world.policy]
-        arrived &= walks
-        turned = np.zeros_like(walks)
-        if change is not None:
-            # A group has one mind.
-            mind = np.where(world.group < 0, world.person, world.group)
+        walks = find_walking(world, running) & ~self.crowd.stands[world.policy]
+        arrived = walks & find_arrived(world, running & (self.crowd.arrival != "walk_on"))
+        mind = np.where(world.group < 0, world.person, world.group)  # a group has one
+        change, turned = self.crowd.goal_change, np.zeros_like(walks)
+        if change is not None and (is_due := running & (world.step % change.every == 0)).any():
             draws = rng.uniforms(world.key, "goal_change", world.step, mind)
             turned = is_due[:, None] & walks & (draws < change.chance)
         if not arrived.any() and not turned.any():
             return world
         after = world.take(np.arange(len(world)))  # a copy, which is changed in place
         if self.crowd.arrival == "back_and_forth":
-            arrived = walks & _add_groups(arrived, world.group)
+            arrived = walks & _add_groups(arrived, mind)
         if self.crowd.arrival in _AT_ONCE:
             _AT_ONCE[self.crowd.arrival](after, arrived)
             turned, walks, arrived = turned & ~arrived, walks & ~arrived, np.zeros_like(arrived)
-        changed = walks & _add_groups(arrived | turned, world.group)
+        changed = walks & _add_groups(arrived | turned, mind)
         for row, pedestrian in np.argwhere(changed).tolist():
-            same = world.group[row] == world.group[row, pedestrian]
-            alone = world.group[row, pedestrian] < 0
-            members = np.array([pedestrian]) if alone else np.flatnonzero(walks[row] & same)
+            members = np.flatnonzero(walks[row] & (mind[row] == mind[row, pedestrian]))
             if pedestrian == members[0]:
                 is_new = self.crowd.arrival == "respawn" and bool(arrived[row, members].any())
                 after = self._replace(after, row, members, is_new)
@@ -89,10 +78,12 @@ class Renewal:
         start, goal = world.position[row, agents], world.goal[row, agents]
         if is_new:
             crowd = rng.generator(world.key[row], "crowd again", *of_this)
-            traits = self.crowd.population.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
+            traits = self.crowd.walking().draw(crowd, len(members)).alike(np.zeros_like(members))
             radius, speed = traits.radius, float(traits.preferred_speed[0])
         room, stream = Room.of(world, row, agents), rng.generator(world.key[row], "places again", *of_this)
-        found = draw_again(self.again, stream, room, group_reach(radius), speed, None if is_new else start.mean(axis=0))
+        found = draw_again(
+            self.layout, stream, room, group_reach(radius), speed, None if is_new else start.mean(axis=0)
+        )
         if found is None:
             return world
         offset = spread(found[1] - found[0], radius, stands=False)
@@ -111,24 +102,28 @@ class Renewal:
 
 
 def _add_groups(
-    chosen: Bool[np.ndarray, "world pedestrian"], group: Int[np.ndarray, "world pedestrian"]
+    chosen: Bool[np.ndarray, "world pedestrian"], mind: Int[np.ndarray, "world pedestrian"]
 ) -> Bool[np.ndarray, "world pedestrian"]:
-    """Those who are chosen, and all others of their groups."""
+    """Those who are chosen, and all others of their groups, who have the same mind."""
     together = chosen.copy()
-    for row, number in {(row, group[row, one]) for row, one in np.argwhere(chosen & (group >= 0)).tolist()}:
-        together[row, group[row] == number] = True
+    for row, one in np.argwhere(chosen).tolist():
+        together[row] |= mind[row] == mind[row, one]
     return together
 
 
+def find_walking(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.ndarray, "world pedestrian"]:
+    """Who prefers some speed, in worlds that are running."""
+    return np.asarray(running[:, None] & world.present[:, 1:] & (world.preferred_speed[:, 1:] > 0.0))
+
+
 def find_arrived(world: World, running: Bool[np.ndarray, "world"]) -> Bool[np.ndarray, "world pedestrian"]:
-    """Who has arrived, in worlds that are running: whose goal is nearer than its radius."""
-    arrived = np.zeros(world.person.shape, bool)
-    _fill_arrived(world.position, world.goal, world.radius, world.preferred_speed, world.present, running, arrived)
-    return arrived
+    """Who has arrived, in worlds that are running: whose goal is nearer than its radius. Who stands has not."""
+    to_goal = (world.goal - world.position)[:, 1:]
+    return np.asarray(find_walking(world, running) & (norm(to_goal) < world.radius[:, 1:]))
 
 
 def replace_person(
-    world: World, row: int, pedestrian: int, traits: Traits, one: int, start: Float[np.ndarray, "2"], numbers: int
+    world: World, row: int, pedestrian: int, traits: Traits, one: int, start: Position, numbers: int
 ) -> None:
     """Put somebody new in the place of a pedestrian, in the arrays of worlds.
 
@@ -198,14 +193,3 @@ def _turn_back(world: World, arrived: Bool[np.ndarray, "world pedestrian"]) -> N
 
 _AT_ONCE = {"stop": _stop, "leave": _leave, "back_and_forth": _turn_back}
 """What happens to all who arrive, without a draw."""
-
-
-@no_type_check
-@njit
-def _fill_arrived(position, goal, radius, speed, present, running, arrived):
-    """Fill `arrived`, which is False; who prefers no speed has arrived before."""
-    for w in range(len(running)):
-        for i in range(1, radius.shape[1]):
-            if running[w] and present[w, i] and speed[w, i] > 0.0:
-                dx, dy = goal[w, i, 0] - position[w, i, 0], goal[w, i, 1] - position[w, i, 1]
-                arrived[w, i - 1] = math.sqrt(dx * dx + dy * dy) < radius[w, i]

@@ -13,11 +13,10 @@ import shapely
 from jaxtyping import Float, Int
 
 from crowdbench.core.dynamics import reach
-from crowdbench.core.geometry import norm
+from crowdbench.core.geometry import norm, polygons
 from crowdbench.core.types import World
 from crowdbench.scenario.layouts.placer import CLEARANCE, WALL_CLEARANCE
-from crowdbench.scenario.place_agents import add_routes, check_shape
-from crowdbench.scenario.placement import Layout, Placement, split_corners
+from crowdbench.scenario.placement import Layout, LayoutCall, Placement, Position, Way, add_routes, check_shape
 from crowdbench.scenario.visibility_graph import edges_of, nearest_on
 from crowdbench.utils.errors import InputError, plugin_errors
 
@@ -26,9 +25,6 @@ TRIES = 20
 
 SHORTEST_WAY = 1.0
 """Distance in metres from a person to its new goal, at least."""
-
-Way = tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]
-"""Start and goal in metres."""
 
 
 @dataclass(frozen=True)
@@ -57,16 +53,11 @@ class Room:
         radius = world.radius[row].copy()
         radius[0] += reach(world.rules.body)
         others[0] = True
-        return cls(
-            position=world.position[row, others],
-            goal=world.goal[row, others],
-            radius=radius[others],
-            preferred_speed=world.preferred_speed[row, others],
-            obstacles=world.obstacles[row],
-        )
+        position, goal, speed = (array[row, others] for array in (world.position, world.goal, world.preferred_speed))
+        return cls(position, goal, radius[others], speed, world.obstacles[row])
 
     def is_clear(
-        self, point: Float[np.ndarray, "2"], radius: float, clearance: float = CLEARANCE, walls: float = WALL_CLEARANCE
+        self, point: Position, radius: float, clearance: float = CLEARANCE, walls: float = WALL_CLEARANCE
     ) -> bool:
         """Whether a disc at a point keeps its distance from all positions and goals, and from walls.
 
@@ -79,17 +70,13 @@ class Room:
         ways = np.concatenate([self.position, self.goal]) - point
         if (norm(ways) < np.tile(self.radius, 2) + (radius + clearance)).any():
             return False
-        return not len(self.obstacles) or self._is_outside(point, radius + walls)
-
-    def _is_outside(self, point: Float[np.ndarray, "2"], keep: float) -> bool:
-        """Whether a point in metres is in no obstacle and keeps a distance in metres from all."""
         edges = edges_of(self.obstacles)
-        if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < keep:
+        if len(edges) and norm(nearest_on(edges, point[None])[0] - point).min() < radius + walls:
             return False
-        solid = [shapely.Polygon(each) for each in split_corners(self.obstacles) if len(each) > 2]
+        solid = [shapely.Polygon(each) for each in polygons(self.obstacles) if len(each) > 2]
         return not any(shapely.contains_xy(each, *point) for each in solid)
 
-    def way(self, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], radius: float) -> np.ndarray | None:
+    def way(self, start: Position, goal: Position, radius: float) -> np.ndarray | None:
         """The waypoints `[waypoint, 2]` in metres of a disc's shortest way, None where no way leads to the goal."""
         if not np.isfinite(self.obstacles).any():
             return np.empty((0, 2))
@@ -123,18 +110,12 @@ class LayoutWithRespawn:
     """
 
     def __init__(self, layout: Layout, again: Respawn) -> None:
-        self.again = again
         functools.update_wrapper(self, layout)  # so that it shows the layout's options and docstring
+        self.layout, self.again = layout, again
 
     def __call__(self, *args: Any, **options: Any) -> Placement:
         """The placement by the layout."""
-        placement: Placement = self.__wrapped__(*args, **options)  # type: ignore[attr-defined]  # by update_wrapper
-        return placement
-
-
-def find_respawn(layout: Layout) -> Respawn:
-    """How a layout draws people again."""
-    return layout.again if isinstance(layout, LayoutWithRespawn) else functools.partial(_respawn_by_layout, layout)
+        return self.layout(*args, **options)
 
 
 def _respawn_by_layout(
@@ -143,7 +124,7 @@ def _respawn_by_layout(
     room: Room,
     radius: float,
     preferred_speed: float,
-    position: Float[np.ndarray, "2"] | None,
+    position: Position | None,
     **options: Any,
 ) -> Way | None:
     """Have a layout place the vehicle and one pedestrian until the latter is clear of all; see `Respawn`."""
@@ -157,19 +138,19 @@ def _respawn_by_layout(
     return None
 
 
-def draw_again(again: Respawn, *arguments: Any, **options: Any) -> Way | None:
-    """What is drawn, checked.
+def draw_again(layout: LayoutCall, *arguments: Any) -> Way | None:
+    """What a layout draws for one person, checked.
 
     Args:
-        again: Draws a person, see `Respawn`.
-        *arguments: Its arguments.
-        **options: The options of the layout.
+        layout: The layout with its options.
+        *arguments: Those of a `Respawn`.
 
     Raises:
         InputError: It raises, or returns neither None nor two points.
     """
+    draw = layout.function.again if isinstance(layout.function, LayoutWithRespawn) else None
     with plugin_errors("the layout raised"):
-        answer = again(*arguments, **options)
+        answer = (draw or functools.partial(_respawn_by_layout, layout.function))(*arguments, **layout.options)
     if answer is None:
         return None
     if not isinstance(answer, tuple) or len(answer) != 2 or not all(map(_is_point, answer)):

@@ -7,7 +7,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -20,12 +20,15 @@ from crowdbench.scenario.certified import LEFT_OUT, CertificateStatus, skip_left
 from crowdbench.scenario.digest import compute_digest
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Crowd
-from crowdbench.scenario.recorded import TrackedCrowd
-from crowdbench.scenario.starts import Case, Starts, Vehicle
+from crowdbench.scenario.starts import Case, LayoutStarts, Vehicle
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.sight import look
 from crowdbench.sim.simulator import Renewal, init_memories
 from crowdbench.utils.errors import InputError
+from crowdbench.utils.toml import Location
+
+if TYPE_CHECKING:  # most scenarios have nobody recorded
+    from crowdbench.scenario.recorded import TrackedCrowd
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Scenario:
     seed: int
     vehicle: Vehicle
     crowd: Crowd
-    starts: Starts
+    starts: LayoutStarts | TrackedCrowd
     policies: Mapping[str, PedestrianPolicy]
     table: Mapping[str, Any]
     left_out: Mapping[str, Sequence[int]] = dataclasses.field(default_factory=dict)
@@ -66,12 +69,12 @@ class Scenario:
     @property
     def tracks(self) -> TrackedCrowd | None:
         """The recorded people who are its crowd, instead of a layout; None for a simulated crowd."""
-        return self.starts if isinstance(self.starts, TrackedCrowd) else None
+        return None if isinstance(self.starts, LayoutStarts) else self.starts
 
     @property
     def layout(self) -> LayoutCall | None:
         """Places the agents of a case, with its options; None where people are recorded."""
-        return self.starts.layout
+        return self.starts.layout if isinstance(self.starts, LayoutStarts) else None
 
     @property
     def digest(self) -> str:
@@ -123,21 +126,25 @@ class Scenario:
         """
         numbers = self._numbers(split, cases)
         keys = rng.case_keys(self.seed, split, numbers)
-        drawn = [Case(self.source, split, case, key) for case, key in zip(numbers.tolist(), keys, strict=True)]
+        drawn = [
+            Case(Location(self.source, f"case {split}:{case}"), split, case, key)
+            for case, key in zip(numbers.tolist(), keys, strict=True)
+        ]
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
         traits, placements = [start.traits for start in starts], [start.placement for start in starts]
         worlds, agents = len(cases), self.max_agents
-        position = _stack([placement.start for placement in placements], agents, np.zeros(2))
-        goal = _stack([placement.goal for placement in placements], agents, np.zeros(2))
-        present = _stack([np.ones(len(each.radius) + 1, bool) for each in traits], agents, False)
-        route = _pad_blocks([placement.route for placement in placements], agents)
+        position = _pad([each.start for each in placements], 0.0, agents)
+        goal = _pad([each.goal for each in placements], 0.0, agents)
+        present = _pad([np.ones(len(each.radius) + 1, bool) for each in traits], False, agents)
+        route = _pad([_NOTHING if each.route is None else each.route for each in placements], np.nan, agents)
+        obstacles = [_NOTHING if each.obstacles is None else each.obstacles for each in placements]
         ahead = goal[:, 0] - position[:, 0]
         if not isinstance(self.rules.dynamics, Holonomic) and route.shape[2]:
             # What turns slowly faces its first waypoint.
             ahead = np.where(np.isnan(route[:, 0, 0]), ahead, route[:, 0, 0] - position[:, 0])
 
         def stack(vehicle: float, pedestrians: Sequence[Float[np.ndarray, "_"]], rest: float) -> np.ndarray:
-            return np.concatenate([np.full((worlds, 1), vehicle), _stack(pedestrians, agents - 1, rest)], axis=1)
+            return np.concatenate([np.full((worlds, 1), vehicle), _pad(pedestrians, rest, agents - 1)], axis=1)
 
         world = World(
             case=cases,
@@ -158,18 +165,18 @@ class Scenario:
             person=np.where(present[:, 1:], np.arange(agents - 1), -1),
             since=np.zeros((worlds, agents - 1), np.int64),
             track=np.empty((worlds, 0, agents - 1, 2)),
-            group=_stack([start.group for start in starts], agents - 1, -1),
+            group=_pad([start.group for start in starts], -1, agents - 1),
             history=np.repeat(position[:, None, 1:], HISTORY, axis=1),
-            obstacles=_pad_blocks([placement.obstacles for placement in placements]),
-            policy=_stack([each.policy for each in traits], agents - 1, 0),
+            obstacles=_pad(obstacles, np.nan),
+            policy=_pad([each.policy for each in traits], 0, agents - 1),
             parameters={
                 name: {
                     parameter: stack(0.0, [each.parameters[name][parameter] for each in traits], 0.0)
                     for parameter in table
                 }
-                for name, table in self.crowd.population.parameters.items()
+                for name, table in self.crowd.parameters.items()
             },
-            memory={name: {} for name in self.crowd.population.parameters},
+            memory={name: {} for name in self.crowd.parameters},
             rules=self.rules,
         )
         return init_memories(look(self.starts.complete(world, drawn, starts)), self.policies)
@@ -185,22 +192,14 @@ class Scenario:
         return skip_left_out(self.left_out.get(split, ()), cases)
 
 
-def _stack(rows: Sequence[np.ndarray], length: int, rest: Any) -> Shaped[np.ndarray, "row {length} ..."]:
-    """Rows of different lengths in one array, filled up with `rest`."""
-    stacked = np.full((len(rows), length, *np.shape(rest)), rest)
-    for row, values in zip(stacked, rows, strict=True):
-        row[: len(values)] = values
-    return stacked
+_NOTHING = np.empty((0, 0, 2))
+"""The routes and the obstacles of a case without any."""
 
 
-def _pad_blocks(
-    blocks: Sequence[Float[np.ndarray, "_ _ 2"] | None], n: int | None = None
-) -> Float[np.ndarray, "world row point 2"]:
-    """The points of all worlds in one array, NaN where a world has fewer or none; n rows of each if given."""
-    lengths = [(0, 0) if each is None else each.shape[:2] for each in blocks]
-    longest = np.max(lengths, axis=0, initial=0)
-    padded = np.full((len(blocks), longest[0] if n is None else n, longest[1], 2), np.nan)
-    for own, each, (first, second) in zip(padded, blocks, lengths, strict=True):
-        if each is not None:
-            own[:first, :second] = each
+def _pad(arrays: Sequence[np.ndarray], rest: Any, rows: int | None = None) -> Shaped[np.ndarray, "world row ..."]:
+    """Arrays of different sizes in one, each with so many rows or with as many as the longest; filled with `rest`."""
+    shape = np.max([each.shape for each in arrays], axis=0)
+    padded = np.full((len(arrays), shape[0] if rows is None else rows, *shape[1:]), rest)
+    for own, each in zip(padded, arrays, strict=True):
+        own[tuple(map(slice, each.shape))] = each
     return padded

@@ -11,11 +11,11 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, create_model, model_validator
 
 from crowdbench.core.dynamics import DYNAMICS
 from crowdbench.core.types import COLLISION_RULES
-from crowdbench.plugins.options import REQUIRED, Option, read_options
+from crowdbench.plugins.options import PLAIN, REQUIRED, Option, read_options
 from crowdbench.scenario.groups import LARGEST
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import Layout
@@ -45,7 +45,7 @@ class Gaussian(TomlTable):
 
     mean: float
     std: float | None = Field(ge=0, lt=1e6)
-    low: float
+    low: float = Field(ge=0)
     high: float = Field(lt=1e6)
 
     @model_validator(mode="before")
@@ -65,16 +65,14 @@ class Gaussian(TomlTable):
         return self
 
 
-def quantity(default: float, least: float) -> Any:
-    """A field for a `Gaussian` or a number.
+class Size(Gaussian):
+    """A quantity that must not be 0."""
 
-    Args:
-        default: Its value where it is left out.
-        least: The smallest value allowed; the table of the field checks `low` against it.
+    low: float = Field(ge=MIN_SIZE)
 
-    Returns:
-        The field.
-    """
+
+def quantity(default: float, least: float = 0.0) -> Any:
+    """A field for a `Gaussian` or a number, with its value where it is left out, and the smallest value allowed."""
     return Field(
         default=default,
         validate_default=True,
@@ -192,8 +190,8 @@ class PedestriansSpec(TomlTable, extra="allow"):
         default=(5, 5),
         description=f"a whole number from 0 to {MAX_PEDESTRIANS}, or a pair of them, [least, most]",
     )
-    radius: Gaussian = quantity(0.3, MIN_SIZE)
-    preferred_speed: Gaussian = quantity(1.0, MIN_SIZE)
+    radius: Size = quantity(0.3, MIN_SIZE)
+    preferred_speed: Size = quantity(1.0, MIN_SIZE)
     policy: Annotated[
         dict[str, Annotated[float, Field(gt=0, lt=1e9)]],
         Field(min_length=1),
@@ -212,20 +210,6 @@ class PedestriansSpec(TomlTable, extra="allow"):
     goal_change: GoalChangeSpec | None = Field(
         default=None, description="a table with the keys of { period = 5.0, chance = 0.5 }"
     )
-
-    @field_validator("radius", "preferred_speed")
-    @classmethod
-    def _large_enough(cls, value: Gaussian) -> Gaussian:
-        return _at_least(value, MIN_SIZE)
-
-
-class ParametersSpec(TomlTable):
-    """`[pedestrians.NAME]`: the parameters of a policy, none negative; see `parameters_spec`."""
-
-    @field_validator("*")
-    @classmethod
-    def _not_negative(cls, value: Gaussian) -> Gaussian:
-        return _at_least(value, 0.0)
 
 
 class TracksSpec(TomlTable):
@@ -289,11 +273,7 @@ def _option(option: Option, is_length: bool) -> tuple[Any, Any]:
     )
 
 
-_OPTIONS: Mapping[type, tuple[Any, str]] = {
-    bool: (bool, "true or false"),  # before int, of which it is one
-    int: (int, "a whole number"),
-    float: (float, "a number"),
-    str: (str, "a text in quotes"),
+_OPTIONS: Mapping[type, tuple[Any, str]] = {kind: (kind, right) for kind, (_, right) in PLAIN.items()} | {
     list: (list[JsonValue], "a list"),
     dict: (dict[str, JsonValue], "a table"),
 }
@@ -311,13 +291,11 @@ def vehicle_spec(dynamics: str) -> type[VehicleSpec]:
 
 def pedestrians_spec(parameters: Mapping[str, Mapping[str, float]]) -> type[PedestriansSpec]:
     """`[pedestrians]` with a table for each policy; `parameters` has the defaults of each by the policy's name."""
-    specs = {name: parameters_spec(defaults) for name, defaults in parameters.items()}
-    return _extended(PedestriansSpec, {name: (spec, table(f"pedestrians.{name}")) for name, spec in specs.items()})
-
-
-def parameters_spec(defaults: Mapping[str, float]) -> type[ParametersSpec]:
-    """`[pedestrians.NAME]` of a policy whose parameters have these defaults."""
-    return _extended(ParametersSpec, {name: (Gaussian, quantity(value, 0.0)) for name, value in defaults.items()})
+    tables = {}
+    for name, defaults in parameters.items():
+        spec = _extended(TomlTable, {parameter: (Gaussian, quantity(value)) for parameter, value in defaults.items()})
+        tables[name] = spec, table(f"pedestrians.{name}")
+    return _extended(PedestriansSpec, tables)
 
 
 def _extended(base: type[Spec], fields: Mapping[str, tuple[Any, Any]]) -> type[Spec]:
@@ -327,9 +305,3 @@ def _extended(base: type[Spec], fields: Mapping[str, tuple[Any, Any]]) -> type[S
         f"key_{i}": (Annotated[kind, Field(alias=key)], field) for i, (key, (kind, field)) in enumerate(fields.items())
     }
     return create_model(base.__name__, __base__=base, __cls_kwargs__={"extra": "forbid"}, **keys)
-
-
-def _at_least(value: Gaussian, least: float) -> Gaussian:
-    if value.low < least:
-        raise ValueError
-    return value

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import abc
-import contextlib
-import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from crowdbench.core import rng
 from crowdbench.core.dynamics import reach
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
-from crowdbench.scenario.place_agents import complete_placement
-from crowdbench.scenario.placement import LayoutCall, Placement
+from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, complete_placement
 from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.renewal import Renewal
-from crowdbench.scenario.respawn import find_respawn
 from crowdbench.sim import simulator
-from crowdbench.utils.errors import InputError, plugin_errors
+from crowdbench.utils.errors import plugin_errors
+from crowdbench.utils.toml import Location
 
 CROWDNAV_TEST_SEED = 1000
 """CrowdNav draws test case c with NumPy's legacy generator, seeded with this number plus c."""
@@ -39,24 +35,16 @@ class Case(NamedTuple):
     """A case that is drawn.
 
     Attributes:
-        source: What the scenario's file is called, for errors.
+        location: The scenario's file and the case, for errors.
         split: `train`, `val` or `test`.
         number: The number by which it is drawn.
         key: Start of its random streams.
     """
 
-    source: str
+    location: Location
     split: str
     number: int
     key: np.uint64
-
-    @contextlib.contextmanager
-    def name_errors(self) -> Iterator[None]:
-        """Say of an InputError raised within in which case that was."""
-        try:
-            yield
-        except InputError as error:
-            raise InputError(f"{self.source}: in case {self.split}:{self.number}, {error}") from None
 
 
 class Start(NamedTuple):
@@ -75,46 +63,24 @@ class Start(NamedTuple):
     drawn: int = -1
 
 
-class Starts(abc.ABC):
-    """How the cases of a scenario start."""
-
-    @property
-    def layout(self) -> LayoutCall | None:
-        """The layout; None where there is none."""
-        return None
-
-    @abc.abstractmethod
-    def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """Draw the start of a case. Raises InputError where that cannot be."""
-
-    @abc.abstractmethod
-    def renewal(self, crowd: Crowd) -> simulator.Renewal | None:
-        """What becomes of people after a step; None where they only walk."""
-
-    def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
-        """Worlds at their start, with what only these cases have."""
-        return world
-
-
 @dataclass(frozen=True)
-class LayoutStarts(Starts):
-    """A layout places the agents.
+class LayoutStarts:
+    """How cases start in which a layout places the agents.
 
     Attributes:
-        call: The layout with its options.
+        layout: The layout with its options.
         crowdnav_cases: Test cases below this number have CrowdNav's random streams.
     """
 
-    call: LayoutCall
+    layout: LayoutCall
     crowdnav_cases: int = 0
 
-    @property
-    def layout(self) -> LayoutCall:
-        """See `Starts`."""
-        return self.call
+    def is_crowdnavs(self, case: Case) -> bool:
+        """Whether a case has CrowdNav's random stream."""
+        return case.split == "test" and case.number < self.crowdnav_cases
 
     def start(self, case: Case, crowd: Crowd, vehicle: Vehicle, rules: Rules) -> Start:
-        """See `Starts`."""
+        """Draw the start of a case. Raises InputError where that cannot be."""
         traits = crowd.draw(rng.generator(case.key, "crowd"))
         leader, group = np.arange(len(traits.radius)), np.full(len(traits.radius), -1)
         if crowd.groups:
@@ -122,16 +88,15 @@ class LayoutStarts(Starts):
             traits, group = traits.alike(leader), group_numbers(leader)
         radius = np.append(vehicle.radius + reach(rules.body), traits.radius)
         speed = np.append(vehicle.speed, traits.preferred_speed)
-        stands = crowd.population.stands[traits.policy]
-        seed = CROWDNAV_TEST_SEED + case.number
-        is_crowdnavs = case.split == "test" and case.number < self.crowdnav_cases
-        stream = np.random.Generator(seed_legacy(seed)) if is_crowdnavs else rng.generator(case.key, "places")
+        stands, stream = crowd.stands[traits.policy], rng.generator(case.key, "places")
+        if self.is_crowdnavs(case):
+            stream = np.random.Generator(seed_legacy(CROWDNAV_TEST_SEED + case.number))
 
-        def call_layout(radius: Float[np.ndarray, "group"], speed: Float[np.ndarray, "group"]) -> object:
+        def call_layout(radius: PerAgent, speed: PerAgent) -> object:
             with plugin_errors("the layout raised"):
-                return self.call(stream, radius, speed)
+                return self.layout(stream, radius, speed)
 
-        with case.name_errors():
+        with case.location.named():
             if crowd.groups or stands.any():
                 standing = rng.generator(case.key, "standing")
                 answer: object = place_groups(call_layout, leader, radius, speed, stands, standing)
@@ -139,11 +104,15 @@ class LayoutStarts(Starts):
                 answer = call_layout(radius, speed)
             return Start(traits, complete_placement(answer, radius), group)
 
-    def renewal(self, crowd: Crowd) -> Renewal | None:
-        """See `Starts`."""
+    def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
+        """Worlds at their start, with what only these cases have."""
+        return world
+
+    def renewal(self, crowd: Crowd) -> simulator.Renewal | None:
+        """What becomes of people after a step; None where they only walk."""
         if crowd.arrival == "walk_on" and crowd.goal_change is None:
             return None
-        return Renewal(crowd, functools.partial(find_respawn(self.call.function), **self.call.options))
+        return Renewal(crowd, self.layout)
 
 
 def seed_legacy(seed: int) -> np.random.MT19937:

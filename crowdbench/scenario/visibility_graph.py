@@ -17,8 +17,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from crowdbench.core.geometry import norm
-from crowdbench.scenario.placement import pad_points, split_corners
+from crowdbench.core.geometry import norm, pad_points, polygons
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError
 
@@ -54,13 +53,12 @@ def find_routes(
     Raises:
         InputError: No way leads an agent to its goal.
     """
-    edges, solid = edges_of(obstacles), [shapely.Polygon(each) for each in split_corners(obstacles) if len(each) > 2]
+    edges, solid = edges_of(obstacles), [shapely.Polygon(each) for each in polygons(obstacles) if len(each) > 2]
     found: list[Float[np.ndarray, "waypoint 2"]] = [np.empty((0, 2))] * len(start)
     for size in np.unique(radius):
         corners = _find_corners(edges, solid, size)
         agents = np.flatnonzero(radius == size)
-        direct = corners.free(start[agents], goal[agents])
-        agents = agents[~direct]
+        agents = agents[~corners.free(start[agents], goal[agents])]
         if len(agents):
             for agent, way in zip(agents, _go_around(start[agents], goal[agents], corners), strict=True):
                 if way is None:
@@ -77,7 +75,7 @@ def find_routes(
 def edges_of(obstacles: Float[np.ndarray, "polygon corner 2"]) -> Float[np.ndarray, "edge 2 2"]:
     """The edges of polygons, from corner to corner in metres; a wall is a single edge."""
     edges = [np.empty((0, 2, 2))]
-    for corners in split_corners(obstacles):
+    for corners in polygons(obstacles):
         closed = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
         edges.append(closed[:1] if len(corners) == 2 else closed)
     return np.concatenate(edges)

@@ -3,19 +3,12 @@
 A scenario names its layout in `[layout] generator`. `crowdbench.scenario.placement.Layout` says what a layout is.
 """
 
-from crowdbench.scenario.layouts import walled
 from crowdbench.scenario.layouts.crossings import circle_crossing, crowdnav_plus, square_crossing
+from crowdbench.scenario.layouts.walled import blind_corner, corridor, doorway, intersection, room, traffic
 from crowdbench.scenario.placement import Layout
 
-LAYOUTS: dict[str, Layout] = {
-    "circle_crossing": circle_crossing,
-    "square_crossing": square_crossing,
-    "crowdnav_plus": crowdnav_plus,
-    "doorway": walled.doorway,
-    "corridor": walled.corridor,
-    "blind_corner": walled.blind_corner,
-    "intersection": walled.intersection,
-    "room": walled.room,
-    "traffic": walled.traffic,
-}
+_CROSSINGS: list[Layout] = [circle_crossing, square_crossing, crowdnav_plus]
+_WALLED: list[Layout] = [doorway, corridor, blind_corner, intersection, room, traffic]
+
+LAYOUTS = {layout.__name__: layout for layout in _CROSSINGS + _WALLED}
 """The built-in layouts by name."""

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.scenario.layouts.placer import ATTEMPTS, TRIES, Placer, Point, no_room
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
 CIRCLE_RADIUS = 6.0 * math.sqrt(2.0)
@@ -35,8 +35,8 @@ Draw = Callable[[], float]
 
 def circle_crossing(
     rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
+    radius: PerAgent,
+    preferred_speed: PerAgent,
     *,
     circle_radius: float = 4.0,
     perturbation: float = 0.0,
@@ -82,8 +82,8 @@ def circle_crossing(
 
 def square_crossing(
     rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
+    radius: PerAgent,
+    preferred_speed: PerAgent,
     *,
     square_width: float = 10.0,
     circle_radius: float = 4.0,
@@ -126,8 +126,8 @@ def _draw_clear(
 
 def crowdnav_plus(
     rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
+    radius: PerAgent,
+    preferred_speed: PerAgent,
     *,
     circle_radius: float = CIRCLE_RADIUS,
     half_width: float = 6.0,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
-from jaxtyping import Float
 
-from crowdbench.scenario.placement import Placement, pad_points
+from crowdbench.core.geometry import pad_points
+from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
 CLEARANCE = 0.2
@@ -27,17 +28,14 @@ ATTEMPTS = 10
 """How often all pedestrians are placed anew where the layout is full: those before the last one may stand so that
 nobody else finds room, in a layout that has room for all."""
 
-_FEW = 16
-"""With fewer points it takes no longer to look at all than into cells."""
-
 Point = tuple[float, float]
 """A point in metres."""
 
 Area = tuple[Point, Point]
 """A rectangle: its smallest and its largest coordinates in metres."""
 
-Way = tuple[Area, Area]
-"""Where somebody starts, and where they go."""
+Areas = tuple[Area, Area]
+"""Where an agent may start, and where it may go."""
 
 
 class Points:
@@ -52,40 +50,29 @@ class Points:
         self.all: list[Point] = []
         # Two points that are too close to each other are in the same cell or in two that touch, whatever is rounded.
         self._side = 1.001 * (2 * max(radius) + CLEARANCE)
-        self._cells: dict[tuple[int, int], list[int]] = {}
-        self._in_cells = 0
+        self._cells: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
 
     def __len__(self) -> int:
         return len(self.all)
 
     def append(self, point: Point) -> None:
         """Add the point of the next agent, in metres."""
+        self._cells[self._cell(*point)].append(len(self.all))
         self.all.append(point)
 
     def pop(self) -> None:
         """Take the last point away."""
-        point = self.all.pop()
-        if self._in_cells > len(self.all):
-            self._in_cells -= 1
-            self._cells[self._cell(*point)].pop()
+        self._cells[self._cell(*self.all.pop())].pop()
 
     def is_clear(self, x: float, y: float) -> bool:
         """Whether the next agent, at a point in metres, keeps `CLEARANCE` from the disc around each of the points."""
-        own = self.radius[len(self.all)] + CLEARANCE
-        for i in range(len(self.all)) if len(self.all) < _FEW else self._around(x, y):
-            px, py = self.all[i]
-            if math.hypot(x - px, y - py) < own + self.radius[i]:
-                return False
+        own, (column, row) = self.radius[len(self.all)] + CLEARANCE, self._cell(x, y)
+        for cell in itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1)):
+            for i in self._cells.get(cell, ()):
+                px, py = self.all[i]
+                if math.hypot(x - px, y - py) < own + self.radius[i]:
+                    return False
         return True
-
-    def _around(self, x: float, y: float) -> Iterator[int]:
-        """Which points are in the cell of a position in metres, and in those that touch it."""
-        for i in range(self._in_cells, len(self.all)):
-            self._cells.setdefault(self._cell(*self.all[i]), []).append(i)
-        self._in_cells = len(self.all)
-        column, row = self._cell(x, y)
-        for near in itertools.product((column - 1, column, column + 1), (row - 1, row, row + 1)):
-            yield from self._cells.get(near, ())
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         return math.floor(x / self._side), math.floor(y / self._side)
@@ -99,7 +86,7 @@ class Placer:
         obstacles: The corners in metres of what stands around them: walls with two, solid polygons with more.
     """
 
-    def __init__(self, radius: Float[np.ndarray, "agent"], obstacles: Sequence[Sequence[Point]] = ()) -> None:
+    def __init__(self, radius: PerAgent, obstacles: Sequence[Sequence[Point]] = ()) -> None:
         self.radius: list[float] = radius.tolist()
         self.obstacles = pad_points(obstacles) if obstacles else None
         shapes = [shapely.LineString(each) if len(each) == 2 else shapely.Polygon(each) for each in obstacles]
@@ -134,7 +121,9 @@ class Placer:
         self.add(own_start, own_goal)
         return True
 
-    def fill_two_ways(self, rng: np.random.Generator, one: Way, other: Way, area: str, share: float = 0.5) -> Placement:
+    def fill_two_ways(
+        self, rng: np.random.Generator, one: Areas, other: Areas, area: str, share: float = 0.5
+    ) -> Placement:
         """Place all agents that are left on one of two ways; a `share` of them on the first. See `fill`."""
         return self.fill(lambda: self.draw(rng, *(one if rng.random() < share else other)), area, "layout.width")
 

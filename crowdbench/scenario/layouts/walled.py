@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import shapely
-from jaxtyping import Float
 
 from crowdbench.scenario.layouts.placer import TRIES, Area, Placer, Point
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
 BEYOND = 4.0
@@ -33,12 +32,7 @@ WAY = 0.4
 
 
 def corridor(
-    rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
-    *,
-    width: float = 3.0,
-    distance: float = 4.0,
+    rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 3.0, distance: float = 4.0
 ) -> Placement:
     """A corridor with pedestrians in both directions, who start ahead of the vehicle or behind it.
 
@@ -59,8 +53,8 @@ def corridor(
 
 def traffic(
     rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
+    radius: PerAgent,
+    preferred_speed: PerAgent,
     *,
     width: float = 5.0,
     distance: float = 4.0,
@@ -91,8 +85,8 @@ def traffic(
 
 def doorway(
     rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
+    radius: PerAgent,
+    preferred_speed: PerAgent,
     *,
     door_width: float = 1.5,
     width: float = 10.0,
@@ -124,12 +118,7 @@ def doorway(
 
 
 def blind_corner(
-    rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
-    *,
-    width: float = 3.0,
-    distance: float = 5.0,
+    rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 3.0, distance: float = 5.0
 ) -> Placement:
     """A corridor with a corner: the vehicle turns right, and pedestrians come around the corner both ways.
 
@@ -151,12 +140,7 @@ def blind_corner(
 
 
 def intersection(
-    rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
-    *,
-    width: float = 4.0,
-    distance: float = 4.0,
+    rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 4.0, distance: float = 4.0
 ) -> Placement:
     """Two streets cross between four blocks: the vehicle goes along one, pedestrians along both, both ways.
 
@@ -179,12 +163,7 @@ def intersection(
 
 
 def room(
-    rng: np.random.Generator,
-    radius: Float[np.ndarray, "agent"],
-    preferred_speed: Float[np.ndarray, "agent"],
-    *,
-    width: float = 10.0,
-    blocks: int = 5,
+    rng: np.random.Generator, radius: PerAgent, preferred_speed: PerAgent, *, width: float = 10.0, blocks: int = 5
 ) -> Placement:
     """A square room with blocks somewhere: the vehicle goes from bottom to top, pedestrians from anywhere to anywhere.
 

@@ -6,6 +6,7 @@ Of each clip there are `<clip>_traj_ped_filtered.csv`, `<clip>_traj_veh_filtered
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,14 +52,9 @@ def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
     """The pedestrians and the cars of a clip. Raises InputError where a file cannot be read or has another format."""
     ratio = _ratio(folder / f"{clip}{RATIO}")
     people = _columns(folder / f"{clip}{PEDESTRIANS}", ("id", "frame", "x_est", "y_est"))
-    order = np.lexsort((people["frame"], people["id"]))
-    tracks = Tracks(
-        clip,
-        people["frame"][order].astype(np.int64) * FRAME_STEP,
-        people["id"][order].astype(np.int64),
-        _metres(people, "x_est", "y_est", ratio)[order],
-        1.0 / FRAMES_PER_SECOND,
-    )
+    frame, number = people["frame"].astype(np.int64), people["id"].astype(np.int64)
+    position = _metres(people, "x_est", "y_est", ratio)
+    tracks = Tracks(clip, frame * FRAME_STEP, number, position, 1.0 / FRAMES_PER_SECOND)
     corners = [f"{axis}_{corner}" for corner in _CORNERS for axis in "xy"]
     cars = _columns(folder / f"{clip}{CARS}", ("id", "frame", "x_est", "y_est", *corners))
     return tracks, [_car(cars, cars["id"] == number, ratio) for number in np.unique(cars["id"])]
@@ -66,7 +62,6 @@ def read_clip(folder: Path, clip: str) -> tuple[Tracks, list[Car]]:
 
 def _car(table: dict[str, np.ndarray], rows: np.ndarray, ratio: float) -> Car:
     own = {name: values[rows] for name, values in table.items()}
-    own = {name: values[np.argsort(own["frame"], kind="stable")] for name, values in own.items()}
     corner = {name: _metres(own, f"x_{name}", f"y_{name}", ratio) for name in _CORNERS}
     front, rear = (corner["fl"] + corner["fr"]) / 2.0, (corner["rl"] + corner["rr"]) / 2.0
     ahead, across = front - rear, corner["fl"] - corner["fr"]
@@ -85,19 +80,16 @@ def _metres(table: dict[str, np.ndarray], x: str, y: str, ratio: float) -> Float
 
 def _ratio(path: Path) -> float:
     """Pixels per metre."""
-    try:
-        found = float(files.read_text(path))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
-    except ValueError:  # no number, or no text
-        found = math.nan
-    if not 0.0 < found < 1e6:
+    ratio = math.nan
+    with contextlib.suppress(OSError, ValueError):  # where it cannot be read, or holds no number or no text
+        ratio = float(files.read_text(path))
+    if not 0.0 < ratio < 1e6:
         raise InputError(f"{path} must hold one number, the pixels of a metre")
-    return found
+    return ratio
 
 
 def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Columns of a table with a header, as numbers."""
+    """Columns of a table with a header, as numbers; its rows ordered by `id`, then by `frame`."""
     options = pa.csv.ConvertOptions(include_columns=names, column_types=dict.fromkeys(names, pa.float64()))
     try:
         files.check_regular(path)
@@ -109,4 +101,5 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     found = {name: table.column(name).to_numpy() for name in names}
     if not len(table) or not all(np.isfinite(values).all() for values in found.values()):
         raise InputError(f"{path} must have a finite number in {', '.join(names)} of each row, and a row or more")
-    return found
+    order = np.lexsort((found["frame"], found["id"]))
+    return {name: values[order] for name, values in found.items()}

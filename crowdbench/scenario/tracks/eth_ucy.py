@@ -6,12 +6,13 @@ tabs or spaces. Lines may come in any order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -63,10 +64,10 @@ def read_folder(folder: Path) -> list[Tracks]:
     """The recordings in all `*.txt` files of a folder. Raises InputError where there are none, or one is wrong."""
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder} with recorded tracks")
-    files = sorted(folder.glob("*.txt"))
-    if not files:
+    tracks = [read_tracks(path) for path in sorted(folder.glob("*.txt"))]
+    if not tracks:
         raise InputError(f"{folder} has no files *.txt with recorded tracks")
-    return [read_tracks(path) for path in files]
+    return tracks
 
 
 def read_tracks(path: Path) -> Tracks:
@@ -77,61 +78,50 @@ def read_tracks(path: Path) -> Tracks:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file, but tracks are lines of {', '.join(COLUMNS)}") from None
-    table, number = _numbers(path, lines)
-
-    def refuse(wrong: Bool[np.ndarray, "row 4"], right: str, form: str = "") -> None:
-        for row, column in np.argwhere(wrong)[:1]:
-            found = f"{COLUMNS[column]} is {table[row, column]:{form}}"
-            raise InputError(f"{path}, line {number[row]}: {found}, but must be {right}")
-
-    refuse(~np.isfinite(table), "a finite number")
-    is_coordinate = np.arange(4) >= 2
-    refuse((np.abs(table) > FARTHEST) & is_coordinate, f"in metres, from {-FARTHEST:g} to {FARTHEST:g}", "g")
-    is_whole = (table == np.rint(table)) & (np.abs(table) <= 2**53)
-    for column in (0, 1):
-        refuse(~is_whole & (np.arange(4) == column), "a whole number")
+    rows = {n: _read_line(f"{path}, line {n}", line.split()) for n, line in enumerate(lines, 1) if line.strip()}
+    if not rows:
+        raise InputError(f"{path} is empty, but must have a line {', '.join(COLUMNS)} for each position")
+    number, table = list(rows), np.array(list(rows.values()))
     frame, pedestrian = table[:, :2].astype(np.int64).T
-    off = (frame - frame[0]) % FRAME_STEP != 0
-    if off.any():
-        row = int(np.argmax(off))
+    for row in np.flatnonzero((frame - frame[0]) % FRAME_STEP)[:1].tolist():
         raise InputError(
             f"{path}, line {number[row]}: frame {frame[row]} is not on the grid of the first one, {frame[0]}: "
             f"frames must be multiples of {FRAME_STEP} apart"
         )
     order = np.lexsort((frame, pedestrian))
     tracks = Tracks(path.stem, frame[order], pedestrian[order], table[order, 2:])
-    again = (np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0)
-    if again.any():
-        one, two = order[np.argmax(again) :][:2]
+    is_again = (np.diff(tracks.frame) == 0) & (np.diff(tracks.pedestrian) == 0)
+    for one, other in zip(order[:-1][is_again], order[1:][is_again], strict=True):
         raise InputError(
-            f"{path}, line {number[two]}: pedestrian {pedestrian[two]} is in frame {frame[two]} a second time, after "
-            f"line {number[one]}, but must be there once"
+            f"{path}, line {number[other]}: pedestrian {pedestrian[other]} is in frame {frame[other]} a second time, "
+            f"after line {number[one]}, but must be there once"
         )
     return tracks
 
 
-def _numbers(path: Path, lines: list[str]) -> tuple[Float[np.ndarray, "row 4"], list[int]]:
-    """The numbers in each line that is not blank, and the line's number, from 1. Raises InputError as `read_tracks`."""
-    fields = [line.split() for line in lines]
-    number = [n for n, found in enumerate(fields, 1) if found]
-    rows = [found for found in fields if found]
-    if not rows:
-        raise InputError(f"{path} is empty, but must have a line {', '.join(COLUMNS)} for each position")
-    for n, row in zip(number, rows, strict=True):
-        if len(row) != len(COLUMNS):
-            raise InputError(
-                f"{path}, line {n}: found {len(row)} columns, but there must be {len(COLUMNS)}: "
-                f"{', '.join(COLUMNS)}, separated by tabs or spaces"
-            )
-    return np.array([[_number(path, n, text) for text in row] for n, row in zip(number, rows, strict=True)]), number
-
-
-def _number(path: Path, line: int, text: str) -> float:
-    """A number in a line. Raises InputError where it is not one."""
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{path}, line {line}: {text!r} is not a number") from None
+def _read_line(where: str, fields: list[str]) -> list[float]:
+    """The numbers in a line. Raises InputError, which says where, unless it has a number of its kind in each column."""
+    if len(fields) != len(COLUMNS):
+        raise InputError(
+            f"{where}: found {len(fields)} columns, but there must be {len(COLUMNS)}: {', '.join(COLUMNS)}, separated "
+            "by tabs or spaces"
+        )
+    numbers = []
+    for column, text in zip(COLUMNS, fields, strict=True):
+        try:
+            number = float(text)
+        except ValueError:
+            raise InputError(f"{where}: {text!r} is not a number") from None
+        if not math.isfinite(number):
+            is_right, right = False, "a finite number"
+        elif column in ("x", "y"):
+            is_right, right = abs(number) <= FARTHEST, f"in metres, from {-FARTHEST:g} to {FARTHEST:g}"
+        else:
+            is_right, right = number.is_integer() and abs(number) <= 2**53, "a whole number"
+        if not is_right:
+            raise InputError(f"{where}: {column} is {number}, but must be {right}")
+        numbers.append(number)
+    return numbers
 
 
 def scenes(recordings: Iterable[Tracks]) -> dict[str, list[Tracks]]:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from crowdbench.scenario.placement import pad_points
+from crowdbench.core.geometry import pad_points
 from crowdbench.scenario.tracks.dut import Car
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP, Tracks
 from crowdbench.scenario.tracks.scenes import Recording, Scene
@@ -49,9 +48,9 @@ class MovingDisc:
     position: Float[np.ndarray, "row 2"]
     radius: float = math.nan
 
-    def is_there(self, time: Float[np.ndarray, "time"]) -> bool:
-        """Whether it was there at any of these times in seconds."""
-        return bool(((time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)).any())
+    def is_there(self, time: Float[np.ndarray, "time"]) -> Bool[np.ndarray, "time"]:
+        """Whether it was there at each of these times in seconds."""
+        return (time >= self.time[0] - _ROUNDING) & (time <= self.time[-1] + _ROUNDING)
 
     def at(self, time: Float[np.ndarray, "time"]) -> Float[np.ndarray, "time 2"]:
         """Where it was, between its recorded positions on the straight line; NaN before the first and after the last.
@@ -62,10 +61,7 @@ class MovingDisc:
         Returns:
             Positions in metres.
         """
-        outside = (time < self.time[0] - _ROUNDING) | (time > self.time[-1] + _ROUNDING)
-        found = np.stack([np.interp(time, self.time, self.position[:, axis]) for axis in (0, 1)], axis=1)
-        found[outside] = np.nan
-        return found
+        return np.where(self.is_there(time)[:, None], interpolate(time, self.time, self.position), np.nan)
 
 
 @dataclass(frozen=True)
@@ -132,19 +128,18 @@ def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
     """
     found: list[Excerpt] = []
     for recording in scene.recordings:
-        everybody = list(_people(recording.tracks))
+        everybody = list(people_of(recording.tracks))
         own: list[Excerpt] = []
-        for first, car in _windows(recording, steps * dt):
-            times = first + dt * np.arange(-1, steps + 1)
-            people = [each for each in everybody if each.is_there(times[1:])]
-            others = [disc for other in recording.cars if other is not car for disc in _discs(other)]
-            others = [disc for disc in others if disc.is_there(times[1:])]
-            if people:
-                driven = _follow_car(car, first, first + PACE * steps * dt)
-                block = len(own) if car is None else 0
-                own.append(_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
         first_block = found[-1].block + 1 if found else 0
-        found += [dataclasses.replace(each, block=each.block + first_block) for each in own]
+        for first, car, driven in _windows(recording, steps, dt):
+            times = first + dt * np.arange(-1, steps + 1)
+            people = [each for each in everybody if each.is_there(times[1:]).any()]
+            others = [disc for other in recording.cars if other is not car for disc in _discs(other)]
+            others = [disc for disc in others if disc.is_there(times[1:]).any()]
+            if people:
+                block = first_block + (len(own) if car is None else 0)
+                own.append(_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
+        found += own
     return found
 
 
@@ -166,17 +161,13 @@ def split_windows(found: Sequence[Excerpt]) -> Mapping[str, list[Excerpt]]:
     }
 
 
-def walked_paths(tracks: Tracks) -> list[Float[np.ndarray, "_ 2"]]:
-    """The positions of each pedestrian in metres, in the order of time."""
-    return [each.position for each in _people(tracks)]
-
-
 def times_of(tracks: Tracks) -> Float[np.ndarray, "row"]:
     """The time of each annotation in seconds."""
     return tracks.frame / FRAME_STEP * tracks.dt
 
 
-def _people(tracks: Tracks) -> Iterator[MovingDisc]:
+def people_of(tracks: Tracks) -> Iterator[MovingDisc]:
+    """The pedestrians of a recording."""
     bounds = np.flatnonzero(np.diff(tracks.pedestrian)) + 1
     for rows in np.split(np.arange(len(tracks.frame)), bounds):
         yield MovingDisc(times_of(tracks)[rows], tracks.position[rows])
@@ -190,30 +181,28 @@ def _discs(car: Car) -> Iterator[MovingDisc]:
         yield MovingDisc(car.time, car.position + ahead * direction, car.width / 2.0)
 
 
-def _windows(recording: Recording, length: float) -> list[tuple[float, Car | None]]:
-    """When windows of this length in seconds start, in the order of time, and the car that drives in each, if any."""
-    time = times_of(recording.tracks)
+def _windows(recording: Recording, steps: int, dt: float) -> list[tuple[float, Car | None, CarMotion | None]]:
+    """When windows of so many steps start, in the order of time, and the car that drives in each, if any."""
+    time, length = times_of(recording.tracks), steps * dt
     start, end = float(time.min()), float(time.max())
     if not recording.cars:
         number = math.floor((end - start) / length + _ROUNDING)
-        return [(start + each * length, None) for each in range(number)]
+        return [(start + each * length, None, None) for each in range(number)]
     end = max(end, *(float(car.time[-1]) for car in recording.cars))
-    windows: list[tuple[float, Car | None]] = []
+    windows: list[tuple[float, Car | None, CarMotion | None]] = []
     for car in recording.cars:
         for each in itertools.count():
             first = float(car.time[0]) + each * length
             if first >= car.time[-1] or first + length > end + _ROUNDING:
                 break
-            driven = _follow_car(car, first, first + PACE * length)
-            if driven and math.dist(driven.start, driven.goal) >= LEAST_WAY:
-                windows.append((first, car))
+            driven = _follow_car(car, first, first + PACE * steps * dt)
+            if math.dist(driven.start, driven.goal) >= LEAST_WAY:
+                windows.append((first, car, driven))
     return sorted(windows, key=lambda window: window[0])
 
 
-def _follow_car(car: Car | None, first: float, end: float) -> CarMotion | None:
+def _follow_car(car: Car, first: float, end: float) -> CarMotion:
     """How a car moves from one time to another, in seconds, or to the last at which it is there."""
-    if car is None:
-        return None
     middle = MovingDisc(car.time, car.position)
     start, goal = middle.at(np.array([first, min(end, float(car.time[-1]))]))
     # Over a quarter of a second: the difference of two frames is mostly noise.
@@ -263,5 +252,11 @@ def _way(
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     duration = each.time[-1] - times[first]
     marks = np.arange(SPACING, lengths[-1] - SPACING / 2.0, SPACING)
-    waypoints = np.stack([np.interp(marks, lengths, points[:, axis]) for axis in (0, 1)], axis=1)
-    return waypoints, float(lengths[-1] / duration) if duration > _ROUNDING else 0.0
+    return interpolate(marks, lengths, points), float(lengths[-1] / duration) if duration > _ROUNDING else 0.0
+
+
+def interpolate(
+    at: Float[np.ndarray, "time"], known: Float[np.ndarray, "row"], position: Float[np.ndarray, "row 2"]
+) -> Float[np.ndarray, "time 2"]:
+    """Positions in metres at other times, or lengths of way, than those at which they are known."""
+    return np.stack([np.interp(at, known, position[:, axis]) for axis in (0, 1)], axis=1)

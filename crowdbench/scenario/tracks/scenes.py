@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +20,7 @@ class Recording:
     """A stretch of time in which a place was recorded: the tracks of its pedestrians, and its cars."""
 
     tracks: Tracks
-    cars: tuple[Car, ...] = ()
+    cars: Sequence[Car] = ()
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,7 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
             )
     if name in DUT_SCENES:
         clips = [file.removesuffix(CARS) for file in known if file.endswith(CARS)]
-        read = (read_clip(folder, clip) for clip in clips)
-        recordings = tuple(Recording(tracks, tuple(cars)) for tracks, cars in read)
+        recordings = tuple(Recording(*read_clip(folder, clip)) for clip in clips)
     else:
         recordings = tuple(Recording(read_tracks(folder / file)) for file in found)
     return Scene(name, recordings, found)
@@ -77,21 +76,14 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
 
 def _known_files(scene: str) -> dict[str, str]:
     """The sha256 of the files of a scene of ETH/UCY or DUT, by name; none of another scene."""
-    if scene in SCENES:
-        listed = _sums("eth_ucy")
-        return {f"{file}.txt": listed[f"{file}.txt"] for file in SCENES[scene]}
+    lists = [(Path(__file__).parent / f"{name}.sha256").read_text(encoding="utf-8") for name in ("eth_ucy", "dut")]
+    known = {file: digest for digest, file in map(str.split, "".join(lists).splitlines())}
+    names = [f"{file}.txt" for file in SCENES.get(scene, ())]
     if scene in DUT_SCENES:
-        listed = _sums("dut")
-        clips = [file.removesuffix(PEDESTRIANS) for file in listed if file.endswith(PEDESTRIANS)]
-        own = [clip for clip in sorted(clips) if clip.startswith(DUT_SCENES[scene])]
-        return {f"{clip}{end}": listed[f"{clip}{end}"] for clip in own for end in (PEDESTRIANS, CARS, RATIO)}
-    return {}
-
-
-def _sums(name: str) -> dict[str, str]:
-    """The sha256 of the files of a data set."""
-    lines = (Path(__file__).parent / f"{name}.sha256").read_text(encoding="utf-8").splitlines()
-    return {file: digest for digest, file in (line.split() for line in lines)}
+        clips = sorted(file.removesuffix(PEDESTRIANS) for file in known if file.endswith(PEDESTRIANS))
+        clips = [clip for clip in clips if clip.startswith(DUT_SCENES[scene])]
+        names = [f"{clip}{end}" for clip in clips for end in (PEDESTRIANS, CARS, RATIO)]
+    return {name: known[name] for name in names}
 
 
 def _digest(path: Path, scene: str) -> str:

@@ -13,7 +13,6 @@ from crowdbench.scenario import load as scenario_file
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.placement import Placement
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.scenario.tracks.scenes import load_scene
 from crowdbench.study.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
 from crowdbench.study.validity.door import NUMBER, Passages, hall, leave
 
@@ -144,11 +143,7 @@ def crowd(policy: str, people: People, number: int, layout: Callable[..., Placem
     """
     size = {"radius": people.radius}  # the vehicle has to fit where people do
     pedestrians = {"number": number, "policy": policy, "preferred_speed": people.preferred_speed, **size}
-    load = scenario_file.Loaders(
-        lambda _: ("validity", layout, None),
-        catalog.PEDESTRIANS.load_with_digest,
-        lambda scene, files: load_scene(scene, None, files),
-    )
+    load = scenario_file.Loaders(lambda _: ("validity", layout, None), catalog.PEDESTRIANS.load_with_digest)
     return scenario_file.parse({"vehicle": size, "pedestrians": pedestrians}, "validity", "validity", load)
 
 
