@@ -12,6 +12,7 @@ from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation
 from crowdbench.planners.base import Planner
 from crowdbench.sim.obstacles import slide
+from crowdbench.sim.pedestrians.forces import to_walkers
 from crowdbench.sim.pedestrians.orca import orca_velocities
 from crowdbench.sim.pedestrians.orca_crowd import ORCA_MARGIN, TIME_HORIZON_OBST
 from crowdbench.sim.pedestrians.social_force import social_force_velocities
@@ -81,19 +82,10 @@ class SocialForcePlanner(Planner):
         position, velocity, radius, present = obs.everybody()
         goal = position.copy()
         goal[:, 0] = vehicle.local_goal
-        velocity = social_force_velocities(
-            position,
-            velocity,
-            goal,
-            radius + self.safety_space,
-            np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape),
-            np.zeros_like(position),
-            time_step=obs.dt,
-            obstacles=obs.obstacles,
-            seen=present,
-            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),
-        )[:, 0]
-        return along_walls(obs, velocity)
+        speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
+        moves = np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape)
+        walkers = to_walkers(position, velocity, goal, radius + self.safety_space, speed, present, moves, obs.obstacles)
+        return along_walls(obs, social_force_velocities(walkers, np.zeros_like(position), time_step=obs.dt)[:, 0])
 
 
 GAP = 0.01

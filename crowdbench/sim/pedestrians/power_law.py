@@ -22,20 +22,19 @@ from collections.abc import Mapping
 from typing import ClassVar, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from crowdbench.core.types import World
 from crowdbench.sim.obstacles import number_of_corners
-from crowdbench.sim.pedestrians.base import PedestrianPolicy
+from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.pedestrians.forces import (
-    SUB_STEP,
     TINY,
+    Walkers,
     compile_model,
     fill_traits,
     integrate,
-    to_walkers,
+    walkers_of,
 )
-from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
 
 _OVERLAPPING = 0.99
@@ -59,53 +58,23 @@ class PowerLaw(PedestrianPolicy):
 
     parameters: ClassVar[Mapping[str, float]] = PARAMETERS
 
-    def velocities(
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
-    ) -> Float[np.ndarray, "world pedestrian 2"]:
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`. The parameters are those of `power_law_velocities`."""
-        moves = world.present.copy()
-        moves[:, 0] = False
-        return power_law_velocities(
-            world.position,
-            world.velocity,
-            goals_on_way(world),
-            world.radius,
-            world.preferred_speed,
-            time_step=world.rules.dt,
-            obstacles=world.obstacles,
-            seen=world.present,
-            moves=moves,
-            parameters=parameters,
-        )[:, 1:]
+        dt = world.rules.dt
+        return power_law_velocities(walkers_of(world), time_step=dt, parameters=parameters)[:, 1:]
 
 
 def power_law_velocities(
-    position: Float[np.ndarray, "world agent 2"],
-    velocity: Float[np.ndarray, "world agent 2"],
-    goal: Float[np.ndarray, "world agent 2"],
-    radius: Float[np.ndarray, "world agent"],
-    preferred_speed: Float[np.ndarray, "world agent"],
+    walkers: Walkers,
     *,
     time_step: float = 0.25,
-    sub_step: float = SUB_STEP,
-    obstacles: Float[np.ndarray, "world polygon corner 2"] | None = None,
-    seen: Bool[np.ndarray, "world agent"] | None = None,
-    moves: Bool[np.ndarray, "world agent"] | None = None,
     parameters: Mapping[str, float | Float[np.ndarray, "world agent"]] = PARAMETERS,
 ) -> Float[np.ndarray, "world agent 2"]:
     """The velocity that each agent has at the end of the step, see `forces.integrate`.
 
     Args:
-        position: Centres in metres.
-        velocity: Current velocities in m/s.
-        goal: Goals in metres.
-        radius: Radii in metres.
-        preferred_speed: Preferred and largest speeds in m/s.
+        walkers: The agents.
         time_step: Length of the step in seconds.
-        sub_step: Longest sub-step in seconds.
-        obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
-        seen: Whether the agent repels others; all do if None.
-        moves: Whether the agent's velocity is computed; all are if None. The others keep their velocity in this step.
         parameters: Those of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number or
             one per agent: xi in seconds, k in m^2, tau0 in seconds, and the bound of the sum of the forces of others
             and walls in m/s^2.
@@ -113,9 +82,8 @@ def power_law_velocities(
     Returns:
         Velocities in m/s; 0 for agents that do not move.
     """
-    traits = fill_traits(PARAMETERS, parameters, radius.shape)
-    walkers = to_walkers(position, velocity, goal, radius, preferred_speed, seen, moves)
-    return integrate(_MODEL, walkers, traits, obstacles, time_step, sub_step)
+    traits = fill_traits(PARAMETERS, parameters, walkers.radius.shape)
+    return integrate(_MODEL, walkers, traits, time_step)
 
 
 # Inlined, as the next one is: handing over its arrays takes 10 % of a step.
