@@ -118,9 +118,7 @@ def toward_goal(
         Velocities in m/s.
     """
     out = np.empty(position.shape)
-    fill_toward_goal(
-        np.ascontiguousarray(position), np.ascontiguousarray(goal), np.ascontiguousarray(preferred_speed), out
-    )
+    fill_toward_goal(*map(np.ascontiguousarray, (position, goal, preferred_speed)), out)
     return out
 
 
@@ -173,20 +171,17 @@ def local_goals(
     if route.shape[-2] == 0:
         return goal
     out = np.empty(position.shape)
-    _local_goals(
-        np.ascontiguousarray(position).reshape(-1, 2),
-        np.ascontiguousarray(goal).reshape(-1, 2),
-        np.ascontiguousarray(route).reshape(-1, *route.shape[-2:]),
-        np.ascontiguousarray(waypoint).reshape(-1),
-        out.reshape(-1, 2),
-    )
+    routes = np.ascontiguousarray(route).reshape(-1, *route.shape[-2:])
+    _fill_local_goals(*map(np.ascontiguousarray, (position, goal, waypoint)), routes, out)
     return out
 
 
 @no_type_check
 @njit
-def _local_goals(position, goal, route, waypoint, out):
-    """See `local_goals`; fills `out`."""
+def _fill_local_goals(position, goal, waypoint, route, out):
+    """See `local_goals`; the routes are `[agent, waypoint, 2]`, the other arrays have any batch axes."""
+    position, goal, out = position.reshape(-1, 2), goal.reshape(-1, 2), out.reshape(-1, 2)
+    waypoint = waypoint.reshape(-1)
     for i in range(len(out)):
         x, y = position[i, 0], position[i, 1]
         ahead_x, ahead_y, first, length = 0.0, 0.0, 0.0, 0.0

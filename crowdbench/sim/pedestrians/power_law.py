@@ -86,49 +86,27 @@ def power_law_velocities(
     return integrate(_MODEL, walkers, traits, time_step)
 
 
-# Inlined, as the next one is: handing over its arrays takes 10 % of a step.
+# Inlined: handing over its arrays takes 10 % of a step.
 @no_type_check
 @njit(inline="always")
 def _power_law(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
     """All forces on agent i, see `compile_model`; the bound makes their share smaller."""
     k, tau0, bound = traits[1], max(traits[2], TINY), traits[3]
-    fx, fy = _from_others(i, position, velocity, radius, seen, k, tau0)
+    fx, fy, x, y, vx, vy = 0.0, 0.0, position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1]
+    for j in range(len(position)):
+        if j == i or not seen[j]:
+            continue
+        wx, wy = position[j, 0] - x, position[j, 1] - y
+        tau, tx, ty = _until_discs_touch(wx, wy, vx - velocity[j, 0], vy - velocity[j, 1], radius[i] + radius[j])
+        force = _force(tau, k, tau0)
+        fx, fy = fx + force * tx, fy + force * ty
     for polygon in obstacles:
-        bx, by = _from_wall(position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1], radius[i], polygon, k, tau0)
+        bx, by = _from_wall(x, y, vx, vy, radius[i], polygon, k, tau0)
         fx, fy = fx + bx, fy + by
     return fx, fy, bound / max(math.sqrt(fx * fx + fy * fy), bound, 1e-9)
 
 
 _MODEL = compile_model(_power_law)
-
-
-@no_type_check
-@njit(inline="always")
-def _from_others(i, position, velocity, radius, seen, k, tau0):
-    """The sum of the forces of all others on agent i.
-
-    Args:
-        i: Index of the agent.
-        position: `[agent, 2]`, in metres.
-        velocity: `[agent, 2]`, in m/s.
-        radius: `[agent]`, in metres.
-        seen: `[agent]`, whether the agent repels others.
-        k: In m^2.
-        tau0: In seconds.
-
-    Returns:
-        x and y of an acceleration in m/s^2.
-    """
-    ax, ay = 0.0, 0.0
-    for j in range(len(position)):
-        if j == i or not seen[j]:
-            continue
-        wx, wy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
-        vx, vy = velocity[i, 0] - velocity[j, 0], velocity[i, 1] - velocity[j, 1]
-        tau, tx, ty = _until_discs_touch(wx, wy, vx, vy, radius[i] + radius[j])
-        force = _force(tau, k, tau0)
-        ax, ay = ax + force * tx, ay + force * ty
-    return ax, ay
 
 
 @no_type_check
@@ -155,9 +133,8 @@ def _from_wall(x, y, vx, vy, radius, polygon, k, tau0):
             first, ax, ay = tau, tx, ty
     for c in range(corners if corners > 2 else corners - 1):
         begin, end = polygon[c], polygon[(c + 1) % corners]
-        tau, tx, ty = _until_side_touched(
-            x - begin[0], y - begin[1], vx, vy, radius, end[0] - begin[0], end[1] - begin[1]
-        )
+        sx, sy = end[0] - begin[0], end[1] - begin[1]
+        tau, tx, ty = _until_side_touched(x - begin[0], y - begin[1], vx, vy, radius, sx, sy)
         if tau < first:
             first, ax, ay = tau, tx, ty
     force = _force(first, k, tau0)
