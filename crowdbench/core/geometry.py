@@ -10,6 +10,12 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.utils.compiled import njit
 
+Numbers = Float[np.ndarray, "*batch"]
+"""A number per agent or vehicle."""
+
+Vectors = Float[np.ndarray, "*batch 2"]
+"""A point, a velocity or a command per agent or vehicle."""
+
 
 class Discs(NamedTuple):
     """Agents of one world in a step, as discs that move in straight lines at constant speed. For kernels.
@@ -57,26 +63,10 @@ def nearest_in_step(i, discs):
     return least, nearest
 
 
-def norm(vector: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+def norm(vector: Vectors) -> Numbers:
     """The length of each vector."""
     x, y = vector[..., 0], vector[..., 1]
     return np.sqrt(x * x + y * y)
-
-
-@no_type_check
-@njit
-def heading_of(vx, vy, before):
-    """The direction of a velocity. Compiled.
-
-    Args:
-        vx (float): x of the velocity in m/s.
-        vy (float): Its y.
-        before (float): The heading before, in radians.
-
-    Returns:
-        direction (float): In radians; the heading before where the velocity is zero.
-    """
-    return math.atan2(vy, vx) if vx != 0.0 or vy != 0.0 else before
 
 
 @no_type_check
@@ -94,16 +84,12 @@ def turn(before, after):
     return (after - before + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def wrap_angle(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+def wrap_angle(angle: Numbers) -> Numbers:
     """Angles in radians, reduced to [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def toward_goal(
-    position: Float[np.ndarray, "*batch 2"],
-    goal: Float[np.ndarray, "*batch 2"],
-    preferred_speed: Float[np.ndarray, "*batch"],
-) -> Float[np.ndarray, "*batch 2"]:
+def toward_goal(position: Vectors, goal: Vectors, preferred_speed: Numbers) -> Vectors:
     """The velocity towards the goal at the preferred speed, which decreases with the distance over the last metre.
 
     As in CrowdNav it is the vector to the goal in metres, taken as a velocity in m/s and shortened to the preferred
@@ -149,11 +135,8 @@ def polygons(obstacles: Float[np.ndarray, "polygon corner 2"]) -> list[Float[np.
 
 
 def local_goals(
-    position: Float[np.ndarray, "*batch 2"],
-    goal: Float[np.ndarray, "*batch 2"],
-    route: Float[np.ndarray, "*batch waypoint 2"],
-    waypoint: Int[np.ndarray, "*batch"],
-) -> Float[np.ndarray, "*batch 2"]:
+    position: Vectors, goal: Vectors, route: Float[np.ndarray, "*batch waypoint 2"], waypoint: Int[np.ndarray, "*batch"]
+) -> Vectors:
     """The local goals of agents on their routes.
 
     A local goal lies in the direction of the next waypoint, as far away as the goal is along the route. Who heads for

@@ -11,6 +11,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
+from crowdbench.core.geometry import Numbers
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome, Trace
 from crowdbench.utils.compiled import njit
 
@@ -35,9 +36,7 @@ _FINAL = np.zeros(len(Outcome))
 _FINAL[[Outcome.SUCCESS, Outcome.COLLISION, Outcome.WALL_COLLISION]] = SUCCESS, COLLISION, WALL_COLLISION
 
 
-def reward(
-    outcome: Int[np.ndarray, "*batch"], gap: Float[np.ndarray, "*batch"], dt: float
-) -> Float[np.ndarray, "*batch"]:
+def reward(outcome: Int[np.ndarray, "*batch"], gap: Numbers, dt: float) -> Numbers:
     """The reward of a step (Chen et al. 2019, equation 3). A time-out has reward 0.
 
     Args:
@@ -72,7 +71,7 @@ def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:
     return np.where(steps < trace.steps[:, None], reward(outcome, trace.gap, trace.rules.dt), np.nan)
 
 
-def discount(preferred_speed: Float[np.ndarray, "*batch"], dt: float) -> Float[np.ndarray, "*batch"]:
+def discount(preferred_speed: Numbers, dt: float) -> Numbers:
     """The factor by which a reward that comes one step later counts less.
 
     Args:

@@ -12,15 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.dynamics.motion import HOLONOMIC, SPEED_TOLERANCE, Motion, drive
+from crowdbench.core.geometry import Numbers, Vectors
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.numbers import is_number
-
-Numbers = Float[np.ndarray, "*batch"]
-"""A number per vehicle."""
-
-Vectors = Float[np.ndarray, "*batch 2"]
-"""A position, a velocity or a command per vehicle."""
 
 Choices = Float[np.ndarray, "world action 2"]
 """Several commands or velocities per vehicle."""

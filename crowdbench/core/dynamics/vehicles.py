@@ -14,14 +14,12 @@ from jaxtyping import Bool, Float
 from crowdbench.core.dynamics.base import (
     Choices,
     Dynamics,
-    Numbers,
     State,
-    Vectors,
     speeds_and_headings,
     speeds_and_turns,
 )
 from crowdbench.core.dynamics.motion import BICYCLE, HOLONOMIC, SPEED_TOLERANCE, UNICYCLE
-from crowdbench.core.geometry import norm, wrap_angle
+from crowdbench.core.geometry import Numbers, Vectors, norm, wrap_angle
 
 CREEP = 0.3
 """The share of the wanted speed at which a bicycle turns towards what is beside it or behind."""
