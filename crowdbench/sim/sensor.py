@@ -163,9 +163,8 @@ def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
 def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
     """What a lidar measures at the vehicle's position, as `crowdbench.core.types.Observation.lidar`."""
     distance = np.empty((len(world), lidar.beams))
-    measure_all_beams(
-        world.heading, world.position, world.radius, world.present, world.obstacles, lidar.range, distance
-    )
+    scene = world.heading, world.position, world.radius, world.present, world.obstacles
+    measure_all_beams(*scene, lidar.range, distance)
     return distance
 
 

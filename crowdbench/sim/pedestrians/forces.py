@@ -110,6 +110,7 @@ def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
     @no_type_check
     def loop(*arrays):
+        # The fields of `Walkers` one by one, because numba takes a microsecond to receive a NamedTuple.
         positions, velocities, goals, radii, speeds, seen, moves, obstacles = arrays[:8]
         traits, noise, group, time_step, sub_steps, out = arrays[8:]
         worlds, agents = radii.shape

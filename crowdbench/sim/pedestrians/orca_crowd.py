@@ -26,6 +26,10 @@ TIME_HORIZON_OBST = 1.0
 walls that they go past goals beside them: the planner `orca` takes 13.0 s in `room` then, and 9.1 s with 1 s."""
 
 
+_LIMITS = operator.itemgetter("neighbor_distance", "max_neighbors", "time_horizon", "time_horizon_obst", "line_of_sight")
+"""What ORCA's kernels take of the parameters, in their order."""
+
+
 class ORCA(PedestrianPolicy):
     """Optimal reciprocal collision avoidance (van den Berg et al. 2011), with CrowdNav's parameters."""
 
@@ -68,7 +72,7 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
     worlds, agents = world.radius.shape
     place, velocity, speed, present = world.position, world.velocity, world.preferred_speed, world.present
     way = goals_on_way(world), pace, parameters["safety_space"]
-    avoidance = world.rules.dt, world.obstacles, *_limits(parameters)
+    avoidance = world.rules.dt, world.obstacles, *_LIMITS(parameters)
     is_small = worlds * agents < PARALLEL_AGENTS
     if is_small and agents < CELLS_FROM:
         out = np.empty((worlds, agents - 1, 2))
@@ -81,11 +85,6 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
     cells = cells_of(place, present)
     compute(cells, everybody, place, velocity, preferred, size, speed, present, moves, *avoidance)
     return everybody[:, 1:]
-
-
-_limits = operator.itemgetter(
-    "neighbor_distance", "max_neighbors", "time_horizon", "time_horizon_obst", "line_of_sight"
-)
 
 
 @no_type_check
