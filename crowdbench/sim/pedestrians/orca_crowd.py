@@ -26,7 +26,7 @@ TIME_HORIZON_OBST = 1.0
 walls that they go past goals beside them: the planner `orca` takes 13.0 s in `room` then, and 9.1 s with 1 s."""
 
 
-_LIMITS = operator.itemgetter("neighbor_distance", "max_neighbors", "time_horizon", "time_horizon_obst", "line_of_sight")
+_ORDER = operator.itemgetter("neighbor_distance", "max_neighbors", "time_horizon", "time_horizon_obst", "line_of_sight")
 """What ORCA's kernels take of the parameters, in their order."""
 
 
@@ -72,7 +72,7 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
     worlds, agents = world.radius.shape
     place, velocity, speed, present = world.position, world.velocity, world.preferred_speed, world.present
     way = goals_on_way(world), pace, parameters["safety_space"]
-    avoidance = world.rules.dt, world.obstacles, *_LIMITS(parameters)
+    avoidance = world.rules.dt, world.obstacles, *_ORDER(parameters)
     is_small = worlds * agents < PARALLEL_AGENTS
     if is_small and agents < CELLS_FROM:
         out = np.empty((worlds, agents - 1, 2))
