@@ -108,9 +108,12 @@ def _differ_in_sight(rules: Rules) -> bool:
 
 def _query_policies(view: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, dict[str, Memory]]:
     """The velocities in m/s that policies ask for, each pedestrian's own, and by policy what they remember."""
-    answers = {name: query_policy(policy, name, view) for name, policy in policies.items()}
-    velocities = [velocity for velocity, _ in answers.values()]
-    memories = {name: memory for name, (_, memory) in answers.items() if memory is not None}
+    velocities, memories = [], {}
+    for name, policy in policies.items():
+        velocity, memory = query_policy(policy, name, view)
+        velocities.append(velocity)
+        if memory is not None:
+            memories[name] = memory
     return velocities[0] if len(velocities) == 1 else np.choose(view.policy[:, :, None], velocities), memories
 
 
@@ -156,7 +159,7 @@ class After(NamedTuple):
     history: Float[np.ndarray, "world time pedestrian 2"]
 
 
-_before, _changing = operator.attrgetter(*Before._fields), operator.attrgetter(*After._fields)
+_before = operator.attrgetter(*Before._fields)
 
 
 def step(
@@ -228,8 +231,10 @@ def limit_velocities(world: World, crowd: Velocities) -> Velocities:
 
 def _motion(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[After, StepCheck]:
     """What a step makes of worlds, and what its check finds."""
-    worlds = len(world)
-    after = After(*map(np.empty_like, _changing(world)))
+    worlds, points = len(world), world.position.shape
+    steps, heading, angular_speed = np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds)
+    position, velocity, history = np.empty(points), np.empty(points), np.empty(world.history.shape)
+    after = After(steps, position, velocity, heading, angular_speed, history)
     check = StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds))
     commands = np.ascontiguousarray(command), np.ascontiguousarray(crowd)
     _step(*world.rules.numbers, *_before(world), *commands, *after, *check)

@@ -69,21 +69,20 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
         parameters: `safety_space`, and those of `crowdbench.sim.pedestrians.orca.orca_velocities`.
         pace: Speeds in m/s of the velocities towards the goals. No velocity is faster than the preferred speed.
     """
-    worlds, agents = world.radius.shape
-    place, velocity, speed, present = world.position, world.velocity, world.preferred_speed, world.present
-    way = goals_on_way(world), pace, parameters["safety_space"]
-    avoidance = world.rules.dt, world.obstacles, *_ORDER(parameters)
+    radius, place, velocity = world.radius, world.position, world.velocity
+    speed, present, dt, obstacles = world.preferred_speed, world.present, world.rules.dt, world.obstacles
+    goal, margin, limits = goals_on_way(world), parameters["safety_space"], _ORDER(parameters)
+    worlds, agents = radius.shape
     is_small = worlds * agents < PARALLEL_AGENTS
     if is_small and agents < CELLS_FROM:
         out = np.empty((worlds, agents - 1, 2))
-        _in_one(*way, out, place, velocity, world.radius, speed, present, *avoidance)
+        _in_one(goal, pace, margin, out, place, velocity, radius, speed, present, dt, obstacles, *limits)
         return out
     preferred, everybody = np.empty(place.shape), np.empty(place.shape)
-    size, moves = np.empty(present.shape), np.empty(present.shape, bool)
-    _prepare(*way, place, world.radius, present, preferred, size, moves)
-    compute = orca_serial if is_small else orca_parallel
-    cells = cells_of(place, present)
-    compute(cells, everybody, place, velocity, preferred, size, speed, present, moves, *avoidance)
+    size, moves = np.empty(radius.shape), np.empty(radius.shape, bool)
+    _prepare(goal, pace, margin, place, radius, present, preferred, size, moves)
+    cells, compute = cells_of(place, present), orca_serial if is_small else orca_parallel
+    compute(cells, everybody, place, velocity, preferred, size, speed, present, moves, dt, obstacles, *limits)
     return everybody[:, 1:]
 
 
