@@ -16,6 +16,7 @@ from crowdbench.runs.spec import Replanning, RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim import episode
 from crowdbench.sim.pedestrians import ORCA
+from crowdbench.sim.pedestrians.forces import Walkers, to_walkers
 from crowdbench.sim.simulator import After, Before, move
 
 
@@ -129,6 +130,16 @@ def make(out, *run, **settings):
     """Make the run that `run_of` describes; some of the arguments are those of `make_run`."""
     making = {name: settings.pop(name) for name in MAKING if name in settings}
     return make_run(run_of(*run, **settings), out, **making)
+
+
+def with_walkers(velocities, known, *inputs, **options):
+    """The velocities of a force model, with agents, obstacles and the known parameters as arguments."""
+
+    def pop(names):
+        return {name: options.pop(name) for name in options.keys() & set(names)}
+
+    parameters, walkers = pop(known), to_walkers(*inputs[:5], **pop(Walkers._fields))
+    return velocities(walkers, *inputs[5:], **options, parameters=parameters)
 
 
 def same(one, two):

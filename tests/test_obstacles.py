@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from helpers import world
+from helpers import with_walkers, world
 
 from crowdbench.core.geometry import local_goals, polygons
 from crowdbench.core.reward import reward
@@ -13,9 +13,8 @@ from crowdbench.sim.swept import stopping_gap
 
 
 def social_force_velocities(*inputs, **options):
-    """The function of that name, with parameters as arguments."""
-    parameters = {name: options.pop(name) for name in options.keys() & social_force.PARAMETERS.keys()}
-    return social_force.social_force_velocities(*inputs, **options, parameters=parameters)
+    """The function of that name, with agents and parameters as arguments."""
+    return with_walkers(social_force.social_force_velocities, social_force.PARAMETERS, *inputs, **options)
 
 
 WALL = np.array([[[-1.0, 0.0], [1.0, 0.0], [np.nan, np.nan], [np.nan, np.nan]]])
@@ -164,7 +163,7 @@ def test_a_border_repels_as_in_the_formula_of_helbing_and_molnar():
     zero = np.zeros((1, 1, 2))
     arguments = (zero, zero, zero, np.full((1, 1), 0.3), np.full((1, 1), 100.0), zero)
     wall = np.array([[[[distance, -50.0], [distance, 50.0]]]])
-    got = social_force_velocities(*arguments, time_step=dt, sub_step=dt, fluctuation=0.0, obstacles=wall)
+    got = social_force_velocities(*arguments, time_step=dt, fluctuation=0.0, obstacles=wall)
     pushed = -strength / reach * np.exp(-distance / reach) * tau * (1.0 - np.exp(-dt / tau))
     assert got[0, 0] == pytest.approx([pushed, 0.0], abs=1e-12)
 

@@ -14,6 +14,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.groups import draw_groups, group_reach, spread
 from crowdbench.sim.pedestrians import ORCA, SocialForce
+from crowdbench.sim.pedestrians.forces import to_walkers
 from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, group_force
 from crowdbench.sim.pedestrians.habits import HABITS
 from crowdbench.sim.pedestrians.social_force import social_force_velocities
@@ -158,10 +159,9 @@ def test_social_forces_hold_groups_together():
     def walked(group):
         position, velocity = apart.copy(), np.zeros_like(apart)
         for _ in range(40):
-            velocity = social_force_velocities(
-                position, velocity, world.goal, world.radius, world.preferred_speed, np.zeros_like(position),
-                group=group, seen=np.array([[False, True, True]]),
-            )  # fmt: skip
+            seen = np.array([[False, True, True]])
+            walkers = to_walkers(position, velocity, world.goal, world.radius, world.preferred_speed, seen)
+            velocity = social_force_velocities(walkers, np.zeros_like(position), group)
             position = position + 0.25 * velocity
         return math.dist(position[0, 1], position[0, 2])
 

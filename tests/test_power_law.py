@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-from helpers import Still, drive
+from helpers import Still, drive, with_walkers
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.geometry import norm
@@ -12,9 +12,8 @@ from crowdbench.sim.pedestrians import forces, power_law
 
 
 def power_law_velocities(*inputs, **options):
-    """The function of that name, with parameters as arguments."""
-    parameters = {name: options.pop(name) for name in options.keys() & power_law.PARAMETERS.keys()}
-    return power_law.power_law_velocities(*inputs, **options, parameters=parameters)
+    """The function of that name, with agents and parameters as arguments."""
+    return with_walkers(power_law.power_law_velocities, power_law.PARAMETERS, *inputs, **options)
 
 
 K, TAU0, XI, BOUND = 1.5, 3.0, 0.54, 20.0

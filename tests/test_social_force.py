@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import advance, drive, same
+from helpers import advance, drive, same, with_walkers
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.core import rng
@@ -14,9 +14,8 @@ from crowdbench.sim.simulator import crowd_velocities
 
 
 def social_force_velocities(*inputs, **options):
-    """The function of that name, with parameters as arguments."""
-    parameters = {name: options.pop(name) for name in options.keys() & social_force.PARAMETERS.keys()}
-    return social_force.social_force_velocities(*inputs, **options, parameters=parameters)
+    """The function of that name, with agents and parameters as arguments."""
+    return with_walkers(social_force.social_force_velocities, social_force.PARAMETERS, *inputs, **options)
 
 
 STEADY = {"fluctuation": 0.0}
@@ -146,7 +145,7 @@ def test_speed_relaxes_to_the_preferred_speed_with_the_relaxation_time(tau, time
     assert speed[-1] == pytest.approx(1.3, rel=1e-4)
 
 
-def test_halving_the_sub_step_changes_little():
+def test_halving_the_sub_step_changes_little(monkeypatch):
     scenario = load_scenario(CROWD)
     world = scenario.worlds(Cases.parse("50"))
     change = {0.25: [], 0.05: []}
@@ -154,8 +153,12 @@ def test_halving_the_sub_step_changes_little():
         fields = (world.position, world.velocity, world.goal, world.radius, world.preferred_speed)
         inputs = (*(field[:, 1:] for field in fields), np.zeros_like(world.position[:, 1:]))
         for sub_step, changes in change.items():
-            one, two = (social_force_velocities(*inputs, sub_step=step) for step in (sub_step, sub_step / 2))
-            changes.append(np.linalg.norm(one - two, axis=-1))
+            found = []
+            for longest in (sub_step, sub_step / 2):
+                monkeypatch.setattr(forces, "SUB_STEP", longest)
+                found.append(social_force_velocities(*inputs))
+            changes.append(np.linalg.norm(found[0] - found[1], axis=-1))
+        monkeypatch.undo()
         world = step_of(world, scenario)
     assert np.median(change[0.05]) < 0.005
     assert np.quantile(change[0.05], 0.95) < 0.04

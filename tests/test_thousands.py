@@ -16,8 +16,7 @@ from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.runs.recording import most_failures
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts.placer import CLEARANCE, Points
-from crowdbench.sim.nearest import with_nearest
-from crowdbench.sim.sensor import observe
+from crowdbench.sim.sensor import observe, with_nearest
 from crowdbench.sim.simulator import crowd_velocities, step
 from crowdbench.utils.errors import InputError
 

@@ -11,6 +11,12 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.utils.compiled import njit
 
+Numbers = Float[np.ndarray, "*batch"]
+"""A number per agent or vehicle."""
+
+Vectors = Float[np.ndarray, "*batch 2"]
+"""A point, a velocity or a command per agent or vehicle."""
+
 
 class Discs(NamedTuple):
     """Agents of one world in a step, as discs that move in straight lines at constant speed. For kernels.
@@ -58,26 +64,10 @@ def nearest_in_step(i, discs):
     return least, nearest
 
 
-def norm(vector: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+def norm(vector: Vectors) -> Numbers:
     """The length of each vector."""
     x, y = vector[..., 0], vector[..., 1]
     return np.sqrt(x * x + y * y)
-
-
-@no_type_check
-@njit
-def heading_of(vx, vy, before):
-    """The direction of a velocity. Compiled.
-
-    Args:
-        vx (float): x of the velocity in m/s.
-        vy (float): Its y.
-        before (float): The heading before, in radians.
-
-    Returns:
-        direction (float): In radians; the heading before where the velocity is zero.
-    """
-    return math.atan2(vy, vx) if vx != 0.0 or vy != 0.0 else before
 
 
 @no_type_check
@@ -95,16 +85,12 @@ def turn(before, after):
     return (after - before + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def wrap_angle(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+def wrap_angle(angle: Numbers) -> Numbers:
     """Angles in radians, reduced to [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def toward_goal(
-    position: Float[np.ndarray, "*batch 2"],
-    goal: Float[np.ndarray, "*batch 2"],
-    preferred_speed: Float[np.ndarray, "*batch"],
-) -> Float[np.ndarray, "*batch 2"]:
+def toward_goal(position: Vectors, goal: Vectors, preferred_speed: Numbers) -> Vectors:
     """The velocity towards the goal at the preferred speed, which decreases with the distance over the last metre.
 
     As in CrowdNav it is the vector to the goal in metres, taken as a velocity in m/s and shortened to the preferred
@@ -119,9 +105,7 @@ def toward_goal(
         Velocities in m/s.
     """
     out = np.empty(position.shape)
-    fill_toward_goal(
-        np.ascontiguousarray(position), np.ascontiguousarray(goal), np.ascontiguousarray(preferred_speed), out
-    )
+    fill_toward_goal(*map(np.ascontiguousarray, (position, goal, preferred_speed)), out)
     return out
 
 
@@ -160,11 +144,8 @@ def pad_points(points: Sequence[Any]) -> Float[np.ndarray, "row point 2"]:
 
 
 def local_goals(
-    position: Float[np.ndarray, "*batch 2"],
-    goal: Float[np.ndarray, "*batch 2"],
-    route: Float[np.ndarray, "*batch waypoint 2"],
-    waypoint: Int[np.ndarray, "*batch"],
-) -> Float[np.ndarray, "*batch 2"]:
+    position: Vectors, goal: Vectors, route: Float[np.ndarray, "*batch waypoint 2"], waypoint: Int[np.ndarray, "*batch"]
+) -> Vectors:
     """The local goals of agents on their routes.
 
     A local goal lies in the direction of the next waypoint, as far away as the goal is along the route. Who heads for
@@ -182,20 +163,17 @@ def local_goals(
     if route.shape[-2] == 0:
         return goal
     out = np.empty(position.shape)
-    _local_goals(
-        np.ascontiguousarray(position).reshape(-1, 2),
-        np.ascontiguousarray(goal).reshape(-1, 2),
-        np.ascontiguousarray(route).reshape(-1, *route.shape[-2:]),
-        np.ascontiguousarray(waypoint).reshape(-1),
-        out.reshape(-1, 2),
-    )
+    routes = np.ascontiguousarray(route).reshape(-1, *route.shape[-2:])
+    _fill_local_goals(*map(np.ascontiguousarray, (position, goal, waypoint)), routes, out)
     return out
 
 
 @no_type_check
 @njit
-def _local_goals(position, goal, route, waypoint, out):
-    """See `local_goals`; fills `out`."""
+def _fill_local_goals(position, goal, waypoint, route, out):
+    """See `local_goals`; the routes are `[agent, waypoint, 2]`, the other arrays have any batch axes."""
+    position, goal, out = position.reshape(-1, 2), goal.reshape(-1, 2), out.reshape(-1, 2)
+    waypoint = waypoint.reshape(-1)
     for i in range(len(out)):
         x, y = position[i, 0], position[i, 1]
         ahead_x, ahead_y, first, length = 0.0, 0.0, 0.0, 0.0

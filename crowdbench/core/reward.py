@@ -11,6 +11,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
+from crowdbench.core.geometry import Numbers
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome, Trace
 from crowdbench.utils.compiled import njit
 
@@ -31,13 +32,11 @@ DISCOUNT = 0.9
 
 # Plain numbers, because reading a member of an enum takes as long as the rest of a reward.
 _RUNNING = int(Outcome.RUNNING)
-_PAID = {Outcome.SUCCESS: SUCCESS, Outcome.COLLISION: COLLISION, Outcome.WALL_COLLISION: WALL_COLLISION}
-_ENDED = np.array([_PAID.get(outcome, 0.0) for outcome in sorted(Outcome)])
+_FINAL = np.zeros(len(Outcome))
+_FINAL[[Outcome.SUCCESS, Outcome.COLLISION, Outcome.WALL_COLLISION]] = SUCCESS, COLLISION, WALL_COLLISION
 
 
-def reward(
-    outcome: Int[np.ndarray, "*batch"], gap: Float[np.ndarray, "*batch"], dt: float
-) -> Float[np.ndarray, "*batch"]:
+def reward(outcome: Int[np.ndarray, "*batch"], gap: Numbers, dt: float) -> Numbers:
     """The reward of a step (Chen et al. 2019, equation 3). A time-out has reward 0.
 
     Args:
@@ -48,21 +47,21 @@ def reward(
     Returns:
         The reward.
     """
-    paid = np.empty(outcome.shape)
-    _fill_reward(np.ascontiguousarray(outcome), np.ascontiguousarray(gap), dt, paid)
-    return paid
+    rewards = np.empty(outcome.shape)
+    _fill_reward(np.ascontiguousarray(outcome), np.ascontiguousarray(gap), dt, rewards)
+    return rewards
 
 
 @no_type_check
 @njit
-def _fill_reward(outcome, gap, dt, paid):
-    """Fill `paid [...]`, see `reward`. Compiled, because NumPy takes as long for one world as a step does."""
-    outcome, gap, paid = outcome.reshape(-1), gap.reshape(-1), paid.reshape(-1)
-    for i in range(len(paid)):
+def _fill_reward(outcome, gap, dt, rewards):
+    """Fill `rewards [...]`, see `reward`. Compiled, because NumPy takes as long for one world as a step does."""
+    outcome, gap, rewards = outcome.reshape(-1), gap.reshape(-1), rewards.reshape(-1)
+    for i in range(len(rewards)):
         if outcome[i] == _RUNNING:
-            paid[i] = min(gap[i] - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
+            rewards[i] = min(gap[i] - DISCOMFORT_GAP, 0.0) * DISCOMFORT * dt
         else:
-            paid[i] = _ENDED[outcome[i]]
+            rewards[i] = _FINAL[outcome[i]]
 
 
 def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:
@@ -72,7 +71,7 @@ def episode_rewards(trace: Trace) -> Float[np.ndarray, "world step"]:
     return np.where(steps < trace.steps[:, None], reward(outcome, trace.gap, trace.rules.dt), np.nan)
 
 
-def discount(preferred_speed: Float[np.ndarray, "*batch"], dt: float) -> Float[np.ndarray, "*batch"]:
+def discount(preferred_speed: Numbers, dt: float) -> Numbers:
     """The factor by which a reward that comes one step later counts less.
 
     Args:

@@ -163,14 +163,9 @@ def philox(c0, c1, c2, c3, k0, k1):
         random (tuple): Four random numbers, uint64.
     """
     for _ in range(10):
-        c0, c1, c2, c3 = (
-            _high_product(_MULTIPLIERS[1], c2) ^ c1 ^ k0,
-            _MULTIPLIERS[1] * c2,
-            _high_product(_MULTIPLIERS[0], c0) ^ c3 ^ k1,
-            _MULTIPLIERS[0] * c0,
-        )
-        k0 += _WEYL[0]
-        k1 += _WEYL[1]
+        first, second = _high_product(_MULTIPLIERS[0], c0), _high_product(_MULTIPLIERS[1], c2)
+        c0, c1, c2, c3 = second ^ c1 ^ k0, _MULTIPLIERS[1] * c2, first ^ c3 ^ k1, _MULTIPLIERS[0] * c0
+        k0, k1 = k0 + _WEYL[0], k1 + _WEYL[1]
     return c0, c1, c2, c3
 
 

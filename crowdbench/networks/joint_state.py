@@ -82,15 +82,15 @@ def joint_states(
     """
     *batch, agents = radius.shape
     out = np.empty((*batch, max(agents - 1, 1), SIZE), np.float32)
-    agents_of_all = PedestrianStates(
-        np.ascontiguousarray(position).reshape(-1, agents, 2),
-        np.ascontiguousarray(velocity).reshape(-1, agents, 2),
-        np.ascontiguousarray(radius).reshape(-1, agents),
-        np.ascontiguousarray(present).reshape(-1, agents),
-    )
-    goals, speeds = np.ascontiguousarray(goal).reshape(-1, 2), np.ascontiguousarray(preferred_speed).reshape(-1)
-    _joint_states(agents_of_all, goals, speeds, out.reshape(-1, *out.shape[-2:]))
+    axes = len(batch)
+    agents_of_all = PedestrianStates(*(_flat(each, axes) for each in (position, velocity, radius, present)))
+    _joint_states(agents_of_all, _flat(goal, axes), _flat(preferred_speed, axes), out.reshape(-1, *out.shape[-2:]))
     return out
+
+
+def _flat(array: np.ndarray, axes: int) -> np.ndarray:
+    """An array with one batch axis instead of so many."""
+    return np.ascontiguousarray(array).reshape(-1, *array.shape[axes:])
 
 
 @no_type_check
@@ -108,23 +108,16 @@ def write_joint_states(out, own, others):
     # At the goal there is no direction to it. The frame is then the world's, because CrowdNav takes atan2(0, 0) = 0.
     cos, sin = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)
     for p in range(len(out)):
-        out[p, 0] = distance
-        out[p, 1] = own.preferred_speed
-        out[p, 2] = 0.0
-        out[p, 3] = own.radius
-        out[p, 4] = own.vx * cos + own.vy * sin
-        out[p, 5] = own.vy * cos - own.vx * sin
+        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = distance, own.preferred_speed, 0.0, own.radius
+        out[p, 4], out[p, 5] = own.vx * cos + own.vy * sin, own.vy * cos - own.vx * sin
         if p >= len(others.present) or not others.present[p]:
             out[p, 6:] = 0.0
             continue
         px, py = others.position[p, 0] - own.x, others.position[p, 1] - own.y
         vx, vy = others.velocity[p, 0], others.velocity[p, 1]
-        out[p, 6] = px * cos + py * sin
-        out[p, 7] = py * cos - px * sin
-        out[p, 8] = vx * cos + vy * sin
-        out[p, 9] = vy * cos - vx * sin
-        out[p, 10] = others.radius[p]
-        out[p, 11] = math.sqrt(px * px + py * py)
+        out[p, 6], out[p, 7] = px * cos + py * sin, py * cos - px * sin
+        out[p, 8], out[p, 9] = vx * cos + vy * sin, vy * cos - vx * sin
+        out[p, 10], out[p, 11] = others.radius[p], math.sqrt(px * px + py * py)
         out[p, 12] = others.radius[p] + own.radius
 
 
@@ -135,7 +128,6 @@ def _joint_states(agents, goal, speed, out):
         x, y = agents.position[b, 0, 0], agents.position[b, 0, 1]
         vx, vy = agents.velocity[b, 0, 0], agents.velocity[b, 0, 1]
         own = VehicleState(x, y, vx, vy, agents.radius[b, 0], goal[b], speed[b])
-        others = PedestrianStates(
-            agents.position[b, 1:], agents.velocity[b, 1:], agents.radius[b, 1:], agents.present[b, 1:]
-        )
+        position, velocity = agents.position[b, 1:], agents.velocity[b, 1:]
+        others = PedestrianStates(position, velocity, agents.radius[b, 1:], agents.present[b, 1:])
         write_joint_states(out[b], own, others)

@@ -21,6 +21,7 @@ from crowdbench.utils.errors import InputError, find_named
 
 Joint = Float[Tensor, "*batch pedestrian 13"]
 Present = Bool[Tensor, "*batch pedestrian"]
+Values = Float[Tensor, "*batch"]
 JointBatch = Float[Tensor, "batch pedestrian 13"]
 PresentBatch = Bool[Tensor, "batch pedestrian"]
 ValueAndAttention = tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]
@@ -48,7 +49,7 @@ class ValueNetwork(nn.Module, abc.ABC):
     name: str
     """The name of the network on the cards of its weights."""
 
-    def forward(self, joint: Joint, present: Present) -> Float[Tensor, "*batch"]:
+    def forward(self, joint: Joint, present: Present) -> Values:
         """The value of each state.
 
         Args:
@@ -60,9 +61,7 @@ class ValueNetwork(nn.Module, abc.ABC):
         """
         return self.attend(joint, present)[0]
 
-    def attend(
-        self, joint: Joint, present: Present
-    ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch pedestrian"]]:
+    def attend(self, joint: Joint, present: Present) -> tuple[Values, Float[Tensor, "*batch pedestrian"]]:
         """The value of each state, and the attention to each pedestrian.
 
         Args:
@@ -93,7 +92,7 @@ class ValueNetwork(nn.Module, abc.ABC):
         """
 
 
-def alone(joint: Float[Tensor, "batch pedestrian 13"]) -> Float[Tensor, "batch"]:
+def alone(joint: JointBatch) -> Float[Tensor, "batch"]:
     """The value of a state without pedestrians: the reward of success, discounted over the straight way to the goal."""
     distance, radius = joint[:, 0, 0], joint[:, 0, 3]
     return SUCCESS * DISCOUNT ** (distance - radius).clamp(min=0.0)
@@ -171,16 +170,12 @@ NETWORKS: dict[str, type[ValueNetwork]] = {network.name: network for network in 
 """The value networks by name. What trains them is in `crowdbench.train.methods`."""
 
 
-def _gather(
-    everybody: Float[Tensor, "batch pedestrian k"], present: Bool[Tensor, "batch pedestrian"]
-) -> Float[Tensor, "present k"]:
+def _gather(everybody: Float[Tensor, "batch pedestrian k"], present: PresentBatch) -> Float[Tensor, "present k"]:
     """The rows of the pedestrians that are present; a view where all are."""
     return everybody.flatten(0, 1) if present.all() else everybody[present]
 
 
-def _scatter(
-    rows: Float[Tensor, "present *k"], present: Bool[Tensor, "batch pedestrian"], absent: float = 0.0
-) -> Tensor:
+def _scatter(rows: Float[Tensor, "present *k"], present: PresentBatch, absent: float = 0.0) -> Tensor:
     """The inverse of `_gather`: `[batch, pedestrian, *k]`, with a value for those who are absent."""
     if len(rows) == present.numel():
         return rows.reshape(*present.shape, *rows.shape[1:])

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation
 from crowdbench.planners.base import Planner
 from crowdbench.sim.obstacles import slide
+from crowdbench.sim.pedestrians.forces import to_walkers
 from crowdbench.sim.pedestrians.orca import orca_velocities
 from crowdbench.sim.pedestrians.orca_crowd import ORCA_MARGIN, TIME_HORIZON_OBST
 from crowdbench.sim.pedestrians.social_force import social_force_velocities
@@ -48,9 +49,18 @@ class ORCAPlanner(Planner):
         preferred = np.zeros_like(position)
         preferred[:, 0] = toward_goal(vehicle.position, vehicle.local_goal, vehicle.preferred_speed)
         radius = radius + (ORCA_MARGIN + self.safety_space)
-        speed, options = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape), _model_options(obs, present)
+        speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
         velocities = orca_velocities(
-            position, velocity, preferred, radius, speed, time_horizon_obst=TIME_HORIZON_OBST, **options
+            position,
+            velocity,
+            preferred,
+            radius,
+            speed,
+            time_step=obs.dt,
+            time_horizon_obst=TIME_HORIZON_OBST,
+            obstacles=obs.obstacles,
+            seen=present,
+            moves=np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape),  # only the vehicle
         )
         # Nothing else keeps a vehicle off walls that cannot take these velocities at once.
         return along_walls(obs, velocities[:, 0])
@@ -75,17 +85,10 @@ class SocialForcePlanner(Planner):
         position, velocity, radius, present = obs.everybody()
         goal = position.copy()
         goal[:, 0] = vehicle.local_goal
-        radius = radius + self.safety_space
-        speed, options = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape), _model_options(obs, present)
-        no_noise = np.zeros_like(position)
-        velocities = social_force_velocities(position, velocity, goal, radius, speed, no_noise, **options)
-        return along_walls(obs, velocities[:, 0])
-
-
-def _model_options(obs: Observation, present: Bool[np.ndarray, "world agent"]) -> dict[str, Any]:
-    """The arguments that both models of pedestrians take alike; only the vehicle, agent 0, moves."""
-    moves = np.broadcast_to(np.arange(present.shape[1]) == 0, present.shape)
-    return {"time_step": obs.dt, "obstacles": obs.obstacles, "seen": present, "moves": moves}
+        speed = np.broadcast_to(vehicle.preferred_speed[:, None], radius.shape)
+        moves = np.broadcast_to(np.arange(radius.shape[1]) == 0, radius.shape)
+        walkers = to_walkers(position, velocity, goal, radius + self.safety_space, speed, present, moves, obs.obstacles)
+        return along_walls(obs, social_force_velocities(walkers, np.zeros_like(position), time_step=obs.dt)[:, 0])
 
 
 GAP = 0.01

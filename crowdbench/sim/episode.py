@@ -59,12 +59,8 @@ def check_step(rules, before, after, check):
         after (After): The worlds after it.
         check (StepCheck): Filled.
     """
-    position, radius, obstacles, is_plus = (
-        before.position,
-        before.radius,
-        before.obstacles,
-        rules.collision == _CROWDNAV_PLUS,
-    )
+    position, radius, obstacles = before.position, before.radius, before.obstacles
+    is_plus = rules.collision == _CROWDNAV_PLUS
     motion, last = np.empty(position.shape[1:]), position if is_plus else after.position
     for w in range(len(position)):
         fill_motion(position[w], after.position[w], before.velocity[w], rules.collision, rules.dt, motion)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, no_type_check
 
 import numpy as np
+from jaxtyping import Float
 
 from crowdbench.utils.compiled import njit
 
@@ -38,26 +39,21 @@ def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], C
     return njit(error_model="numpy")(loop), in_turn
 
 
-def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> np.ndarray:
-    """An argument of a kernel in the form in which `at` reads it.
+def per_agent(value: float | np.ndarray) -> Float[np.ndarray, "_ _"]:
+    """A number for all agents, or an array `[world]` or `[world, agent]`, in the form in which `at` reads it.
 
-    Args:
-        value: A number for all agents, or an array `[world]` or `[world, agent]`.
-        dtype: Type of the array's elements.
-
-    Returns:
-        An array with two axes. An axis of length 1 holds one value for all.
+    An axis of length 1 holds one value for all.
     """
     if not isinstance(value, np.ndarray):
-        return _number(value, dtype)
-    array: np.ndarray = np.ascontiguousarray(value, dtype)
+        return _number(value)
+    array: np.ndarray = np.ascontiguousarray(value, np.float64)
     return array if array.ndim == 2 else array.reshape(-1, 1)
 
 
 @functools.cache
-def _number(value: float, dtype: type) -> np.ndarray:
+def _number(value: float) -> Float[np.ndarray, "1 1"]:
     # Cached, because making this array takes as long as a kernel does for one world.
-    return np.full((1, 1), value, dtype)
+    return np.full((1, 1), value, np.float64)
 
 
 @no_type_check

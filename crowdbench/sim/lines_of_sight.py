@@ -38,9 +38,9 @@ def is_hidden(seen, position, radius, present, obstacles):
     across = radius[seen] / distance if distance > 0.0 else 0.0
     for side in (0.0, 1.0, -1.0):
         to_x, to_y = dx - side * across * dy, dy + side * across * dx
-        if not _is_behind_people(to_x, to_y, seen, position, radius, present) and not _is_behind_walls(
-            x, y, to_x, to_y, obstacles
-        ):
+        if _is_behind_people(to_x, to_y, seen, position, radius, present):
+            continue
+        if len(obstacles) == 0 or _share_to_walls(x, y, to_x, to_y, obstacles) == 1.0:
             return False
     return True
 
@@ -62,13 +62,6 @@ def _is_behind_people(dx, dy, seen, position, radius, present):
         if bx * bx + by * by < radius[a] * radius[a]:
             return True
     return False
-
-
-@no_type_check
-@njit(error_model="numpy")
-def _is_behind_walls(x, y, dx, dy, obstacles):
-    """Whether a line that starts at (x, y) and ends at (dx, dy) from there crosses an edge."""
-    return obstacles.shape[0] > 0 and _share_to_walls(x, y, dx, dy, obstacles) < 1.0
 
 
 @no_type_check

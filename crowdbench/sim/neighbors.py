@@ -56,18 +56,6 @@ class Cells(NamedTuple):
     place: Float[np.ndarray, "world agent 2"]
 
 
-def _cells(worlds: int, agents: int) -> Cells:
-    """Arrays for the cells of so many worlds."""
-    return Cells(
-        np.empty((worlds, 2)),
-        np.empty(worlds),
-        np.empty((worlds, 2), np.int64),
-        np.empty((worlds, agents + 2 if agents else 0), np.int64),
-        np.empty((worlds, agents), np.int64),
-        np.empty((worlds, agents, 2)),
-    )
-
-
 def cells_of(position: Float[np.ndarray, "world agent 2"], seen: Bool[np.ndarray, "_ _"]) -> Cells | None:
     """Put the agents of worlds into cells.
 
@@ -81,15 +69,18 @@ def cells_of(position: Float[np.ndarray, "world agent 2"], seen: Bool[np.ndarray
     worlds, agents = position.shape[:2]
     if agents < CELLS_FROM:
         return None
-    made = _cells(worlds, agents)
+    corner, length, size = np.empty((worlds, 2)), np.empty(worlds), np.empty((worlds, 2), np.int64)
+    first, member = np.empty((worlds, agents + 2), np.int64), np.empty((worlds, agents), np.int64)
+    cells = Cells(corner, length, size, first, member, np.empty((worlds, agents, 2)))
     fill = _fill_parallel if worlds > 1 else _fill_serial
-    fill(position, seen, *made)
-    return made
+    fill(position, seen, *cells)
+    return cells
 
 
 @no_type_check
-def _fill(position, seen, corner, length, size, first, member, place):
+def _fill(position, seen, *cells):
     """Fill the arrays of `Cells`, see `cells_of`."""
+    corner, length, size, first, member, place = cells
     worlds, agents = position.shape[:2]
     for w in prange(worlds):
         n, columns, rows = _lay(w, position, seen, corner, length)
@@ -182,6 +173,30 @@ def _index(way, length, number):
 
 
 @no_type_check
+@njit(error_model="numpy", inline="always")
+def insert_sorted(j, squared, n, limit, neighbor, distance):
+    """Insert somebody into a sorted list: by distance, and where distances are equal by index.
+
+    Args:
+        j (int): The index; if the list is full, of somebody who comes before its last one.
+        squared (float): The squared distance.
+        n (int): Length of the list.
+        limit (int): Its largest length, above 0: the last one falls out of a full list.
+        neighbor (array): The indices.
+        distance (array): The squared distances.
+
+    Returns:
+        n (int): Its length now.
+    """
+    slot = n if n < limit else n - 1
+    while slot > 0 and (squared < distance[slot - 1] or (squared == distance[slot - 1] and j < neighbor[slot - 1])):
+        neighbor[slot], distance[slot] = neighbor[slot - 1], distance[slot - 1]
+        slot -= 1
+    neighbor[slot], distance[slot] = j, squared
+    return min(n + 1, limit)
+
+
+@no_type_check
 @njit(error_model="numpy")
 def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neighbor, distance):
     """Find the neighbours of an agent from cells.
@@ -216,14 +231,12 @@ def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neigh
         bottom, top = max(row - ring, 0), min(row + ring, rows - 1)
         for r in range(bottom, top + 1):
             # The cells of a row follow each other. Of the inner rows, all but the two outermost cells are done.
-            whole = ring == 1 or r == row - ring or r == row + ring
-            for part in range(1 if whole else 2):
+            is_whole = ring == 1 or r == row - ring or r == row + ring
+            for part in range(1 if is_whole else 2):
                 begin, end = left, right
-                if not whole:
-                    if part == 0:
-                        begin, end = column - ring, column - ring
-                    else:
-                        begin, end = column + ring, column + ring
+                if not is_whole:
+                    begin = column - ring if part == 0 else column + ring
+                    end = begin
                     if begin < 0 or end >= columns:
                         continue
                 for s in range(first[w, r * columns + begin], first[w, r * columns + end + 1]):
@@ -236,28 +249,15 @@ def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neigh
                         continue
                     if hides and wall_gap_in_step(x, y, dx, dy, 0.0, polygons) <= 0.0:
                         continue
-                    slot = n if n < limit else n - 1
-                    while slot > 0 and (
-                        squared < distance[slot - 1] or (squared == distance[slot - 1] and j < neighbor[slot - 1])
-                    ):
-                        neighbor[slot], distance[slot] = neighbor[slot - 1], distance[slot - 1]
-                        slot -= 1
-                    neighbor[slot], distance[slot] = j, squared
-                    if n < limit:
-                        n += 1
+                    n = insert_sorted(j, squared, n, limit, neighbor, distance)
                     if n == limit:
                         farthest, last = distance[n - 1], neighbor[n - 1]
         # How far away the nearest cells are that are left, on each of the four sides where there are some.
-        away = np.inf
-        if left > 0:
-            away = min(away, to_x - left * side)
-        if right < columns - 1:
-            away = min(away, (right + 1) * side - to_x)
-        if bottom > 0:
-            away = min(away, to_y - bottom * side)
-        if top < rows - 1:
-            away = min(away, (top + 1) * side - to_y)
-        away -= _SLACK * side
+        west = to_x - left * side if left > 0 else np.inf
+        east = (right + 1) * side - to_x if right < columns - 1 else np.inf
+        south = to_y - bottom * side if bottom > 0 else np.inf
+        north = (top + 1) * side - to_y if top < rows - 1 else np.inf
+        away = min(west, east, south, north) - _SLACK * side
         if away == np.inf or (away > 0.0 and away * away > farthest):
             return n
         ring += 1
@@ -294,13 +294,7 @@ def nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor
             continue
         if hides and wall_gap_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons) <= 0.0:
             continue
-        slot = n if n < limit else n - 1
-        while slot > 0 and squared < distance[slot - 1]:
-            neighbor[slot], distance[slot] = neighbor[slot - 1], distance[slot - 1]
-            slot -= 1
-        neighbor[slot], distance[slot] = j, squared
-        if n < limit:
-            n += 1
+        n = insert_sorted(j, squared, n, limit, neighbor, distance)
         if n == limit:
             reach_squared = distance[n - 1]
     return n

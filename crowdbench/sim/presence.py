@@ -53,13 +53,8 @@ def come_and_go(world: World, running: Bool[np.ndarray, "world"]) -> World:
     position[:, 1:][comes] = now[comes]
     velocity[:, 1:][comes] = np.nan_to_num(later - now)[comes] / world.rules.dt
     history.swapaxes(1, 2)[comes] = now[comes][:, None]
-    return world.replace(
-        present=present,
-        position=position,
-        velocity=velocity,
-        history=history,
-        since=np.where(comes, world.step[:, None], world.since),
-    )
+    since = np.where(comes, world.step[:, None], world.since)
+    return world.replace(present=present, position=position, velocity=velocity, history=history, since=since)
 
 
 def _on_vehicle(world: World, place: Float[np.ndarray, "world pedestrian 2"]) -> Bool[np.ndarray, "world pedestrian"]:

@@ -69,14 +69,7 @@ def next_waypoints(
     if route.shape[2] == 0:
         return waypoint
     found = waypoint.copy()
-    _next_waypoints(
-        np.ascontiguousarray(position),
-        np.ascontiguousarray(goal),
-        np.ascontiguousarray(route),
-        np.ascontiguousarray(radius),
-        np.ascontiguousarray(obstacles),
-        found,
-    )
+    _next_waypoints(*map(np.ascontiguousarray, (position, goal, route, radius, obstacles)), found)
     return found
 
 

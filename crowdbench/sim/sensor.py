@@ -1,7 +1,11 @@
-"""The vehicle's sensor: makes observations of worlds. What limited sight has seen of them is kept by `sight`."""
+"""The vehicle's sensor: makes observations of worlds. What limited sight has seen of them is kept by `sight`.
+
+Where there are more pedestrians than a planner could use, it is shown the nearest ones.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import no_type_check
 
@@ -10,8 +14,11 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.types import HISTORY, Lidar, Observation, Pedestrians, Vehicle, World
 from crowdbench.sim.lines_of_sight import measure_all_beams
-from crowdbench.sim.nearest import with_nearest
+from crowdbench.sim.neighbors import insert_sorted
 from crowdbench.utils.compiled import njit
+
+_OVER_TIME = ("history", "filled")
+"""What has an axis `time` before the axis `pedestrian`."""
 
 
 def observe(
@@ -60,6 +67,58 @@ def observe(
     return with_nearest(everything, sensor.nearest)
 
 
+def with_nearest(obs: Observation, number: int | None) -> Observation:
+    """An observation of the nearest pedestrians only.
+
+    Args:
+        obs: The observation.
+        number: How many pedestrians there are in the new one, if the old one has more; all if None.
+
+    Returns:
+        The observation of those whose centres are nearest to the vehicle's position, of two at the same distance the
+        one that comes first. They are in the same order as before. Who is not seen only fills the places of a world in
+        which fewer are seen.
+    """
+    crowd = obs.pedestrians
+    if number is None or number >= crowd.seen.shape[1]:
+        return obs
+    index = np.empty((len(obs), number), np.int64)
+    _find_nearest(obs.vehicle.position, crowd.position, crowd.seen, index)
+    parts = {name: _take(part, index, name in _OVER_TIME) for name, part in vars(crowd).items() if part is not None}
+    future = None if obs.future is None else _take(obs.future, index, False)
+    return dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, **parts), future=future)
+
+
+def _take(array: np.ndarray, index: Int[np.ndarray, "world nearest"], is_over_time: bool) -> np.ndarray:
+    """The rows of some pedestrians, in an array of its own."""
+    row = np.arange(len(index))[:, None]
+    return array[row, :, index].swapaxes(1, 2).copy() if is_over_time else array[row, index]
+
+
+@no_type_check
+@njit
+def _find_nearest(position, others, seen, index):
+    """Find the nearest, see `with_nearest`.
+
+    Args:
+        position: `[world, 2]`, of the vehicle, in metres.
+        others: `[world, pedestrian, 2]`, in metres.
+        seen: `[world, pedestrian]`.
+        index: `[world, nearest]`, filled: pedestrians in ascending order.
+    """
+    number = index.shape[1]
+    distance = np.empty(number)
+    for w in range(len(index)):
+        n = 0
+        for p in range(seen.shape[1]):
+            dx, dy = others[w, p, 0] - position[w, 0], others[w, p, 1] - position[w, 1]
+            apart = dx * dx + dy * dy if seen[w, p] else np.inf
+            if n == number and not apart < distance[n - 1]:
+                continue
+            n = insert_sorted(p, apart, n, number, index[w], distance)
+        index[w].sort()
+
+
 def _everybody(world: World) -> Pedestrians:
     """Every pedestrian that is present, without error or delay."""
     seen = world.present[:, 1:].copy()
@@ -104,9 +163,8 @@ def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
 def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:
     """What a lidar measures at the vehicle's position, as `crowdbench.core.types.Observation.lidar`."""
     distance = np.empty((len(world), lidar.beams))
-    measure_all_beams(
-        world.heading, world.position, world.radius, world.present, world.obstacles, lidar.range, distance
-    )
+    scene = world.heading, world.position, world.radius, world.present, world.obstacles
+    measure_all_beams(*scene, lidar.range, distance)
     return distance
 
 

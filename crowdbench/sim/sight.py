@@ -70,11 +70,9 @@ def look(world: World) -> World:
         sent["sent"] = np.concatenate([before["sent"][:, 1:], measured[:, None]], axis=1)
         sent["sender"] = np.concatenate([before["sender"][:, 1:], sender[:, None]], axis=1)
         measured, sender = (np.ascontiguousarray(before[name][:, 0]) for name in ("sent", "sender"))
-    tracks = Tracks(*(before[name] for name in Tracks._fields))
-    after = Tracks(*map(np.empty_like, tracks))
-    dt = world.rules.dt
-    _track(measured, sender, dt, sensor.steps_remembered(dt), *tracks, *after)
-    return world.replace(sight=sent | after._asdict())
+    tracks, dt = Tracks(*(before[name].copy() for name in Tracks._fields)), world.rules.dt
+    _track(measured, sender, dt, sensor.steps_remembered(dt), *tracks)
+    return world.replace(sight=sent | tracks._asdict())
 
 
 def _nothing(world: World) -> dict[str, np.ndarray]:
@@ -157,41 +155,41 @@ def _track(measured, sender, dt, remembered, *tracks):
         sender: `[world, pedestrian]`, the person in each place when it was measured, -1 where there was none.
         dt: Length of a step in seconds.
         remembered: For how many steps a person is remembered.
-        *tracks: The fields of the `Tracks` before the step, and of those after it, which are filled.
+        *tracks: The fields of `Tracks`, which are changed.
     """
-    person, state, unseen, observed, history, filled = tracks[:6]
-    new_person, new_state, new_unseen, new_observed, new_history, new_filled = tracks[6:]
+    person, state, unseen, observed, history, filled = tracks
     worlds, length, pedestrians, _ = history.shape
     for w in range(worlds):
         for p in range(pedestrians):
-            new_person[w, p] = person[w, p] if sender[w, p] < 0 else sender[w, p]
-            gap = unseen[w, p] if new_person[w, p] == person[w, p] else -1
+            gap = unseen[w, p]
+            if sender[w, p] >= 0 and sender[w, p] != person[w, p]:
+                person[w, p], gap = sender[w, p], -1
             is_measured = not math.isnan(measured[w, p, 0])
             if not is_measured and (gap < 0 or gap >= remembered):
-                _forget(w, p, new_state, new_unseen, new_observed, new_history, new_filled)
+                _forget(w, p, state, unseen, observed, history, filled)
                 continue
             for t in range(length - 1):
-                new_history[w, t, p, 0], new_history[w, t, p, 1] = history[w, t + 1, p, 0], history[w, t + 1, p, 1]
-                new_filled[w, t, p] = filled[w, t + 1, p]
-            new_state[w, p] = measured[w, p] if is_measured else state[w, p]
-            if not is_measured:
-                new_state[w, p, 0] += state[w, p, 2] * dt
-                new_state[w, p, 1] += state[w, p, 3] * dt
-            new_unseen[w, p] = 0 if is_measured else gap + 1
-            new_observed[w, p] = 1 if gap < 0 else min(observed[w, p] + 1, length)
-            new_filled[w, length - 1, p] = not is_measured
-            x, y = new_state[w, p, 0], new_state[w, p, 1]
-            new_history[w, length - 1, p, 0], new_history[w, length - 1, p, 1] = x, y
+                history[w, t, p, 0], history[w, t, p, 1] = history[w, t + 1, p, 0], history[w, t + 1, p, 1]
+                filled[w, t, p] = filled[w, t + 1, p]
+            last_x, last_y = state[w, p, 0] - gap * state[w, p, 2] * dt, state[w, p, 1] - gap * state[w, p, 3] * dt
+            if is_measured:
+                state[w, p] = measured[w, p]
+            else:
+                state[w, p, 0] += state[w, p, 2] * dt
+                state[w, p, 1] += state[w, p, 3] * dt
+            unseen[w, p] = 0 if is_measured else gap + 1
+            observed[w, p] = 1 if gap < 0 else min(observed[w, p] + 1, length)
+            filled[w, length - 1, p] = not is_measured
+            x, y = state[w, p, 0], state[w, p, 1]
+            history[w, length - 1, p, 0], history[w, length - 1, p, 1] = x, y
             if gap < 0:
                 for t in range(length - 1):
-                    new_history[w, t, p, 0], new_history[w, t, p, 1] = x, y
-                    new_filled[w, t, p] = False
+                    history[w, t, p, 0], history[w, t, p, 1], filled[w, t, p] = x, y, False
             elif is_measured:
-                last_x, last_y = state[w, p, 0] - gap * state[w, p, 2] * dt, state[w, p, 1] - gap * state[w, p, 3] * dt
                 for back in range(1, min(gap, length - 1) + 1):
                     share = back / (gap + 1)
-                    new_history[w, length - 1 - back, p, 0] = x + share * (last_x - x)
-                    new_history[w, length - 1 - back, p, 1] = y + share * (last_y - y)
+                    history[w, length - 1 - back, p, 0] = x + share * (last_x - x)
+                    history[w, length - 1 - back, p, 1] = y + share * (last_y - y)
 
 
 @no_type_check

@@ -17,7 +17,7 @@ from crowdbench.core.types import Outcome, RuleNumbers, Rules, World
 from crowdbench.sim.episode import StepCheck, check_step
 from crowdbench.sim.obstacles import slide
 from crowdbench.sim.pedestrians import Memory, PedestrianPolicy, PolicyWithMemory
-from crowdbench.sim.pedestrians.base import init_memory, query_policy
+from crowdbench.sim.pedestrians.base import Velocities, init_memory, query_policy
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.sim.sight import look
 from crowdbench.utils.compiled import njit
@@ -33,14 +33,12 @@ BLIND = "without the vehicle"
 """Where a world's memory holds what policies remember of a crowd in which nobody sees the vehicle."""
 
 
-def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Float[np.ndarray, "world pedestrian 2"]:
+def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> Velocities:
     """The velocities of `crowd_decisions`, for worlds that go no further."""
     return crowd_decisions(world, policies)[0]
 
 
-def crowd_decisions(
-    world: World, policies: Mapping[str, PedestrianPolicy]
-) -> tuple[Float[np.ndarray, "world pedestrian 2"], World]:
+def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, World]:
     """What the pedestrians' policies decide: the velocities that they ask for, and what they remember.
 
     Policies are asked only here, in a world in which an invisible vehicle is not `present`. There a visible one is the
@@ -108,9 +106,7 @@ def _differ_in_sight(rules: Rules) -> bool:
     return rules.visible and rules.sees_vehicle < 1.0
 
 
-def _query_policies(
-    view: World, policies: Mapping[str, PedestrianPolicy]
-) -> tuple[Float[np.ndarray, "world pedestrian 2"], dict[str, Memory]]:
+def _query_policies(view: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, dict[str, Memory]]:
     """The velocities in m/s that policies ask for, each pedestrian's own, and by policy what they remember."""
     velocities, memories = [], {}
     for name, policy in policies.items():
@@ -167,10 +163,7 @@ _before = operator.attrgetter(*Before._fields)
 
 
 def step(
-    world: World,
-    command: Float[np.ndarray, "world 2"],
-    crowd: Float[np.ndarray, "world pedestrian 2"],
-    renewal: Renewal | None = None,
+    world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities, renewal: Renewal | None = None
 ) -> tuple[World, StepCheck]:
     """One step of the simulation, for rollouts and for environments.
 
@@ -195,9 +188,7 @@ def step(
     return finish_step(after, check, renewal), check
 
 
-def move(
-    world: World, command: Float[np.ndarray, "world 2"], crowd: Float[np.ndarray, "world pedestrian 2"]
-) -> tuple[World, StepCheck]:
+def move(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[World, StepCheck]:
     """The first part of a step: motion, and the check of how it ended; see `step`."""
     after, check = _motion(world, command, crowd)
     changes = after._asdict()
@@ -218,7 +209,7 @@ def finish_step(after: World, check: StepCheck, renewal: Renewal | None) -> Worl
     return look(after if renewal is None else renewal(after, check.outcome == Outcome.RUNNING))
 
 
-def walk(world: World, crowd: Float[np.ndarray, "world pedestrian 2"], renewal: Renewal | None) -> World:
+def walk(world: World, crowd: Velocities, renewal: Renewal | None) -> World:
     """One step in which the vehicle stands and nothing is checked.
 
     Args:
@@ -233,26 +224,17 @@ def walk(world: World, crowd: Float[np.ndarray, "world pedestrian 2"], renewal: 
     return after if renewal is None else renewal(after, np.ones(len(after), bool))
 
 
-def limit_velocities(
-    world: World, crowd: Float[np.ndarray, "world pedestrian 2"]
-) -> Float[np.ndarray, "world pedestrian 2"]:
+def limit_velocities(world: World, crowd: Velocities) -> Velocities:
     """The velocities in m/s that pedestrians take in the next step, of those in m/s that their policies ask for."""
     return _motion(world, np.zeros((len(world), 2)), crowd)[0].velocity[:, 1:]
 
 
-def _motion(
-    world: World, command: Float[np.ndarray, "world 2"], crowd: Float[np.ndarray, "world pedestrian 2"]
-) -> tuple[After, StepCheck]:
+def _motion(world: World, command: Float[np.ndarray, "world 2"], crowd: Velocities) -> tuple[After, StepCheck]:
     """What a step makes of worlds, and what its check finds."""
-    worlds, shape, history = len(world), world.position.shape, world.history.shape
-    after = After(
-        np.empty(worlds, np.int64),
-        np.empty(shape),
-        np.empty(shape),
-        np.empty(worlds),
-        np.empty(worlds),
-        np.empty(history),
-    )
+    worlds, points = len(world), world.position.shape
+    steps, heading, angular_speed = np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds)
+    position, velocity, history = np.empty(points), np.empty(points), np.empty(world.history.shape)
+    after = After(steps, position, velocity, heading, angular_speed, history)
     check = StepCheck(np.empty(worlds, np.int64), np.empty(worlds), np.empty(worlds))
     commands = np.ascontiguousarray(command), np.ascontiguousarray(crowd)
     _step(*world.rules.numbers, *_before(world), *commands, *after, *check)
@@ -290,17 +272,11 @@ def _move_agents(rules, before, command, crowd, after):
         first, second = command[w, 0], command[w, 1]
         if not before.present[w, 0]:
             first, second = 0.0, 0.0
-        x, y, vx, vy = (
-            before.position[w, 0, 0],
-            before.position[w, 0, 1],
-            before.velocity[w, 0, 0],
-            before.velocity[w, 0, 1],
-        )
+        x, y = before.position[w, 0, 0], before.position[w, 0, 1]
+        vx, vy = before.velocity[w, 0, 0], before.velocity[w, 0, 1]
         motion = Motion(x, y, vx, vy, before.heading[w], before.angular_speed[w])
-        limit = before.preferred_speed[w, 0]
-        x, y, vx, vy, after.heading[w], after.angular_speed[w] = drive(
-            rules.code, rules.limits, motion, (first, second), limit, dt
-        )
+        driven = drive(rules.code, rules.limits, motion, (first, second), before.preferred_speed[w, 0], dt)
+        x, y, vx, vy, after.heading[w], after.angular_speed[w] = driven
         after.position[w, 0, 0], after.position[w, 0, 1] = x, y
         after.velocity[w, 0, 0], after.velocity[w, 0, 1] = vx, vy
         for a in range(1, agents):

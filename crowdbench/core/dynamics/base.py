@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import abc
 import math
+from collections.abc import Mapping
+from functools import cached_property
 from typing import ClassVar, NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.dynamics.motion import HOLONOMIC, SPEED_TOLERANCE, Motion, drive
+from crowdbench.core.geometry import Numbers, Vectors
 from crowdbench.utils.compiled import njit
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.numbers import is_number
+
+Choices = Float[np.ndarray, "world action 2"]
+"""Several commands or velocities per vehicle."""
 
 
 class State(NamedTuple):
@@ -23,13 +31,13 @@ class State(NamedTuple):
         angular_speed: Turn rate in the last step, in rad/s.
     """
 
-    position: Float[np.ndarray, "*batch 2"]
-    velocity: Float[np.ndarray, "*batch 2"]
-    heading: Float[np.ndarray, "*batch"]
-    angular_speed: Float[np.ndarray, "*batch"]
+    position: Vectors
+    velocity: Vectors
+    heading: Numbers
+    angular_speed: Numbers
 
     @property
-    def speed(self) -> Float[np.ndarray, "*batch"]:
+    def speed(self) -> Numbers:
         """The velocity along the heading, in m/s."""
         along: np.ndarray = self.velocity[..., 0] * np.cos(self.heading) + self.velocity[..., 1] * np.sin(self.heading)
         return along
@@ -41,27 +49,36 @@ class Dynamics(abc.ABC):
     Attributes:
         name: Its name in scenarios.
         code: Which formulas `crowdbench.core.dynamics.motion.drive` takes.
-        limits: Its limits as that function takes them.
+        bounds: The names of its limits, in the order in which that function takes them, with their largest values.
+
+    Raises:
+        InputError: A limit is not above 0, or larger than its bound.
     """
 
     name: ClassVar[str]
     code: ClassVar[int]
+    bounds: ClassVar[Mapping[str, float]]
 
-    @property
-    @abc.abstractmethod
+    def __post_init__(self) -> None:
+        for name, most in self.bounds.items():
+            limit = getattr(self, name)
+            if not (is_number(limit) and 0.0 < limit <= most):
+                right = "a number above 0" if most == math.inf else f"a number above 0, and {most:g} at most"
+                raise InputError(f"{name} is {limit!r}, but must be {right}")
+
+    @cached_property
     def limits(self) -> Float[np.ndarray, "3"]:
-        """See the class."""
+        """Its limits as kernels take them, 0 for those that it does not have."""
+        limits = np.zeros(3)
+        limits[: len(self.bounds)] = [getattr(self, name) for name in self.bounds]
+        return limits
 
     @abc.abstractmethod
-    def space(
-        self, max_speed: Float[np.ndarray, "*batch"]
-    ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
+    def space(self, max_speed: Numbers) -> tuple[Vectors, Vectors]:
         """The lowest and the highest value of each number of a command, in its unit; `max_speed` is in m/s."""
 
     @abc.abstractmethod
-    def commands(
-        self, state: State, max_speed: Float[np.ndarray, "world"], dt: float
-    ) -> Float[np.ndarray, "world action 2"]:
+    def commands(self, state: State, max_speed: Float[np.ndarray, "world"], dt: float) -> Choices:
         """The commands that a one-step lookahead chooses from.
 
         Args:
@@ -71,9 +88,7 @@ class Dynamics(abc.ABC):
         """
 
     @abc.abstractmethod
-    def follow(
-        self, state: State, velocity: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
-    ) -> Float[np.ndarray, "*batch 2"]:
+    def follow(self, state: State, velocity: Vectors, max_speed: Numbers, dt: float) -> Vectors:
         """The commands by which vehicles take wanted velocities as far as they can.
 
         Args:
@@ -95,9 +110,7 @@ class Dynamics(abc.ABC):
             What it asks for and what the limit is, as the predicate of a sentence.
         """
 
-    def is_within(
-        self, command: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"]
-    ) -> Bool[np.ndarray, "*batch"]:
+    def is_within(self, command: Vectors, max_speed: Numbers) -> Bool[np.ndarray, "*batch"]:
         """Whether commands are within the limits, but for rounding; accelerations are limited in the step itself.
 
         Args:
@@ -109,13 +122,7 @@ class Dynamics(abc.ABC):
         within = (low - slack <= command) & (command <= high + slack)
         return within[..., 0] & within[..., 1]
 
-    def velocities(
-        self,
-        state: State,
-        commands: Float[np.ndarray, "world action 2"],
-        max_speed: Float[np.ndarray, "world"],
-        dt: float,
-    ) -> Float[np.ndarray, "world action 2"]:
+    def velocities(self, state: State, commands: Choices, max_speed: Float[np.ndarray, "world"], dt: float) -> Choices:
         """The velocities that vehicles have after a step under each of some commands.
 
         Args:
@@ -133,9 +140,7 @@ class Dynamics(abc.ABC):
         each = State(*(np.repeat(array[:, None], actions, axis=1) for array in state))
         return self.step(each, commands, np.repeat(max_speed[:, None], actions, axis=1), dt).velocity
 
-    def step(
-        self, state: State, command: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
-    ) -> State:
+    def step(self, state: State, command: Vectors, max_speed: Numbers, dt: float) -> State:
         """Vehicles after a step; the limits are enforced.
 
         Args:
@@ -156,15 +161,11 @@ class Dynamics(abc.ABC):
 def _step(code, limits, before, command, max_speed, dt, after):
     """See `Dynamics.step`; fills `after`."""
     position, velocity, command = before.position.reshape(-1, 2), before.velocity.reshape(-1, 2), command.reshape(-1, 2)
-    heading, angular_speed, max_speed = (
-        before.heading.reshape(-1),
-        before.angular_speed.reshape(-1),
-        max_speed.reshape(-1),
-    )
+    heading, turn_rate, max_speed = before.heading.reshape(-1), before.angular_speed.reshape(-1), max_speed.reshape(-1)
     new_position, new_velocity = after.position.reshape(-1, 2), after.velocity.reshape(-1, 2)
     new_heading, new_angular_speed = after.heading.reshape(-1), after.angular_speed.reshape(-1)
     for i in range(len(heading)):
-        now = Motion(position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1], heading[i], angular_speed[i])
+        now = Motion(position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1], heading[i], turn_rate[i])
         then = drive(code, limits, now, (command[i, 0], command[i, 1]), max_speed[i], dt)
         new_position[i, 0], new_position[i, 1], new_velocity[i, 0], new_velocity[i, 1] = then[:4]
         new_heading[i], new_angular_speed[i] = then.heading, then.turn_rate
@@ -178,7 +179,7 @@ TURNS = 13
 """An odd number, so that one of them is straight ahead."""
 
 
-def speeds_and_headings(preferred_speed: Float[np.ndarray, "world"]) -> Float[np.ndarray, "world action 2"]:
+def speeds_and_headings(preferred_speed: Float[np.ndarray, "world"]) -> Choices:
     """CrowdNav's 81 commands (Chen et al. 2019): standing still, and 5 speeds in each of 16 headings.
 
     The speeds are preferred_speed (exp(k / 5) - 1) / (e - 1), k = 1 to 5. The headings start along the x axis.
@@ -201,7 +202,7 @@ def speeds_and_turns(
     fastest: Float[np.ndarray, "world"],
     right: Float[np.ndarray, "world"],
     left: Float[np.ndarray, "world"],
-) -> Float[np.ndarray, "world action 2"]:
+) -> Choices:
     """78 commands: 6 speeds and 13 turns, evenly between what a vehicle can reach in the step.
 
     Args:

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.core.geometry import Numbers, Vectors
+
 Body = tuple[float, ...]
 """Where the centres of the discs are, in metres ahead of the vehicle's position."""
 
@@ -38,12 +40,7 @@ def reach(body: Body) -> float:
     return max(map(abs, body))
 
 
-def hull(
-    body: Body,
-    position: Float[np.ndarray, "*batch 2"],
-    heading: Float[np.ndarray, "*batch"],
-    radius: Float[np.ndarray, "*batch"],
-) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch"]]:
+def hull(body: Body, position: Vectors, heading: Numbers, radius: Numbers) -> tuple[Vectors, Numbers]:
     """The smallest disc around a body: who thinks in discs sees it as this one.
 
     Args:
@@ -61,9 +58,7 @@ def hull(
     return position + (body[0] + body[-1]) / 2.0 * direction, radius + (body[-1] - body[0]) / 2.0
 
 
-def outline(
-    body: Body, position: Float[np.ndarray, "*batch 2"], heading: Float[np.ndarray, "*batch"], radius: float
-) -> Float[np.ndarray, "*batch point 2"]:
+def outline(body: Body, position: Vectors, heading: Numbers, radius: float) -> Float[np.ndarray, "*batch point 2"]:
     """The rim of a body, for pictures: around its discs, from the right of the first one to the left of the last one.
 
     Args:
@@ -84,9 +79,7 @@ def outline(
     return position[..., None, :] + turned
 
 
-def nose(
-    body: Body, position: Float[np.ndarray, "*batch 2"], heading: Float[np.ndarray, "*batch"], radius: float
-) -> Float[np.ndarray, "*batch 2 2"]:
+def nose(body: Body, position: Vectors, heading: Numbers, radius: float) -> Float[np.ndarray, "*batch 2 2"]:
     """A line that shows where a body faces, from the centre of its front disc to the rim.
 
     Args:

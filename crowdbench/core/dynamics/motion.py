@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, no_type_check
 
-from crowdbench.core.geometry import heading_of, turn
+from crowdbench.core.geometry import turn
 from crowdbench.utils.compiled import njit
 
 HOLONOMIC, UNICYCLE, BICYCLE = 0, 1, 2
@@ -61,7 +61,7 @@ def drive(code, limits, before, command, max_speed, dt):
     first, second = command
     if code == HOLONOMIC:
         x, y, vx, vy = _move_freely(limits[0] * dt, x, y, vx, vy, first, second, max_speed, dt)
-        after = heading_of(vx, vy, heading)
+        after = math.atan2(vy, vx) if vx != 0.0 or vy != 0.0 else heading
         return Motion(x, y, vx, vy, after, turn(heading, after) / dt)
     forward, change = vx * math.cos(heading) + vy * math.sin(heading), limits[0] * dt
     speed = min(max(min(max(first, forward - change), forward + change), 0.0), max_speed)

@@ -5,16 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.core.dynamics.base import Dynamics, State, speeds_and_headings, speeds_and_turns
+from crowdbench.core.dynamics.base import (
+    Choices,
+    Dynamics,
+    State,
+    speeds_and_headings,
+    speeds_and_turns,
+)
 from crowdbench.core.dynamics.motion import BICYCLE, HOLONOMIC, SPEED_TOLERANCE, UNICYCLE
-from crowdbench.core.geometry import norm, wrap_angle
-from crowdbench.utils.errors import InputError, is_number
+from crowdbench.core.geometry import Numbers, Vectors, norm, wrap_angle
 
 CREEP = 0.3
 """The share of the wanted speed at which a bicycle turns towards what is beside it or behind."""
@@ -33,39 +38,24 @@ class Holonomic(Dynamics):
 
     name = "holonomic"
     code = HOLONOMIC
+    bounds: ClassVar = {"max_acceleration": math.inf}
 
     max_acceleration: float = math.inf
 
-    def __post_init__(self) -> None:
-        _above_zero("max_acceleration", self.max_acceleration, math.inf)
-
-    @cached_property
-    def limits(self) -> Float[np.ndarray, "3"]:
-        """See `Dynamics`."""
-        return np.array([self.max_acceleration, 0.0, 0.0])
-
-    def space(
-        self, max_speed: Float[np.ndarray, "*batch"]
-    ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
+    def space(self, max_speed: Numbers) -> tuple[Vectors, Vectors]:
         """See `Dynamics`. In a corner the speed is larger than `max_speed`; a step limits it."""
         high = np.stack([max_speed, max_speed], axis=-1)
         return -high, high
 
-    def commands(
-        self, state: State, max_speed: Float[np.ndarray, "world"], dt: float
-    ) -> Float[np.ndarray, "world action 2"]:
+    def commands(self, state: State, max_speed: Float[np.ndarray, "world"], dt: float) -> Choices:
         """See `Dynamics` and `speeds_and_headings`."""
         return speeds_and_headings(max_speed)
 
-    def follow(
-        self, state: State, velocity: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
-    ) -> Float[np.ndarray, "*batch 2"]:
+    def follow(self, state: State, velocity: Vectors, max_speed: Numbers, dt: float) -> Vectors:
         """See `Dynamics`: the velocities themselves."""
         return velocity
 
-    def is_within(
-        self, command: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"]
-    ) -> Bool[np.ndarray, "*batch"]:
+    def is_within(self, command: Vectors, max_speed: Numbers) -> Bool[np.ndarray, "*batch"]:
         """See `Dynamics`."""
         within: np.ndarray = norm(command) <= max_speed * (1 + SPEED_TOLERANCE)
         return within
@@ -75,8 +65,33 @@ class Holonomic(Dynamics):
         return f"asked for {math.hypot(*command):.6g} m/s, but the vehicle's maximum is {max_speed:g} m/s"
 
 
+class _OnWheels(Dynamics):
+    """Drives forwards only. A command is a speed, and how the vehicle turns: its second limit is how much."""
+
+    broken_turn: ClassVar[str]
+    """`broken_limit` of the second number of a command, and of its limit."""
+
+    max_acceleration: float
+
+    def space(self, max_speed: Numbers) -> tuple[Vectors, Vectors]:
+        """See `Dynamics`."""
+        turn = np.full(np.shape(max_speed), self.limits[1])
+        return np.stack([np.zeros_like(turn), -turn], axis=-1), np.stack([max_speed, turn], axis=-1)
+
+    def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
+        """See `Dynamics`."""
+        if 0.0 <= command[0] <= max_speed * (1 + SPEED_TOLERANCE):
+            return self.broken_turn.format(command[1], self.limits[1])
+        return f"asked for {command[0]:.6g} m/s, but the vehicle's speeds are 0 to {max_speed:g} m/s"
+
+    def _reachable(self, state: State, max_speed: Numbers, dt: float) -> tuple[Numbers, Numbers]:
+        """The lowest and the highest speed in m/s that a vehicle can have after a step."""
+        speed, change = state.speed, self.max_acceleration * dt
+        return np.clip(speed - change, 0.0, max_speed), np.clip(speed + change, 0.0, max_speed)
+
+
 @dataclass(frozen=True)
-class Unicycle(Dynamics):
+class Unicycle(_OnWheels):
     """Drives forwards and turns, also on the spot. A command is a speed in m/s and a turn rate in rad/s.
 
     Attributes:
@@ -90,38 +105,20 @@ class Unicycle(Dynamics):
 
     name = "unicycle"
     code = UNICYCLE
+    bounds: ClassVar = {"max_acceleration": math.inf, "max_angular_speed": 1e3, "max_angular_acceleration": math.inf}
+    broken_turn = "asked for {:.6g} rad/s, but its max_angular_speed is {:g} rad/s"
 
     max_acceleration: float = 2.0
     max_angular_speed: float = 2.0
     max_angular_acceleration: float = 6.0
 
-    def __post_init__(self) -> None:
-        _above_zero("max_acceleration", self.max_acceleration, math.inf)
-        _above_zero("max_angular_speed", self.max_angular_speed, 1e3)
-        _above_zero("max_angular_acceleration", self.max_angular_acceleration, math.inf)
-
-    @cached_property
-    def limits(self) -> Float[np.ndarray, "3"]:
-        """See `Dynamics`."""
-        return np.array([self.max_acceleration, self.max_angular_speed, self.max_angular_acceleration])
-
-    def space(
-        self, max_speed: Float[np.ndarray, "*batch"]
-    ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
-        """See `Dynamics`."""
-        return _forwards(max_speed, self.max_angular_speed)
-
-    def commands(
-        self, state: State, max_speed: Float[np.ndarray, "world"], dt: float
-    ) -> Float[np.ndarray, "world action 2"]:
+    def commands(self, state: State, max_speed: Float[np.ndarray, "world"], dt: float) -> Choices:
         """See `Dynamics` and `speeds_and_turns`."""
         change, limit = self.max_angular_acceleration * dt, self.max_angular_speed
         turns = [np.clip(state.angular_speed + sign * change, -limit, limit) for sign in (-1, 1)]
-        return speeds_and_turns(*_reached(state.speed, self.max_acceleration * dt, max_speed), *turns)
+        return speeds_and_turns(*self._reachable(state, max_speed, dt), *turns)
 
-    def follow(
-        self, state: State, velocity: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
-    ) -> Float[np.ndarray, "*batch 2"]:
+    def follow(self, state: State, velocity: Vectors, max_speed: Numbers, dt: float) -> Vectors:
         """See `Dynamics`: the part of the velocity along the heading, and a turn towards its direction.
 
         With an angle d from the heading to the velocity u, the speed is |u| max(0, cos d): a vehicle whose goal is
@@ -132,14 +129,9 @@ class Unicycle(Dynamics):
         rate = _rate_for(np.abs(angle), self.max_angular_acceleration, dt)
         return np.stack([speed, np.copysign(np.minimum(rate, self.max_angular_speed), angle)], axis=-1)
 
-    def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
-        """See `Dynamics`."""
-        turn = f"asked for {command[1]:.6g} rad/s, but its max_angular_speed is {self.max_angular_speed:g} rad/s"
-        return _too_fast(command, max_speed) or turn
-
 
 @dataclass(frozen=True)
-class Bicycle(Dynamics):
+class Bicycle(_OnWheels):
     """Drives forwards and steers, as a car does. A command is a speed in m/s and a steering angle in rad.
 
     The kinematic bicycle: the middle of the rear axle moves along the heading, which turns by speed tan(steering angle)
@@ -156,37 +148,19 @@ class Bicycle(Dynamics):
 
     name = "bicycle"
     code = BICYCLE
+    bounds: ClassVar = {"max_acceleration": math.inf, "max_steering": 1.5, "wheelbase": 100.0}
+    broken_turn = "asked to steer by {:.6g} rad, but its max_steering is {:g} rad"
 
     wheelbase: float = 2.7
     max_steering: float = 0.6
     max_acceleration: float = 2.0
 
-    def __post_init__(self) -> None:
-        _above_zero("wheelbase", self.wheelbase, 100.0)
-        _above_zero("max_steering", self.max_steering, 1.5)
-        _above_zero("max_acceleration", self.max_acceleration, math.inf)
-
-    @cached_property
-    def limits(self) -> Float[np.ndarray, "3"]:
-        """See `Dynamics`."""
-        return np.array([self.max_acceleration, self.max_steering, self.wheelbase])
-
-    def space(
-        self, max_speed: Float[np.ndarray, "*batch"]
-    ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
-        """See `Dynamics`."""
-        return _forwards(max_speed, self.max_steering)
-
-    def commands(
-        self, state: State, max_speed: Float[np.ndarray, "world"], dt: float
-    ) -> Float[np.ndarray, "world action 2"]:
+    def commands(self, state: State, max_speed: Float[np.ndarray, "world"], dt: float) -> Choices:
         """See `Dynamics` and `speeds_and_turns`."""
         steering = np.full(len(max_speed), self.max_steering)
-        return speeds_and_turns(*_reached(state.speed, self.max_acceleration * dt, max_speed), -steering, steering)
+        return speeds_and_turns(*self._reachable(state, max_speed, dt), -steering, steering)
 
-    def follow(
-        self, state: State, velocity: Float[np.ndarray, "*batch 2"], max_speed: Float[np.ndarray, "*batch"], dt: float
-    ) -> Float[np.ndarray, "*batch 2"]:
+    def follow(self, state: State, velocity: Vectors, max_speed: Numbers, dt: float) -> Vectors:
         """See `Dynamics`: a steering angle that turns towards the velocity, and a speed as far as it is ahead.
 
         With an angle d from the heading to the velocity u, the speed is |u| max(cos d, 0.3): a vehicle that cannot turn
@@ -194,50 +168,18 @@ class Bicycle(Dynamics):
         """
         angle = _angle_to(state, velocity)
         speed = np.minimum(norm(velocity) * np.maximum(np.cos(angle), CREEP), max_speed)
-        slowest, fastest = _reached(state.speed, self.max_acceleration * dt, max_speed)
+        slowest, fastest = self._reachable(state, max_speed, dt)
         steering = np.arctan2(angle / dt * self.wheelbase, np.clip(speed, slowest, fastest))
         return np.stack([speed, np.clip(steering, -self.max_steering, self.max_steering)], axis=-1)
 
-    def broken_limit(self, command: Float[np.ndarray, "2"], max_speed: float) -> str:
-        """See `Dynamics`."""
-        steering = f"asked to steer by {command[1]:.6g} rad, but its max_steering is {self.max_steering:g} rad"
-        return _too_fast(command, max_speed) or steering
 
-
-def _above_zero(name: str, limit: object, most: float) -> None:
-    if not (is_number(limit) and 0.0 < limit <= most):  # type: ignore[operator]
-        right = "a number above 0" if most == math.inf else f"a number above 0, and {most:g} at most"
-        raise InputError(f"{name} is {limit!r}, but must be {right}")
-
-
-def _forwards(
-    max_speed: Float[np.ndarray, "*batch"], turn: float
-) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2"]]:
-    """The bounds of speeds from 0, and of turns to either side."""
-    side = np.full(np.shape(max_speed), turn)
-    return np.stack([np.zeros_like(side), -side], axis=-1), np.stack([max_speed, side], axis=-1)
-
-
-def _too_fast(command: Float[np.ndarray, "2"], max_speed: float) -> str | None:
-    if 0.0 <= command[0] <= max_speed * (1 + SPEED_TOLERANCE):
-        return None
-    return f"asked for {command[0]:.6g} m/s, but the vehicle's speeds are 0 to {max_speed:g} m/s"
-
-
-def _reached(
-    speed: Float[np.ndarray, "*batch"], change: float, max_speed: Float[np.ndarray, "*batch"]
-) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """The lowest and the highest speed that a vehicle reaches by changes of at most `change`, all in m/s."""
-    return np.clip(speed - change, 0.0, max_speed), np.clip(speed + change, 0.0, max_speed)
-
-
-def _angle_to(state: State, velocity: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+def _angle_to(state: State, velocity: Vectors) -> Numbers:
     """The angle in radians from the heading to a velocity; 0 where that is 0."""
     angle = wrap_angle(np.arctan2(velocity[..., 1], velocity[..., 0]) - state.heading)
     return np.where(norm(velocity) > 0.0, angle, 0.0)
 
 
-def _rate_for(angle: Float[np.ndarray, "*batch"], acceleration: float, dt: float) -> Float[np.ndarray, "*batch"]:
+def _rate_for(angle: Numbers, acceleration: float, dt: float) -> Numbers:
     """The largest turn rate from which a vehicle that slows down from step to step stops after an angle.
 
     Args:

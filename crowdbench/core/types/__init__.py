@@ -20,8 +20,7 @@ from crowdbench.core.types.rules import (
     Rules,
     Sensor,
 )
-from crowdbench.core.types.trace import Trace
-from crowdbench.core.types.world import World
+from crowdbench.core.types.world import Trace, World
 
 __all__ = [
     "COLLISION_RULES",

@@ -15,6 +15,9 @@ from crowdbench.core.dynamics import DISC, FREE, Body, Dynamics, State, hull
 from crowdbench.core.geometry import local_goals
 from crowdbench.utils.errors import InputError
 
+AgentPoints = Float[np.ndarray, "world agent 2"]
+AgentNumbers = Float[np.ndarray, "world agent"]
+
 Part = TypeVar("Part", "Vehicle", "Pedestrians", "Observation")
 
 
@@ -139,11 +142,7 @@ class Observation:
         """A copy of the given rows (a mask, indices or a slice). Its `log` records nothing."""
         return self.rows(lambda array: array[rows].copy(), logs=None)
 
-    def rows(
-        self,
-        chosen: Callable[[np.ndarray], np.ndarray],
-        logs: dict[str, np.ndarray] | None,
-    ) -> Observation:
+    def rows(self, chosen: Callable[[np.ndarray], np.ndarray], logs: dict[str, np.ndarray] | None) -> Observation:
         """The observation of some of the worlds.
 
         Args:
@@ -161,14 +160,7 @@ class Observation:
         """Seconds since the start."""
         return np.asarray(self.step * self.dt)
 
-    def everybody(
-        self,
-    ) -> tuple[
-        Float[np.ndarray, "world agent 2"],
-        Float[np.ndarray, "world agent 2"],
-        Float[np.ndarray, "world agent"],
-        Bool[np.ndarray, "world agent"],
-    ]:
+    def everybody(self) -> tuple[AgentPoints, AgentPoints, AgentNumbers, Bool[np.ndarray, "world agent"]]:
         """All agents in common arrays, the vehicle first, as the smallest disc around its body. Only for batches.
 
         Returns:
@@ -228,11 +220,8 @@ class Observation:
             raise InputError(
                 f"a log is called {name!r}, but its name must be letters, digits and underscores, a letter first"
             )
-        if self.logs is not None:
-            self.logs[name] = self._logged(name, values)
-
-    def _logged(self, name: str, values: object) -> Float[np.ndarray, "*world *shape"]:
-        """What is logged as an array of its own."""
+        if self.logs is None:
+            return
         try:
             array = np.array(values, np.float64, subok=False)
         except (TypeError, ValueError):
@@ -242,11 +231,10 @@ class Observation:
             raise InputError(
                 f"the log {name} has shape {list(array.shape)}, but its first axis must be the {len(self)} worlds"
             )
-        return array
+        self.logs[name] = array
 
 
 def _chosen(part: Part, chosen: Callable[[np.ndarray], np.ndarray]) -> Part:
     """A copy of a dataclass with the chosen part of each array."""
-    fields = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
-    arrays = {name: chosen(value) for name, value in fields.items() if isinstance(value, np.ndarray)}
+    arrays = {name: chosen(value) for name, value in vars(part).items() if isinstance(value, np.ndarray)}
     return dataclasses.replace(part, **arrays)  # type: ignore[arg-type]

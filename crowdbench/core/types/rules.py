@@ -186,15 +186,8 @@ class Rules:
     @cached_property
     def numbers(self) -> RuleNumbers:
         """The rules as kernels take them."""
-        return RuleNumbers(
-            self.dynamics.code,
-            self.dynamics.limits,
-            np.array(self.body),
-            self.goal_tolerance or 0.0,
-            COLLISION_RULES.index(self.collision),
-            self.dt,
-            self.max_steps,
-        )
+        vehicle = self.dynamics.code, self.dynamics.limits, np.array(self.body), self.goal_tolerance or 0.0
+        return RuleNumbers(*vehicle, COLLISION_RULES.index(self.collision), self.dt, self.max_steps)
 
     def to_table(self) -> dict[str, Any]:
         """The rules as JSON has them. Of the vehicle, it has what differs from a holonomic disc with perfect sight."""

@@ -14,6 +14,12 @@ from crowdbench.core.types import World
 from crowdbench.utils.compiled import njit
 from crowdbench.utils.errors import InputError, plugin_errors
 
+Parameters = Mapping[str, Float[np.ndarray, "world agent"]]
+"""For each parameter of a policy a value per agent; column 0, the vehicle's, is not used."""
+
+Velocities = Float[np.ndarray, "world pedestrian 2"]
+"""A velocity in m/s for every pedestrian."""
+
 Memory = Mapping[str, Any]
 """What a policy remembers: arrays `[world, ...]` by name, in mappings that may be nested."""
 
@@ -34,9 +40,7 @@ class PedestrianPolicy(abc.ABC):
     """Whether its pedestrians stand all the time. A scenario places them somewhere on the way from start to goal."""
 
     @abc.abstractmethod
-    def velocities(
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
-    ) -> Float[np.ndarray, "world pedestrian 2"]:
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """The velocities that the pedestrians take next.
 
         Args:
@@ -57,7 +61,7 @@ class PolicyWithMemory(PedestrianPolicy):
     """
 
     @abc.abstractmethod
-    def memory(self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]) -> Memory:
+    def memory(self, world: World, parameters: Parameters) -> Memory:
         """What is remembered at the start of the episodes.
 
         Args:
@@ -70,8 +74,8 @@ class PolicyWithMemory(PedestrianPolicy):
 
     @abc.abstractmethod
     def velocities(  # type: ignore[override]  # it is given and returns a memory too
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]], memory: Memory
-    ) -> tuple[Float[np.ndarray, "world pedestrian 2"], Memory]:
+        self, world: World, parameters: Parameters, memory: Memory
+    ) -> tuple[Velocities, Memory]:
         """The velocities that the pedestrians take next, and what is remembered after that.
 
         Args:
@@ -85,9 +89,7 @@ class PolicyWithMemory(PedestrianPolicy):
         """
 
 
-def query_policy(
-    policy: PedestrianPolicy, name: str, world: World
-) -> tuple[Float[np.ndarray, "world pedestrian 2"], Memory | None]:
+def query_policy(policy: PedestrianPolicy, name: str, world: World) -> tuple[Velocities, Memory | None]:
     """Ask a policy for velocities, and check its answer.
 
     Args:
@@ -159,15 +161,14 @@ def validate_memory(answer: object, before: Memory, name: str) -> Memory:
     Raises:
         InputError: There are other arrays in it than before, or arrays of another shape or type.
     """
-    found = {path: (array.shape, array.dtype) for path, array in memory_arrays(name, answer)}
-    expected = {path: (array.shape, array.dtype) for path, array in memory_arrays(name, before)}
+    found = {path: (array.dtype, array.shape) for path, array in memory_arrays(name, answer)}
+    expected = {path: (array.dtype, array.shape) for path, array in memory_arrays(name, before)}
     for path in found | expected:
         if found.get(path) != expected.get(path):
-            here, there = (
-                "nothing" if path not in each else f"{each[path][1]} of shape {each[path][0]}"
-                for each in (found, expected)
+            now, then = (
+                "{} of shape {}".format(*each[path]) if path in each else "nothing" for each in (found, expected)
             )
-            raise InputError(f"pedestrian policy {name} returned {here} as {path}, which was {there} before")
+            raise InputError(f"pedestrian policy {name} returned {now} as {path}, which was {then} before")
     return answer  # type: ignore[return-value]  # `memory_arrays` has found a mapping
 
 
@@ -193,7 +194,7 @@ def memory_arrays(name: str, memory: object, path: str = "memory") -> Iterator[t
         )
 
 
-def validate_shape(answer: object, name: str, world: World) -> Float[np.ndarray, "world pedestrian 2"]:
+def validate_shape(answer: object, name: str, world: World) -> Velocities:
     """Check type and shape of what a policy returned.
 
     Args:
@@ -214,9 +215,7 @@ def validate_shape(answer: object, name: str, world: World) -> Float[np.ndarray,
     raise InputError(f"pedestrian policy {name} returned {found}, but must return float64 of shape {expected}")
 
 
-def validate_finite(
-    velocity: Float[np.ndarray, "world pedestrian 2"], name: str, world: World
-) -> Float[np.ndarray, "world pedestrian 2"]:
+def validate_finite(velocity: Velocities, name: str, world: World) -> Velocities:
     """Check that velocities are finite.
 
     Args:
@@ -231,10 +230,9 @@ def validate_finite(
         InputError: That of a pedestrian who is present is not finite.
     """
     # A sum is finite only if all its terms are.
-    if not math.isfinite(_sum(np.ascontiguousarray(velocity))) and len(
-        wrong := np.argwhere(~np.isfinite(velocity).all(axis=2) & world.present[:, 1:])
-    ):
-        row, pedestrian = wrong[0]
+    if math.isfinite(_sum(np.ascontiguousarray(velocity))):
+        return velocity
+    for row, pedestrian in np.argwhere(~np.isfinite(velocity).all(axis=2) & world.present[:, 1:]):
         raise InputError(
             f"pedestrian policy {name} returned {velocity[row, pedestrian].tolist()} for pedestrian {pedestrian} "
             f"of case {world.case[row]}, but a velocity must be finite"

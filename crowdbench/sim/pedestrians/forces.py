@@ -14,7 +14,9 @@ from typing import Any, NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.core.types import World
 from crowdbench.sim.kernels import serial_and_parallel
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit, prange
 
 SUB_STEP = 0.05
@@ -28,7 +30,7 @@ TINY = 1e-9
 
 
 class Walkers(NamedTuple):
-    """The agents of worlds, as kernels take them.
+    """The agents of worlds, and the obstacles around them, as kernels take them.
 
     Attributes:
         position: Centres in metres.
@@ -38,6 +40,7 @@ class Walkers(NamedTuple):
         preferred_speed: Preferred and largest speeds in m/s, above 0.
         seen: Whether the agent acts on others.
         moves: Whether the agent's velocity is computed; the others keep theirs in this step.
+        obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
     """
 
     position: Float[np.ndarray, "world agent 2"]
@@ -47,6 +50,7 @@ class Walkers(NamedTuple):
     preferred_speed: Float[np.ndarray, "world agent"]
     seen: Bool[np.ndarray, "world agent"]
     moves: Bool[np.ndarray, "world agent"]
+    obstacles: Float[np.ndarray, "world polygon corner 2"]
 
 
 def to_walkers(
@@ -57,17 +61,22 @@ def to_walkers(
     preferred_speed: Float[np.ndarray, "world agent"],
     seen: Bool[np.ndarray, "world agent"] | None = None,
     moves: Bool[np.ndarray, "world agent"] | None = None,
+    obstacles: Float[np.ndarray, "world polygon corner 2"] | None = None,
 ) -> Walkers:
     """Agents as kernels take them; without `seen` or `moves` all are seen, or move."""
-    return Walkers(
-        np.ascontiguousarray(position),
-        np.ascontiguousarray(velocity),
-        np.ascontiguousarray(goal),
-        np.ascontiguousarray(radius),
-        np.maximum(preferred_speed, TINY),
-        np.ones(radius.shape, np.bool_) if seen is None else np.ascontiguousarray(seen),
-        np.ones(radius.shape, np.bool_) if moves is None else np.ascontiguousarray(moves),
-    )
+    seen, moves = (np.ones(radius.shape, np.bool_) if each is None else each for each in (seen, moves))
+    walls = np.empty((len(radius), 0, 0, 2)) if obstacles is None else obstacles
+    positive = np.maximum(preferred_speed, TINY)
+    return Walkers(*map(np.ascontiguousarray, (position, velocity, goal, radius, positive, seen, moves, walls)))
+
+
+def walkers_of(world: World) -> Walkers:
+    """The agents of worlds, of whom the pedestrians that are present move."""
+    moves = world.present.copy()
+    moves[:, 0] = False
+    speed = np.maximum(world.preferred_speed, TINY)
+    agents = world.position, world.velocity, goals_on_way(world), world.radius, speed, world.present, moves
+    return Walkers(*agents, world.obstacles)
 
 
 def fill_traits(
@@ -101,27 +110,21 @@ def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
     @no_type_check
     def loop(*arrays):
-        # Their fields one by one, because numba takes a microsecond to receive a NamedTuple.
-        walkers, traits, obstacles = Walkers(*arrays[:7]), arrays[7], arrays[8]
-        noise, group, time_step, sub_steps, out = arrays[9:]
-        worlds, agents = walkers.radius.shape
+        # The fields of `Walkers` one by one, because numba takes a microsecond to receive a NamedTuple.
+        positions, velocities, goals, radii, speeds, seen, moves, obstacles = arrays[:8]
+        traits, noise, group, time_step, sub_steps, out = arrays[8:]
+        worlds, agents = radii.shape
         h = time_step / sub_steps
         for w in prange(worlds):
-            x, v, new = walkers.position[w].copy(), walkers.velocity[w].copy(), walkers.velocity[w].copy()
-            goal, radius, seen, own, walls = (
-                walkers.goal[w],
-                walkers.radius[w],
-                walkers.seen[w],
-                traits[w],
-                obstacles[w],
-            )
+            x, v, new = positions[w].copy(), velocities[w].copy(), velocities[w].copy()
+            goal, radius, counts, own, walls = goals[w], radii[w], seen[w], traits[w], obstacles[w]
             for _ in range(sub_steps):
                 for i in range(agents):
-                    if not walkers.moves[w, i]:
+                    if not moves[w, i]:
                         continue
-                    limit, tau = walkers.preferred_speed[w, i], max(own[i, 0], TINY)
+                    limit, tau = speeds[w, i], max(own[i, 0], TINY)
                     desired = desired_velocity(x[i], goal[i], limit)
-                    fx, fy, share = force(i, x, v, desired, radius, seen, own[i], walls, w, noise, group)
+                    fx, fy, share = force(i, x, v, desired, radius, counts, own[i], walls, w, noise, group)
                     # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a
                     # relaxation time 5 % shorter.
                     gain = 1.0 - math.exp(-h / tau)
@@ -133,7 +136,7 @@ def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
                     v[i, 0], v[i, 1] = new[i, 0], new[i, 1]
                     x[i, 0], x[i, 1] = x[i, 0] + h * v[i, 0], x[i, 1] + h * v[i, 1]
             for i in range(agents):
-                if walkers.moves[w, i]:
+                if moves[w, i]:
                     out[w, i, 0], out[w, i, 1] = v[i, 0], v[i, 1]
 
     loop.__module__, loop.__name__ = force.py_func.__module__, f"{force.py_func.__name__}_loop"
@@ -145,9 +148,7 @@ def integrate(
     model: tuple[Callable[..., Any], Callable[..., Any]],
     walkers: Walkers,
     traits: Float[np.ndarray, "world agent parameter"],
-    obstacles: Float[np.ndarray, "world polygon corner 2"] | None,
     time_step: float,
-    sub_step: float,
     noise: Float[np.ndarray, "world agent 2"] | None = None,
     group: Int[np.ndarray, "world agent"] | None = None,
 ) -> Float[np.ndarray, "world agent 2"]:
@@ -160,9 +161,7 @@ def integrate(
         model: What `compile_model` has returned.
         walkers: The agents.
         traits: The parameters of each agent, the relaxation time in seconds first.
-        obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
         time_step: Length of the step in seconds.
-        sub_step: Longest sub-step in seconds.
         noise: What the model takes as noise.
         group: The number of each agent's group, negative for those who walk alone; None where all do.
 
@@ -170,10 +169,9 @@ def integrate(
         Velocities in m/s; 0 for agents that do not move.
     """
     worlds, agents = walkers.radius.shape
-    out = np.zeros((worlds, agents, 2))
-    walls = np.empty((worlds, 0, 0, 2)) if obstacles is None else np.ascontiguousarray(obstacles)
+    out, sub_steps = np.zeros((worlds, agents, 2)), max(1, math.ceil(time_step / SUB_STEP - 1e-9))
     compute = model[worlds * agents * agents >= PARALLEL_PAIRS]
-    compute(*walkers, traits, walls, noise, group, time_step, max(1, math.ceil(time_step / sub_step - 1e-9)), out)
+    compute(*walkers, traits, noise, group, time_step, sub_steps, out)
     return out
 
 

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 
 from crowdbench.core import rng
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import World
-from crowdbench.sim.pedestrians.base import PedestrianPolicy
+from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.presence import track_at
 from crowdbench.sim.routes import goals_on_way
 
@@ -32,9 +31,7 @@ class StopAndGo(PedestrianPolicy):
         self.walk = walk
         self.parameters = {**walk.parameters, **HABITS}  # type: ignore[misc]  # those of this object
 
-    def velocities(
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
-    ) -> Float[np.ndarray, "world pedestrian 2"]:
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`. The parameters are those of the other policy, `period` in seconds, and `pause`."""
         start = rng.uniforms(world.key, "stop_and_go", np.zeros_like(world.step), world.person)
         time = (world.step * world.rules.dt)[:, None]
@@ -46,9 +43,7 @@ class StopAndGo(PedestrianPolicy):
 class Straight(PedestrianPolicy):
     """Walks to the goal at the preferred speed and gives way to nobody."""
 
-    def velocities(
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
-    ) -> Float[np.ndarray, "world pedestrian 2"]:
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""
         return toward_goal(world.position, goals_on_way(world), world.preferred_speed)[:, 1:]
 
@@ -58,9 +53,7 @@ class Standing(PedestrianPolicy):
 
     stands: ClassVar[bool] = True
 
-    def velocities(
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
-    ) -> Float[np.ndarray, "world pedestrian 2"]:
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`."""
         return np.zeros((len(world), world.person.shape[1], 2))
 
@@ -68,9 +61,7 @@ class Standing(PedestrianPolicy):
 class Recorded(PedestrianPolicy):
     """Walks as recorded people walked, whatever happens around: they react to nobody."""
 
-    def velocities(
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
-    ) -> Float[np.ndarray, "world pedestrian 2"]:
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`: to where they were at the next step; 0 where they were not there any more."""
         ahead = track_at(world, world.step + 1) - world.position[:, 1:]
         return np.where(np.isnan(ahead), 0.0, ahead / world.rules.dt)

@@ -34,7 +34,7 @@ _BLOCKS = 64
 _BLOCK_AGENTS = 32
 """A world is divided only into blocks of at least this many agents."""
 
-_EVERYBODY = per_agent(True, np.bool_)
+_EVERYBODY = np.ones((1, 1), np.bool_)
 _NO_OBSTACLES = np.empty((1, 0, 0, 2))
 
 _TINY = 1e-9
@@ -80,101 +80,60 @@ def orca_velocities(
     Returns:
         Velocities in m/s; 0 for agents that do not move.
     """
+    agents = tuple(map(np.ascontiguousarray, (position, velocity, preferred_velocity, radius, max_speed)))
+    visible, mobile = (_EVERYBODY if each is None else np.ascontiguousarray(each) for each in (seen, moves))
+    walls = _NO_OBSTACLES if obstacles is None else np.ascontiguousarray(obstacles)
+    limits = neighbor_distance, max_neighbors, time_horizon, time_horizon_obst, line_of_sight
+    # Asked here too, because the call alone takes 4 % of a step of 6 agents.
+    cells = None if radius.shape[1] < neighbors.CELLS_FROM else neighbors.cells_of(agents[0], visible)
     out = np.empty((*radius.shape, 2))
     compute = orca_parallel if radius.size >= PARALLEL_AGENTS else orca_serial
-    place, visible = np.ascontiguousarray(position), _EVERYBODY if seen is None else np.ascontiguousarray(seen)
-    compute(
-        place,
-        np.ascontiguousarray(velocity),
-        np.ascontiguousarray(preferred_velocity),
-        np.ascontiguousarray(radius),
-        np.ascontiguousarray(max_speed),
-        time_step,
-        per_agent(neighbor_distance),
-        per_agent(max_neighbors),
-        per_agent(time_horizon),
-        _NO_OBSTACLES if obstacles is None else np.ascontiguousarray(obstacles),
-        per_agent(time_horizon_obst),
-        per_agent(line_of_sight),
-        visible,
-        _EVERYBODY if moves is None else np.ascontiguousarray(moves),
-        # Asked here too, because the call alone takes 4 % of a step of 6 agents.
-        None if place.shape[1] < neighbors.CELLS_FROM else neighbors.cells_of(place, visible),
-        out,
-    )
+    compute(cells, out, *agents, visible, mobile, time_step, walls, *map(per_agent, limits))
     return out
 
 
 @no_type_check
-def _orca(
-    position,
-    velocity,
-    preferred,
-    radius,
-    max_speed,
-    time_step,
-    neighbor_distance,
-    max_neighbors,
-    time_horizon,
-    obstacles,
-    time_horizon_obst,
-    line_of_sight,
-    seen,
-    moves,
-    cells,
-    out,
-):
+def _orca(cells, out, *arrays):
     """The loop over worlds, compiled twice: for one thread and for all.
 
     Args:
-        position: `[world, agent, 2]`, in metres.
-        velocity: `[world, agent, 2]`, in m/s.
-        preferred: `[world, agent, 2]`, preferred velocities in m/s.
-        radius: `[world, agent]`, in metres.
-        max_speed: `[world, agent]`, in m/s.
-        time_step: Length of a step in seconds.
-        neighbor_distance: In metres, read by `at` like all that follow.
-        max_neighbors: Number of agents, as a float like all that `at` reads.
-        time_horizon: In seconds.
-        obstacles: `[world, polygon, corner, 2]`, in metres; one world may stand for all.
-        time_horizon_obst: In seconds.
-        line_of_sight: Whether walls hide others.
-        seen: Whether the agent is avoided.
-        moves: Whether the agent's velocity is computed.
         cells: `Cells`, or None: then each agent looks at all others.
         out: `[world, agent, 2]`, filled: velocities in m/s.
+        *arrays: The arguments of `orca_velocities` in SI units. All after the obstacles, and who is seen and who moves,
+            are read by `at`; one world's obstacles may stand for all.
     """
-    worlds, agents = radius.shape
+    # Not a NamedTuple: reading its fields would make ORCA a sixth slower.
+    position, velocity, preferred, radius, max_speed, seen, moves = arrays[:7]
+    time_step, obstacles, neighbor_distance, max_neighbors, time_horizon, time_horizon_obst, line_of_sight = arrays[7:]
+    worlds, number = radius.shape
     # A world's edges are made once in each block, so that worlds are only divided where a block has many agents.
-    blocks = min(max(worlds, worlds * agents // _BLOCK_AGENTS), _BLOCKS)
+    blocks = min(max(worlds, worlds * number // _BLOCK_AGENTS), _BLOCKS)
     room = 0
-    for w in range(max_neighbors.shape[0]):
-        for i in range(max_neighbors.shape[1]):
-            room = max(room, min(np.int64(max_neighbors[w, i]), agents))
+    for most_neighbors in max_neighbors.flat:
+        room = max(room, min(np.int64(most_neighbors), number))
     for block in prange(blocks):
         neighbor, distance = np.empty(room, np.int64), np.empty(room)
         most = obstacles.shape[1] * obstacles.shape[2]
         lines, scratch = np.empty((room + most, 4)), np.empty((room + most, 4))
         edges, order, apart = np.empty((most, EDGE)), np.empty(most, np.int64), np.empty(most)
         # The index of a prange is unsigned, which would turn the bounds into floats.
-        begin = np.int64(block) * (worlds * agents) // blocks
-        end = (np.int64(block) + 1) * (worlds * agents) // blocks
-        for w in range(begin // agents, (end + agents - 1) // agents):
+        begin = np.int64(block) * (worlds * number) // blocks
+        end = (np.int64(block) + 1) * (worlds * number) // blocks
+        for w in range(begin // number, (end + number - 1) // number):
             polygons = obstacles[min(w, len(obstacles) - 1)]
-            number = fill_edges(polygons, edges) if most > 0 else 0
-            for i in range(max(begin - w * agents, 0), min(end - w * agents, agents)):
+            edge_count = fill_edges(polygons, edges) if most > 0 else 0
+            for i in range(max(begin - w * number, 0), min(end - w * number, number)):
                 x, y = 0.0, 0.0
                 if at(moves, w, i):
-                    hard = 0
-                    if number > 0:
-                        own, speed = at(time_horizon_obst, w, i), max_speed[w, i]
+                    hard, speed = 0, max_speed[w, i]
+                    if edge_count > 0:
+                        horizon = at(time_horizon_obst, w, i)
                         px, py, size = position[w, i, 0], position[w, i, 1], radius[w, i]
-                        near = nearest_edges(edges, number, px, py, own * speed + size, order, apart)
-                        vx, vy, rate = velocity[w, i, 0], velocity[w, i, 1], 1.0 / max(own, _TINY)
+                        near = nearest_edges(edges, edge_count, px, py, horizon * speed + size, order, apart)
+                        vx, vy, rate = velocity[w, i, 0], velocity[w, i, 1], 1.0 / max(horizon, _TINY)
                         hard = edge_half_planes(edges, order, near, px, py, vx, vy, size, rate, lines)
                     reach, limit = at(neighbor_distance, w, i), np.int64(at(max_neighbors, w, i))
-                    horizon = at(time_horizon, w, i)
-                    hides = number > 0 and at(line_of_sight, w, i) != 0.0
+                    hides = edge_count > 0 and at(line_of_sight, w, i) != 0.0
                     # Not one condition: numba only leaves out a branch whose condition is None alone.
                     if cells is None:  # noqa: SIM114
                         n = nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance)
@@ -182,13 +141,14 @@ def _orca(
                         n = nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor, distance)
                     else:
                         n = nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neighbor, distance)
+                    horizon = at(time_horizon, w, i)
                     for k in range(n):
                         _half_plane(position, velocity, radius, w, i, neighbor[k], horizon, time_step, lines, hard + k)
                     n += hard
                     x, y = preferred[w, i, 0], preferred[w, i, 1]
-                    failed, x, y = nearest_permitted(lines, n, max_speed[w, i], x, y, False)
+                    failed, x, y = nearest_permitted(lines, n, speed, x, y, False)
                     if failed < n:
-                        x, y = least_violation(lines, n, hard, failed, max_speed[w, i], x, y, scratch)
+                        x, y = least_violation(lines, n, hard, failed, speed, x, y, scratch)
                 out[w, i, 0], out[w, i, 1] = x, y
 
 

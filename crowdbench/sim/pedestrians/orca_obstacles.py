@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import no_type_check
 
+from crowdbench.sim.neighbors import insert_sorted
 from crowdbench.sim.obstacles import number_of_corners
 from crowdbench.sim.pedestrians.linear_program import unit
 from crowdbench.utils.compiled import njit
@@ -92,12 +93,7 @@ def nearest_edges(edges, number, x, y, reach, order, distance):
         squared = ox * ox + oy * oy
         if squared >= reach * reach:
             continue
-        slot = found
-        while slot > 0 and squared < distance[slot - 1]:
-            order[slot], distance[slot] = order[slot - 1], distance[slot - 1]
-            slot -= 1
-        order[slot], distance[slot] = k, squared
-        found += 1
+        found = insert_sorted(k, squared, found, number, order, distance)
     return found
 
 

@@ -22,20 +22,19 @@ from collections.abc import Mapping
 from typing import ClassVar, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from crowdbench.core.types import World
 from crowdbench.sim.obstacles import number_of_corners
-from crowdbench.sim.pedestrians.base import PedestrianPolicy
+from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.pedestrians.forces import (
-    SUB_STEP,
     TINY,
+    Walkers,
     compile_model,
     fill_traits,
     integrate,
-    to_walkers,
+    walkers_of,
 )
-from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
 
 _OVERLAPPING = 0.99
@@ -59,53 +58,23 @@ class PowerLaw(PedestrianPolicy):
 
     parameters: ClassVar[Mapping[str, float]] = PARAMETERS
 
-    def velocities(
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
-    ) -> Float[np.ndarray, "world pedestrian 2"]:
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`. The parameters are those of `power_law_velocities`."""
-        moves = world.present.copy()
-        moves[:, 0] = False
-        return power_law_velocities(
-            world.position,
-            world.velocity,
-            goals_on_way(world),
-            world.radius,
-            world.preferred_speed,
-            time_step=world.rules.dt,
-            obstacles=world.obstacles,
-            seen=world.present,
-            moves=moves,
-            parameters=parameters,
-        )[:, 1:]
+        dt = world.rules.dt
+        return power_law_velocities(walkers_of(world), time_step=dt, parameters=parameters)[:, 1:]
 
 
 def power_law_velocities(
-    position: Float[np.ndarray, "world agent 2"],
-    velocity: Float[np.ndarray, "world agent 2"],
-    goal: Float[np.ndarray, "world agent 2"],
-    radius: Float[np.ndarray, "world agent"],
-    preferred_speed: Float[np.ndarray, "world agent"],
+    walkers: Walkers,
     *,
     time_step: float = 0.25,
-    sub_step: float = SUB_STEP,
-    obstacles: Float[np.ndarray, "world polygon corner 2"] | None = None,
-    seen: Bool[np.ndarray, "world agent"] | None = None,
-    moves: Bool[np.ndarray, "world agent"] | None = None,
     parameters: Mapping[str, float | Float[np.ndarray, "world agent"]] = PARAMETERS,
 ) -> Float[np.ndarray, "world agent 2"]:
     """The velocity that each agent has at the end of the step, see `forces.integrate`.
 
     Args:
-        position: Centres in metres.
-        velocity: Current velocities in m/s.
-        goal: Goals in metres.
-        radius: Radii in metres.
-        preferred_speed: Preferred and largest speeds in m/s.
+        walkers: The agents.
         time_step: Length of the step in seconds.
-        sub_step: Longest sub-step in seconds.
-        obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
-        seen: Whether the agent repels others; all do if None.
-        moves: Whether the agent's velocity is computed; all are if None. The others keep their velocity in this step.
         parameters: Those of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number or
             one per agent: xi in seconds, k in m^2, tau0 in seconds, and the bound of the sum of the forces of others
             and walls in m/s^2.
@@ -113,54 +82,31 @@ def power_law_velocities(
     Returns:
         Velocities in m/s; 0 for agents that do not move.
     """
-    traits = fill_traits(PARAMETERS, parameters, radius.shape)
-    walkers = to_walkers(position, velocity, goal, radius, preferred_speed, seen, moves)
-    return integrate(_MODEL, walkers, traits, obstacles, time_step, sub_step)
+    traits = fill_traits(PARAMETERS, parameters, walkers.radius.shape)
+    return integrate(_MODEL, walkers, traits, time_step)
 
 
-# Inlined, as the next one is: handing over its arrays takes 10 % of a step.
+# Inlined: handing over its arrays takes 10 % of a step.
 @no_type_check
 @njit(inline="always")
 def _power_law(i, position, velocity, desired, radius, seen, traits, obstacles, w, noise, group):
     """All forces on agent i, see `compile_model`; the bound makes their share smaller."""
     k, tau0, bound = traits[1], max(traits[2], TINY), traits[3]
-    fx, fy = _from_others(i, position, velocity, radius, seen, k, tau0)
+    fx, fy, x, y, vx, vy = 0.0, 0.0, position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1]
+    for j in range(len(position)):
+        if j == i or not seen[j]:
+            continue
+        wx, wy = position[j, 0] - x, position[j, 1] - y
+        tau, tx, ty = _until_discs_touch(wx, wy, vx - velocity[j, 0], vy - velocity[j, 1], radius[i] + radius[j])
+        force = _force(tau, k, tau0)
+        fx, fy = fx + force * tx, fy + force * ty
     for polygon in obstacles:
-        bx, by = _from_wall(position[i, 0], position[i, 1], velocity[i, 0], velocity[i, 1], radius[i], polygon, k, tau0)
+        bx, by = _from_wall(x, y, vx, vy, radius[i], polygon, k, tau0)
         fx, fy = fx + bx, fy + by
     return fx, fy, bound / max(math.sqrt(fx * fx + fy * fy), bound, 1e-9)
 
 
 _MODEL = compile_model(_power_law)
-
-
-@no_type_check
-@njit(inline="always")
-def _from_others(i, position, velocity, radius, seen, k, tau0):
-    """The sum of the forces of all others on agent i.
-
-    Args:
-        i: Index of the agent.
-        position: `[agent, 2]`, in metres.
-        velocity: `[agent, 2]`, in m/s.
-        radius: `[agent]`, in metres.
-        seen: `[agent]`, whether the agent repels others.
-        k: In m^2.
-        tau0: In seconds.
-
-    Returns:
-        x and y of an acceleration in m/s^2.
-    """
-    ax, ay = 0.0, 0.0
-    for j in range(len(position)):
-        if j == i or not seen[j]:
-            continue
-        wx, wy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
-        vx, vy = velocity[i, 0] - velocity[j, 0], velocity[i, 1] - velocity[j, 1]
-        tau, tx, ty = _until_discs_touch(wx, wy, vx, vy, radius[i] + radius[j])
-        force = _force(tau, k, tau0)
-        ax, ay = ax + force * tx, ay + force * ty
-    return ax, ay
 
 
 @no_type_check
@@ -187,9 +133,8 @@ def _from_wall(x, y, vx, vy, radius, polygon, k, tau0):
             first, ax, ay = tau, tx, ty
     for c in range(corners if corners > 2 else corners - 1):
         begin, end = polygon[c], polygon[(c + 1) % corners]
-        tau, tx, ty = _until_side_touched(
-            x - begin[0], y - begin[1], vx, vy, radius, end[0] - begin[0], end[1] - begin[1]
-        )
+        sx, sy = end[0] - begin[0], end[1] - begin[1]
+        tau, tx, ty = _until_side_touched(x - begin[0], y - begin[1], vx, vy, radius, sx, sy)
         if tau < first:
             first, ax, ay = tau, tx, ty
     force = _force(first, k, tau0)

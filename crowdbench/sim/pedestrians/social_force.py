@@ -27,22 +27,21 @@ from collections.abc import Mapping
 from typing import ClassVar, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from crowdbench.core import rng
 from crowdbench.core.types import World
 from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
-from crowdbench.sim.pedestrians.base import PedestrianPolicy
+from crowdbench.sim.pedestrians.base import Parameters, PedestrianPolicy, Velocities
 from crowdbench.sim.pedestrians.forces import (
-    SUB_STEP,
     TINY,
+    Walkers,
     compile_model,
     fill_traits,
     integrate,
-    to_walkers,
+    walkers_of,
 )
 from crowdbench.sim.pedestrians.group_force import ATTRACTION, GAZE, REPULSION, anybody_in, group_force
-from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit
 
 SIGHT_ANGLE = math.radians(200.0)
@@ -87,61 +86,29 @@ class SocialForce(PedestrianPolicy):
 
     parameters: ClassVar[Mapping[str, float]] = PARAMETERS
 
-    def velocities(
-        self, world: World, parameters: Mapping[str, Float[np.ndarray, "world agent"]]
-    ) -> Float[np.ndarray, "world pedestrian 2"]:
+    def velocities(self, world: World, parameters: Parameters) -> Velocities:
         """See `PedestrianPolicy`. The parameters are those of `social_force_velocities`."""
-        moves = world.present.copy()
-        moves[:, 0] = False
-        noise = np.zeros_like(world.position)
-        noise[:, 1:] = rng.normal(world.key, "social_force", world.step, (moves.shape[1] - 1, 2))
-        return social_force_velocities(
-            world.position,
-            world.velocity,
-            goals_on_way(world),
-            world.radius,
-            world.preferred_speed,
-            noise,
-            time_step=world.rules.dt,
-            obstacles=world.obstacles,
-            group=world.group,
-            seen=world.present,
-            moves=moves,
-            parameters=parameters,
-        )[:, 1:]
+        noise, dt = np.zeros_like(world.position), world.rules.dt
+        noise[:, 1:] = rng.normal(world.key, "social_force", world.step, (noise.shape[1] - 1, 2))
+        walkers = walkers_of(world)
+        return social_force_velocities(walkers, noise, world.group, time_step=dt, parameters=parameters)[:, 1:]
 
 
 def social_force_velocities(
-    position: Float[np.ndarray, "world agent 2"],
-    velocity: Float[np.ndarray, "world agent 2"],
-    goal: Float[np.ndarray, "world agent 2"],
-    radius: Float[np.ndarray, "world agent"],
-    preferred_speed: Float[np.ndarray, "world agent"],
+    walkers: Walkers,
     noise: Float[np.ndarray, "world agent 2"],
+    group: Int[np.ndarray, "world pedestrian"] | None = None,
     *,
     time_step: float = 0.25,
-    sub_step: float = SUB_STEP,
-    obstacles: Float[np.ndarray, "world polygon corner 2"] | None = None,
-    group: Int[np.ndarray, "world pedestrian"] | None = None,
-    seen: Bool[np.ndarray, "world agent"] | None = None,
-    moves: Bool[np.ndarray, "world agent"] | None = None,
     parameters: Mapping[str, float | Float[np.ndarray, "world agent"]] = PARAMETERS,
 ) -> Float[np.ndarray, "world agent 2"]:
     """The velocity that each agent has at the end of the step, see `forces.integrate`.
 
     Args:
-        position: Centres in metres.
-        velocity: Current velocities in m/s.
-        goal: Goals in metres.
-        radius: Radii in metres.
-        preferred_speed: Preferred and largest speeds in m/s.
+        walkers: The agents.
         noise: Standard normal numbers, one per agent and axis, for the fluctuation during this step.
-        time_step: Length of the step in seconds.
-        sub_step: Longest sub-step in seconds.
-        obstacles: Polygons in metres, NaN after the last corner; two corners are a wall.
         group: The number of each pedestrian's group, negative for those who walk alone, as all do if None.
-        seen: Whether the agent repels others; all do if None.
-        moves: Whether the agent's velocity is computed; all are if None. The others keep their velocity in this step.
+        time_step: Length of the step in seconds.
         parameters: Those of `PARAMETERS` that are not the defaults, of the agent that feels the force, one number or
             one per agent. In the papers' symbols they are tau in seconds, V0 in m^2/s^2, sigma in metres, Delta t in
             seconds, 2 phi in radians, c, the standard deviation in m/s of the velocity of an agent alone across its way
@@ -154,14 +121,13 @@ def social_force_velocities(
     groups: np.ndarray | None = None
     names = _ALONE
     if group is not None and anybody_in(group):
-        groups, names = np.full(radius.shape, -1), PARAMETERS
+        groups, names = np.full(walkers.radius.shape, -1), PARAMETERS
         groups[:, 1:] = group
-    traits = fill_traits(names, parameters, radius.shape)
+    traits = fill_traits(names, parameters, walkers.radius.shape)
     relaxation = np.maximum(parameters.get("relaxation_time", PARAMETERS["relaxation_time"]), TINY)
     traits[..., 4] = np.cos(np.multiply(parameters.get("sight_angle", SIGHT_ANGLE), 0.5))
     traits[..., 6] = parameters.get("fluctuation", FLUCTUATION) * _acceleration(relaxation, time_step)
-    walkers = to_walkers(position, velocity, goal, radius, preferred_speed, seen, moves)
-    return integrate(_MODEL, walkers, traits, obstacles, time_step, sub_step, np.ascontiguousarray(noise), groups)
+    return integrate(_MODEL, walkers, traits, time_step, np.ascontiguousarray(noise), groups)
 
 
 def _acceleration(relaxation: float | np.ndarray, time_step: float) -> float | np.ndarray:
