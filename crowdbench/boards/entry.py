@@ -20,10 +20,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from crowdbench.boards.schema import CardSpec
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location, parse_table, read_toml
+from crowdbench.utils.toml import Flag, Location, Name, Names, Text, TomlTable, integer, parse_table, read_toml
 
 ENTRY = "entry.json"
 CARD = "card.toml"
@@ -40,8 +39,34 @@ SCHEMA = 1
 """Version of what `entry.json` holds."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+Texts = Annotated[list[Text], Field(description="a list of texts in quotes")]
 Figures = dict[str, dict[str, float | None]]
 """By scenario and metric, the mean over the cases."""
+
+
+class CardSpec(TomlTable):
+    """The whole of `card.toml`: what the authors of an entry say of it.
+
+    `method` names what the entry belongs to, so that several entries of one method can be compared with others as a
+    method. `crowd_model` is the model of pedestrians inside the planner, such as "ORCA", or "none".
+    `validation_runs` is how many trained or tuned variants were compared before this one was chosen.
+    """
+
+    title: Name
+    authors: Names
+    contact: Name
+    method: Name
+    licence: Name
+    description: Name
+    paper: Text = ""
+    code: Text = ""
+    training_data: Texts
+    training_scenarios: Texts
+    privileged_training: Flag
+    crowd_model: Name
+    validation_runs: int = integer(least=0, most=10**9)
+    training_seeds: int = integer(least=0, most=10**9)
+    ablation: Flag = False
 
 
 class _Record(BaseModel):

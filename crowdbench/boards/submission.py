@@ -17,6 +17,7 @@ from crowdbench.boards.entry import (
     PLANNER,
     PUBLIC,
     SCHEMA,
+    CardSpec,
     Entry,
     EntrySpec,
     file_digests,
@@ -34,7 +35,6 @@ from crowdbench.boards.run_entry import (
     lock_runs,
     read_figures,
 )
-from crowdbench.boards.schema import CardSpec
 from crowdbench.runs.results import read_result
 from crowdbench.runs.run import read_versions
 from crowdbench.runs.shards import WHOLE, Shard

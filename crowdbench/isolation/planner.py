@@ -92,19 +92,20 @@ class IsolatedPlanner(Planner):
         self.usage: dict[str, Any] = {"level": sandbox.level()}
         self.process = Process(sandbox.command(program(spec), hidden, shown, folder), limits.memory, folder)
         try:
-            says = self._start(spec, options, scene)
+            properties = self._start(spec, options, scene)
         except BaseException:
             self.close()
             raise
-        self.privileged, self.facts = says.get("privileged"), says.get("facts")  # type: ignore[assignment]
-        self.native = says.get("native", False)
+        self.privileged, self.facts = properties.get("privileged"), properties.get("facts")  # type: ignore[assignment]
+        self.native = properties.get("native", False)
         self.usage["construction_seconds"] = self.process.seconds
 
     def _start(self, spec: str, options: Mapping[str, Any], scene: str | None) -> dict[str, Any]:
         """Have the planner made. What it says of itself, but for the version, is for the driver to check."""
-        asked = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
-        says = from_json(self._ask("in its construction", self.limits.construction, Kind.START, to_json(asked)))
-        version = says.get("version", 1)  # version 1 did not name itself
+        request = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
+        answer = self._ask("in its construction", self.limits.construction, Kind.START, to_json(request))
+        properties = from_json(answer)
+        version = properties.get("version", 1)  # version 1 did not name itself
         if version != VERSION and program(spec) is None:
             raise MachineFault(
                 f"crowdbench has changed since this command started, so that planner {self.name} cannot be asked: "
@@ -115,7 +116,7 @@ class IsolatedPlanner(Planner):
                 f"planner {self.name} speaks version {version!r} of the messages, but must speak version {VERSION}, "
                 "which docs/isolation.md describes"
             )
-        return says
+        return properties
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """See `Planner`."""

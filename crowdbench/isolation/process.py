@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import psutil
@@ -60,9 +60,9 @@ class Process:
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._pipes = self._process.stdin.fileno(), self._process.stdout.fileno()
-        for pipe in self._pipes:
-            os.set_blocking(pipe, False)
+        self._sink, self._source = self._process.stdin.fileno(), self._process.stdout.fileno()
+        os.set_blocking(self._sink, False)
+        os.set_blocking(self._source, False)
 
     def ask(self, limit: float, kind: Kind, *parts: bytes | memoryview) -> tuple[Kind, bytearray]:
         """Send a message and wait for the answer.
@@ -83,11 +83,10 @@ class Process:
             Broken: It has ended, or answered in another format.
         """
         start = time.monotonic()
-        left = FairLimit(limit, lambda: (process.pid for process in self._everybody()))
-        pipes = _Pipes(*self._pipes, lambda: self._watch(left))
+        self._limit = FairLimit(limit, lambda: (process.pid for process in self._everybody()))
         try:
-            send(pipes.write, kind, *parts)
-            return receive(pipes.readinto)
+            send(self._write, kind, *parts)
+            return receive(self._readinto)
         except Broken as error:
             raise Broken(self._status() or str(error)) from None
         except BaseException:
@@ -96,8 +95,24 @@ class Process:
         finally:
             self.seconds += time.monotonic() - start
 
-    def _watch(self, limit: FairLimit) -> None:
-        if limit.over():
+    def _write(self, content: memoryview) -> int:
+        self._wait(self._sink, select.POLLOUT)
+        return os.write(self._sink, content)
+
+    def _readinto(self, buffer: memoryview) -> int:
+        self._wait(self._source, select.POLLIN)
+        return os.readv(self._source, [buffer])
+
+    def _wait(self, pipe: int, event: int) -> None:
+        """Wait until a pipe is ready, and look at the process again and again meanwhile."""
+        poll = select.poll()
+        poll.register(pipe, event)
+        self._watch()
+        while not poll.poll(1e3 * TICK):
+            self._watch()
+
+    def _watch(self) -> None:
+        if self._limit.over():
             raise TooSlow
         now = time.monotonic()
         if now - self._looked >= TICK:
@@ -122,15 +137,12 @@ class Process:
 
     def end(self) -> None:
         """Kill it, with all that it has started. It may have ended before."""
-        for process in list(self._everybody()):
-            with contextlib.suppress(psutil.Error):
-                process.kill()
-        with contextlib.suppress(OSError):  # what it started and what has another parent now
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
-            pipe.close()
+        with self._process:  # closes the pipes, and waits until the process has ended
+            for process in list(self._everybody()):
+                with contextlib.suppress(psutil.Error):
+                    process.kill()
+            with contextlib.suppress(OSError):  # what it started and what has another parent now
+                os.killpg(self._process.pid, signal.SIGKILL)
 
     def _status(self) -> str:
         """End it, and tell how it has ended by itself before; empty if it had not."""
@@ -147,35 +159,3 @@ def _memory(process: psutil.Process) -> int:
     with contextlib.suppress(psutil.Error):
         return int(process.memory_info().rss)
     return 0
-
-
-class _Pipes:
-    """The pipes to a process. Neither writing nor reading waits for long without a look at the process.
-
-    Args:
-        sink: Descriptor to write to.
-        source: Descriptor to read from.
-        watch: Called between two waits. What it raises ends the reading or writing.
-    """
-
-    def __init__(self, sink: int, source: int, watch: Callable[[], None]) -> None:
-        self.sink = sink
-        self.source = source
-        self.watch = watch
-
-    def write(self, content: memoryview) -> int:
-        """Write as much as the pipe takes, and return how much."""
-        self._wait(self.sink, select.POLLOUT)
-        return os.write(self.sink, content)
-
-    def readinto(self, buffer: memoryview) -> int:
-        """Read as much as is there, and return how much; 0 where the pipe has ended."""
-        self._wait(self.source, select.POLLIN)
-        return os.readv(self.source, [buffer])
-
-    def _wait(self, descriptor: int, event: int) -> None:
-        poll = select.poll()
-        poll.register(descriptor, event)
-        self.watch()
-        while not poll.poll(1e3 * TICK):
-            self.watch()

@@ -13,10 +13,12 @@ import json
 import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, FREE
 from crowdbench.core.types import HISTORY, Observation, Pedestrians, Vehicle
@@ -143,14 +145,11 @@ def send(write: Write, kind: Kind, *parts: bytes | memoryview) -> None:
     """
     try:
         for part in (_HEADER.pack(kind, sum(map(len, parts))), *parts):
-            _write(write, memoryview(part))
+            left = memoryview(part)
+            while len(left):
+                left = left[write(left) or 0 :]
     except OSError as error:
         raise Broken(f"reads no messages ({error.strerror})") from None
-
-
-def _write(write: Write, part: memoryview) -> None:
-    while len(part):
-        part = part[write(part) or 0 :]
 
 
 def receive(readinto: ReadInto) -> tuple[Kind, bytearray]:
@@ -206,7 +205,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         steps: For how many steps the planner is to decide.
     """
     constants = _constants(obs.vehicle)
-    values = {name: constants[name] if name in constants else _value(obs, name) for name in ARRAYS}
+    values = {name: constants[name] if name in constants else attrgetter(name)(obs) for name in ARRAYS}
     sizes = dict.fromkeys(DIMENSIONS, 0)
     for name, (_, shape) in ARRAYS.items():
         if values[name] is not None:
@@ -217,7 +216,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
     yield _SIZES.pack(*(sizes[name] for name in DIMENSIONS))
     for name, (dtype, _) in ARRAYS.items():
         if values[name] is not None:
-            yield np.ascontiguousarray(values[name], dtype).reshape(-1).view(np.uint8).data
+            yield array_bytes(values[name], dtype)
 
 
 def _constants(vehicle: Vehicle) -> dict[str, tuple[float, ...]]:
@@ -228,11 +227,6 @@ def _constants(vehicle: Vehicle) -> dict[str, tuple[float, ...]]:
         "vehicle.goal_tolerance": () if tolerance is None else (tolerance,),
         "vehicle.body": () if vehicle.body == DISC else vehicle.body,
     }
-
-
-def _value(obs: Observation, name: str) -> Any:
-    part, _, field = name.rpartition(".")
-    return getattr(getattr(obs, part) if part else obs, field)
 
 
 def read_observation(content: bytearray) -> tuple[Observation, int]:
@@ -277,9 +271,9 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
     return obs, sizes["steps"]
 
 
-def command_bytes(commands: Float[np.ndarray, "world time 2"]) -> memoryview:
-    """The content of `COMMANDS`."""
-    return np.ascontiguousarray(commands, "<f8").reshape(-1).view(np.uint8).data
+def array_bytes(values: ArrayLike, dtype: str = "<f8") -> memoryview:
+    """Numbers as messages hold them; the content of `COMMANDS` is that of the commands."""
+    return np.ascontiguousarray(values, dtype).reshape(-1).view(np.uint8).data
 
 
 def read_commands(content: bytearray, worlds: int, steps: int) -> Float[np.ndarray, "world time 2"]:

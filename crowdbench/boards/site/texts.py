@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit
 
+from crowdbench.boards.board import FlagsSpec
 from crowdbench.boards.entry import Verdict
-from crowdbench.boards.schema import FlagsSpec
 from crowdbench.boards.standings import Standing
 
 NOTHING = "\N{EN DASH}"
