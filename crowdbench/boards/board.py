@@ -43,18 +43,19 @@ SLOW = 1.0
 CASES_IF_SLOW = 500
 """Cases of each scenario that a slow entry drives, if the board has more."""
 
-SHOWN = (
-    "success_rate",
-    "collision_rate",
-    "timeout_rate",
-    "navigation_time",
-    "sct",
-    "minimum_gap",
-    "intimate_zone",
-    "max_velocity_change",
-    "jerk",
-)
-"""The metrics that every board shows."""
+METRIC_TITLES = {
+    "success_rate": "success, %",
+    "collision_rate": "collisions, %",
+    "timeout_rate": "time-outs, %",
+    "navigation_time": "time, s",
+    "sct": "SCT",
+    "minimum_gap": "smallest gap, m",
+    "intimate_zone": "intimate zone, %",
+    "max_velocity_change": "largest change of velocity, m/s",
+    "jerk": "jerk, m/s³",
+    "imposed_delay": "imposed delay, s",
+}
+"""The metrics that boards show, the last one only where it has a bound, and what they are called there."""
 
 _SHOWN_ONLY = {"title", "description", "position", "recorded", "ranked"}
 """Keys of a board that are not in its digest."""
@@ -132,8 +133,8 @@ class Board:
     @property
     def metrics(self) -> Mapping[str, Metric]:
         """The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
-        names = SHOWN if self.spec.flags.imposed_delay is None else (*SHOWN, "imposed_delay")
-        return {name: METRICS[name] for name in names}
+        is_bound = self.spec.flags.imposed_delay is not None
+        return {name: METRICS[name] for name in METRIC_TITLES if is_bound or name != "imposed_delay"}
 
     @property
     def cases(self) -> Cases:

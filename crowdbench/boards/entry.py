@@ -151,8 +151,8 @@ class Verification(_Record):
     level: str
     verdict: Annotated[Verdict, Field(strict=False)]
     reason: str
-    figures: Figures
-    decision_time: DecisionTime | None
+    figures: Figures = {}
+    decision_time: DecisionTime | None = None
     method: Method | None = None
 
 

@@ -30,20 +30,31 @@ class Comparison:
     """Two entries, compared.
 
     Attributes:
-        better: Index of the entry that is better; None where no difference is significant.
-        worse: Index of the other one; None likewise.
-        criterion: The first metric in which they differ significantly; empty where there is none.
         entries: The indices of both.
         differences: By metric, the mean of the first entry minus that of the second.
         p: By metric, the two-sided p-value, corrected for all comparisons of the board.
     """
 
-    better: int | None
-    worse: int | None
-    criterion: str
     entries: tuple[int, int]
     differences: Mapping[str, float]
     p: Mapping[str, float]
+
+    @property
+    def criterion(self) -> str:
+        """The first metric in which they differ significantly; empty where there is none."""
+        return next((metric for metric in CRITERIA if self.p[metric] < ALPHA), "")
+
+    @property
+    def better(self) -> int | None:
+        """Index of the entry that is better; None where no difference is significant."""
+        if not (criterion := self.criterion):
+            return None
+        return self.entries[0 if self.differences[criterion] * CRITERIA[criterion] > 0.0 else 1]
+
+    @property
+    def worse(self) -> int | None:
+        """Index of the other one; None likewise."""
+        return None if self.better is None else sum(self.entries) - self.better
 
 
 @dataclass(frozen=True)
@@ -82,24 +93,20 @@ def compare_all(
         if any(np.isnan(entry[metric]).any() for entry in columns):
             raise InputError(f"entries cannot be compared: {metric} has no value in some case")
     pairs = list(itertools.combinations(range(len(columns)), 2))
-    common = {(a, b): _common(columns[a], columns[b]) for a, b in pairs}
-    raw = [
-        p_value(own.ravel(), other.ravel(), *_counted(weights, blocks, own.shape[1]))
-        for pair in pairs
-        for own, other in common[pair].values()
-    ]
+    both = [_in_common_cases(columns[a], columns[b]) for a, b in pairs]
+    raw = [_test(first, second, weights, blocks) for common in both for first, second in common.values()]
     corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA))
-    return [_comparison(common[pair], pair, weights, p) for pair, p in zip(pairs, corrected, strict=True)]
+    return [
+        Comparison(
+            pair,
+            {metric: float(weights @ (first - second).mean(axis=1)) for metric, (first, second) in common.items()},
+            dict(zip(CRITERIA, p, strict=True)),
+        )
+        for pair, common, p in zip(pairs, both, corrected.tolist(), strict=True)
+    ]
 
 
-def _counted(
-    weights: Float[np.ndarray, "scenario"], blocks: Int[np.ndarray, "scenario _"] | None, cases: int
-) -> tuple[Float[np.ndarray, "case"], Int[np.ndarray, "case"] | None]:
-    """How much each case counts, and its block: those of the first cases of each scenario."""
-    return np.repeat(weights, cases), None if blocks is None else blocks[:, :cases].ravel()
-
-
-def _common(
+def _in_common_cases(
     a: Mapping[str, Float[np.ndarray, "scenario _"]], b: Mapping[str, Float[np.ndarray, "scenario _"]]
 ) -> dict[str, Float[np.ndarray, "2 scenario case"]]:
     """The metrics of two entries in the cases that both drove."""
@@ -107,20 +114,16 @@ def _common(
     return {metric: np.stack([a[metric][:, :cases], b[metric][:, :cases]]) for metric in CRITERIA}
 
 
-def _comparison(
-    common: Mapping[str, Float[np.ndarray, "2 scenario case"]],
-    pair: tuple[int, int],
+def _test(
+    first: Float[np.ndarray, "scenario case"],
+    second: Float[np.ndarray, "scenario case"],
     weights: Float[np.ndarray, "scenario"],
-    p: Float[np.ndarray, "metric"],
-) -> Comparison:
-    a, b = pair
-    differences = {metric: float(weights @ (own - other).mean(axis=1)) for metric, (own, other) in common.items()}
-    by_metric = dict(zip(CRITERIA, p.tolist(), strict=True))
-    criterion = next((metric for metric in CRITERIA if by_metric[metric] < ALPHA), "")
-    if not criterion:
-        return Comparison(None, None, "", pair, differences, by_metric)
-    is_first = differences[criterion] * CRITERIA[criterion] > 0.0
-    return Comparison(*((a, b) if is_first else (b, a)), criterion, pair, differences, by_metric)
+    blocks: Int[np.ndarray, "scenario _"] | None,
+) -> float:
+    """The p-value of a metric of two entries in the first cases of each scenario."""
+    cases = first.shape[1]
+    block = None if blocks is None else blocks[:, :cases].ravel()
+    return p_value(first.ravel(), second.ravel(), np.repeat(weights, cases), block)
 
 
 def p_value(

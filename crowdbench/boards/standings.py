@@ -175,7 +175,9 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
         season=season,
         ranked=[ranked[i] for i in order],
         others=sorted((one for one in each if one.reason), key=lambda one: one.entry.name),
-        comparisons=[_renumber(one, place) for one in comparisons],
+        comparisons=[
+            dataclasses.replace(one, entries=(place[one.entries[0]], place[one.entries[1]])) for one in comparisons
+        ],
     )
 
 
@@ -184,13 +186,6 @@ def _order(standing: Standing) -> tuple[float, ...]:
     assert standing.rank is not None
     means = (standing.figures[metric].mean * -sign for metric, sign in CRITERIA.items())
     return (standing.rank.rank, standing.rank.last, *means)
-
-
-def _renumber(comparison: Comparison, place: Mapping[int, int]) -> Comparison:
-    a, b = (place[index] for index in comparison.entries)
-    better = None if comparison.better is None else place[comparison.better]
-    worse = None if comparison.worse is None else place[comparison.worse]
-    return dataclasses.replace(comparison, better=better, worse=worse, entries=(a, b))
 
 
 def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None:

@@ -13,17 +13,14 @@ import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from crowdbench.boards.board import FILE, ROOT, Board
 from crowdbench.boards.consistency_test import lower_than_claimed
 from crowdbench.boards.entry import (
     SEASONS,
-    DecisionTime,
     Entry,
-    Figures,
-    Method,
     Verdict,
     Verification,
     file_digests,
@@ -174,17 +171,39 @@ def _hidden(entry: Entry, work: Path) -> list[Path]:
 
 
 def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
-    found = _rerun(entry, run)
-    assert run.seed is not None  # as it is for public cases alone
-    return Verification(
-        by=by,
-        on=datetime.datetime.now(datetime.UTC).date().isoformat(),
-        season=season,
-        seed=run.seed,
-        code=code(),
-        level=sandbox.level(),
-        **vars(found),
-    )
+    """Replay the public runs, run the planner on other cases, and compare."""
+
+    def report(verdict: Verdict, reason: str, **measured: Any) -> Verification:
+        return Verification(
+            by=by,
+            on=datetime.datetime.now(datetime.UTC).date().isoformat(),
+            season=season,
+            seed=run.seed,
+            code=code(),
+            level=sandbox.level(),
+            verdict=verdict,
+            reason=reason,
+            **measured,
+        )
+
+    if difference := next(_differences(entry, run.board, run.progress), None):
+        return report(Verdict.NOT_REPRODUCED, difference)
+    try:
+        if change := describe_change(entry.spec):
+            return report(Verdict.REFUSED, change)
+        failed = _drive_all(entry, run)
+        if unexpected := [name for name in failed if name in entry.spec.reported]:
+            return report(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}")
+        networks = method_networks(entry, run.board)
+        method = summarize_method(run, networks) if networks else None
+        speed = run.time_decisions()
+    except MachineFault:
+        raise
+    except InputError as error:
+        return report(Verdict.REFUSED, str(error))
+    verdict, reason = _judge(entry, run)
+    figures = {} if verdict == Verdict.REFUSED else read_figures(run.board, run.out)
+    return report(verdict, reason, figures=figures, decision_time=speed, method=method)
 
 
 def _record(entry: Entry, verification: Verification, runs: Path) -> None:
@@ -195,39 +214,6 @@ def _record(entry: Entry, verification: Verification, runs: Path) -> None:
     update = {"files": file_digests(entry.directory), "verifications": verifications}
     write_entry(entry.directory, entry.spec.model_copy(update=update))
     read_entry(entry.directory)
-
-
-@dataclass(frozen=True)
-class _Finding:
-    """What a `Verification` says, but for who ran the entry again, when, where and on which seed."""
-
-    verdict: Verdict
-    reason: str
-    figures: Figures
-    decision_time: DecisionTime | None = None
-    method: Method | None = None
-
-
-def _rerun(entry: Entry, run: EntryRun) -> _Finding:
-    """Replay the public runs, run the planner on other cases, and compare."""
-    if difference := next(_differences(entry, run.board, run.progress), None):
-        return _Finding(Verdict.NOT_REPRODUCED, difference, {})
-    networks = method_networks(entry, run.board)
-    try:
-        if change := describe_change(entry.spec):
-            return _Finding(Verdict.REFUSED, change, {})
-        failed = _drive_all(entry, run)
-        if unexpected := [name for name in failed if name in entry.spec.reported]:
-            return _Finding(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}", {})
-        method = summarize_method(run, networks) if networks else None
-        speed = run.time_decisions()
-    except MachineFault:
-        raise
-    except InputError as error:
-        return _Finding(Verdict.REFUSED, str(error), {})
-    verdict, reason = _judge(entry, run)
-    figures = {} if verdict == Verdict.REFUSED else read_figures(run.board, run.out)
-    return _Finding(verdict, reason, figures, speed, method)
 
 
 def _differences(entry: Entry, board: Board, progress: Progress | None) -> Iterator[str]:

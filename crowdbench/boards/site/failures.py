@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import itertools
 from collections.abc import Mapping, Sequence
@@ -127,6 +126,5 @@ def _record(
             recorder.add(part, np.arange(len(part)), Episodes.of(part, metrics).columns)
     if path.exists() and path.stat().st_size <= LARGEST:
         return [path.name]
-    with contextlib.suppress(FileNotFoundError):
-        path.unlink()
+    path.unlink(missing_ok=True)
     return []

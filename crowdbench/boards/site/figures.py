@@ -91,31 +91,37 @@ _OFFSETS = np.array(
 EVERY = 1.0
 """Seconds between the discs that show where the vehicle, and whom it ran into, was."""
 
+_SHORTENED = (
+    (r"<metadata>.*?</metadata>", ""),
+    (r'<g id="[^"]*"', "<g"),  # several figures of a page would have the same ids; only those of <defs> are needed
+    (r"<!--.*?-->\s*", ""),
+    (r'font: ([\d.]+px)[^;"]*', r"font-size: \1"),
+)
+"""What pages do not need of an SVG, as patterns with their replacements."""
+
 _Boxes = Float[np.ndarray, "box 4"]
 """Left, lower, right and upper edges, in units of the SVG."""
 
 
 @contextlib.contextmanager
-def _axes(width: float, height: float) -> Iterator[Axes]:
-    """Axes to draw on, in the style of the pages; width and height in inches, of 72 units of the SVG."""
+def _axes(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
+    """A figure with axes, in the style of the pages; width and height in inches, of 72 units of the SVG."""
     with matplotlib.style.context(["default", _STYLE]):
         # Fixed margins: to fit them, Matplotlib would draw every figure several times.
         left, bottom, rest = 0.72, 0.55, 0.1
         inside = (width - left - rest) / width, (height - bottom - rest) / height
-        yield Figure(figsize=(width, height)).add_axes((left / width, bottom / height, *inside))
+        figure = Figure(figsize=(width, height))
+        yield figure, figure.add_axes((left / width, bottom / height, *inside))
 
 
-def _to_svg(drawn: Axes, label: str) -> Markup:
+def _to_svg(figure: Figure, label: str) -> Markup:
     """A figure as an element of a page, with a label for those who cannot see it. Call it inside `with _axes(...)`."""
     file = io.StringIO()
-    _figure_of(drawn).savefig(file, format="svg", metadata={"Date": None, "Creator": None})
+    figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()
     text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    # Several figures of a page would have the same ids; only those of <defs> are needed.
-    text = re.sub(r'<g id="[^"]*"', "<g", text)
-    text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
-    text = re.sub(r'font: ([\d.]+px)[^;"]*', r"font-size: \1", text)
+    for pattern, replacement in _SHORTENED:
+        text = re.sub(pattern, replacement, text, flags=re.DOTALL)
     for name, colour in COLOURS.items():
         text = text.replace(colour, f"var(--{name})")
     view_box = re.search(r'viewBox="[^"]*"', text)
@@ -123,12 +129,6 @@ def _to_svg(drawn: Axes, label: str) -> Markup:
     space = 'xmlns:xlink="http://www.w3.org/1999/xlink"'
     head = f'<svg {space} {view_box[0]} role="img" aria-label="{html.escape(label)}">'
     return Markup(head + text[text.index(">") + 1 :].strip())
-
-
-def _figure_of(drawn: Axes) -> Figure:
-    figure = drawn.get_figure(root=True)
-    assert figure is not None
-    return figure
 
 
 def success_against_time(found: Standings) -> list[Markup]:
@@ -148,15 +148,16 @@ def success_against_time(found: Standings) -> list[Markup]:
 
 def _scatter(shown: Sequence[Standing], named: Sequence[Standing], which: str) -> Markup:
     """A figure of entries with their intervals, and with the step line of the Pareto set; some have their names."""
-    with _axes(9.6, 5.2) as drawn:
+    with _axes(9.6, 5.2) as (figure, axes):
         front = np.array(sorted(_point(one) for one in shown if one.is_pareto)).reshape(-1, 2)
-        drawn.step(*front.T, where="post", color=COLOURS["muted"], lw=1, linestyle=(0, (2, 3)))
+        axes.step(*front.T, where="post", color=COLOURS["muted"], lw=1, linestyle=(0, (2, 3)))
         for one in shown:
-            low, mean, high = _ends(one)
-            drawn.errorbar(
+            low, mean, high = np.array(_ends(one))
+            errors = np.maximum([mean - low, high - mean], 0.0)
+            axes.errorbar(
                 *mean,
-                xerr=np.maximum([[mean[0] - low[0]], [high[0] - mean[0]]], 0.0),
-                yerr=np.maximum([[mean[1] - low[1]], [high[1] - mean[1]]], 0.0),
+                xerr=errors[:, :1],
+                yerr=errors[:, 1:],
                 fmt="o" if one.rank else "x",
                 markersize=7 if one.is_pareto else 6,
                 markerfacecolor=COLOURS["accent"] if one.is_pareto else COLOURS["page"],
@@ -164,11 +165,11 @@ def _scatter(shown: Sequence[Standing], named: Sequence[Standing], which: str) -
                 elinewidth=1,
                 alpha=1.0 if one.rank else 0.8,
             )
-        drawn.set_xlabel("time to the goal, over successes (s)")
-        drawn.set_ylabel("success (%)")
-        drawn.set_ylim(top=min(drawn.get_ylim()[1], 101.0))
-        _write_names(drawn, shown, named)
-        return _to_svg(drawn, f"Success against time of {len(shown)} entries{which}; the table has the same figures")
+        axes.set_xlabel("time to the goal, over successes (s)")
+        axes.set_ylabel("success (%)")
+        axes.set_ylim(top=min(axes.get_ylim()[1], 101.0))
+        _write_names(axes, figure.dpi / 72.0, shown, named)
+        return _to_svg(figure, f"Success against time of {len(shown)} entries{which}; the table has the same figures")
 
 
 def _point(one: Standing) -> tuple[float, float]:
@@ -182,21 +183,20 @@ def _ends(one: Standing) -> list[tuple[float, float]]:
     return [(getattr(time, end), 100.0 * getattr(success, end)) for end in ("low", "mean", "high")]
 
 
-def _write_names(drawn: Axes, shown: Sequence[Standing], named: Sequence[Standing]) -> None:
-    """Write names where they cover few points, intervals and other names."""
-    scale = _figure_of(drawn).dpi / 72.0
-    frame = np.asarray(drawn.get_window_extent().extents) / scale
-    taken = np.concatenate([_covered(drawn, one, scale) for one in shown])
+def _write_names(axes: Axes, scale: float, shown: Sequence[Standing], named: Sequence[Standing]) -> None:
+    """Write names where they cover few points, intervals and other names; `scale` is pixels per unit of the SVG."""
+    frame = np.asarray(axes.get_window_extent().extents) / scale
+    taken = np.concatenate([_covered(axes, one, scale) for one in shown])
     for one in named:
         name = shorten(one.entry.name, 30).encode("ascii", "replace").decode()
-        corner = np.asarray(drawn.transData.transform(_point(one))) / scale + _OFFSETS
+        corner = np.asarray(axes.transData.transform(_point(one))) / scale + _OFFSETS
         width = len(name) * LETTER
         left = np.where(_OFFSETS[:, 0] > 0, corner[:, 0], corner[:, 0] - width)
         boxes = np.stack([left, corner[:, 1], left + width, corner[:, 1] + 10.0], axis=1)
         best = int(np.argmin(_shared_area(boxes, taken) + 100.0 * _outside(boxes, frame)))
         taken = np.concatenate([taken, boxes[best : best + 1]])
         offset = _OFFSETS[best]
-        drawn.annotate(
+        axes.annotate(
             name,
             _point(one),
             tuple(offset),
@@ -208,9 +208,9 @@ def _write_names(drawn: Axes, shown: Sequence[Standing], named: Sequence[Standin
         )
 
 
-def _covered(drawn: Axes, one: Standing, scale: float) -> _Boxes:
+def _covered(axes: Axes, one: Standing, scale: float) -> _Boxes:
     """What the point of an entry and its intervals cover."""
-    (left, low), (x, y), (right, high) = np.asarray(drawn.transData.transform(_ends(one))) / scale
+    (left, low), (x, y), (right, high) = np.asarray(axes.transData.transform(_ends(one))) / scale
     return np.array([(x - 5, y - 5, x + 5, y + 5), (left, y - 1, right, y + 1), (x - 1, low, x + 1, high)])
 
 
@@ -249,9 +249,9 @@ def trajectories(trace: Trace, row: int, label: str) -> Markup:
     low, high = extent(position, trace.goal[row, last, 0], trace.obstacles[row], 0.6)
     middle, half = (low + high) / 2, (high - low).max() / 2
     (left, bottom), (right, top) = middle - half, middle + half
-    with _axes(4.4, 4.4) as drawn:
-        drawn.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
-        drawn.spines[:].set_visible(False)
-        drawn.tick_params(length=0)
-        draw(drawn, [*marks, *draw_moment(moment, middle - half, PALETTE)])
-        return _to_svg(drawn, label)
+    with _axes(4.4, 4.4) as (figure, axes):
+        axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+        axes.spines[:].set_visible(False)
+        axes.tick_params(length=0)
+        draw(axes, [*marks, *draw_moment(moment, middle - half, PALETTE)])
+        return _to_svg(figure, label)

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
+from crowdbench.boards.board import METRIC_TITLES
 from crowdbench.boards.ranking import Comparison
-from crowdbench.boards.site.texts import METRICS, NOTHING, metric, p_text
+from crowdbench.boards.site.texts import NOTHING, metric, p_text
 from crowdbench.boards.standings import Standing, Standings
 from crowdbench.metrics.summary import Estimate
-
-CRITERION_WORDS = {"success_rate": "success", "collision_rate": "collisions", "sct": "SCT"}
 
 MOST_CASES = 80
 """The most cases that are shown: those in which most entries fail."""
@@ -78,7 +77,7 @@ def _pair_cell(one: Comparison, row: int, sign: float) -> dict[str, str]:
     text = metric(difference, criterion)
     return {
         "verdict": "" if one.better is None else "better" if one.better == row else "worse",
-        "criterion": CRITERION_WORDS.get(criterion, METRICS[criterion]),
+        "criterion": METRIC_TITLES[criterion].removesuffix(", %"),
         "difference": f"+{text}" if difference > 0.0 else text,
         "p": p_text(one.p[criterion]),
     }

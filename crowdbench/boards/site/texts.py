@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from crowdbench.boards.board import FlagsSpec
+from crowdbench.boards.board import METRIC_TITLES, FlagsSpec
 from crowdbench.boards.entry import Verdict
 from crowdbench.boards.standings import Standing
 
@@ -18,26 +18,6 @@ NOTHING = "\N{EN DASH}"
 
 LONGEST = 1000
 """Characters of a stranger's text that are shown."""
-
-SHARES = ("success_rate", "collision_rate", "timeout_rate", "intimate_zone")
-"""The metrics that are shown in per cent."""
-
-DIGITS = {"navigation_time": 2, "sct": 3, "minimum_gap": 2, "max_velocity_change": 2, "jerk": 2}
-"""Decimal places of the other metrics; those in per cent have one."""
-
-METRICS = {
-    "success_rate": "success, %",
-    "collision_rate": "collisions, %",
-    "timeout_rate": "time-outs, %",
-    "navigation_time": "time, s",
-    "sct": "SCT",
-    "minimum_gap": "smallest gap, m",
-    "intimate_zone": "intimate zone, %",
-    "max_velocity_change": "largest change of velocity, m/s",
-    "jerk": "jerk, m/s³",
-    "imposed_delay": "imposed delay, s",
-}
-"""How the metrics are called, with their units."""
 
 _ARXIV = re.compile(r"(?:arXiv:)?(\d{4}\.\d{4,5}(?:v\d+)?)", re.IGNORECASE)
 _DOI = re.compile(r"(?:doi:)?(10\.\d{4,9}/[^\s<>\"]+)", re.IGNORECASE)
@@ -63,8 +43,8 @@ def metric(value: float | None, name: str) -> str:
         value: The value; None and NaN are undefined.
         name: The metric's name.
     """
-    if value is None or name not in SHARES:
-        return number(value, DIGITS.get(name, 2))
+    if value is None or not METRIC_TITLES[name].endswith("%"):
+        return number(value, 3 if name == "sct" else 2)
     return number(100.0 * value, 1)
 
 
