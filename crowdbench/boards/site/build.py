@@ -27,20 +27,6 @@ MARK = '<meta name="generator" content="crowdbench leaderboard build">'
 ENTRY_PAGES = "entries"
 """The folder of the pages of a board's entries, inside the board's."""
 
-FILTERS = (
-    texts.number,
-    texts.metric,
-    texts.milliseconds,
-    texts.p_text,
-    texts.sortable,
-    texts.shorten,
-    texts.web_address,
-    texts.options_text,
-    texts.why_unranked,
-    tables.band,
-)
-"""What the templates apply to values, each by its own name."""
-
 HERE = Path(__file__).parent
 TEMPLATES = HERE / "templates"
 STYLE = HERE / "style.css"
@@ -74,21 +60,18 @@ def _check_replaceable(path: Path) -> None:
 
 def _templates() -> jinja2.Environment:
     """The templates, which escape every text that they are given."""
-    made = jinja2.Environment(
+    templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {function.__name__: function for function in FILTERS}
-    made.globals |= {
-        "METRICS": METRIC_TITLES,
-        "ALPHA": ALPHA,
-        "MARK": Markup(MARK),
-        "SORT": Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8")),
-    }
-    return made
+    templates.filters |= {function.__name__: function for function in texts.FILTERS}
+    sort = Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8"))
+    templates.globals |= {"METRICS": METRIC_TITLES, "ALPHA": ALPHA, "MARK": Markup(MARK), "SORT": sort}
+    templates.globals["tables"] = tables
+    return templates
 
 
 def _seed(season: Season | None, board: str) -> int | None:
@@ -103,37 +86,16 @@ def _seed(season: Season | None, board: str) -> int | None:
 
 def _write_board(folder: Path, templates: jinja2.Environment, found: Standings, seed: int | None) -> None:
     """Write the page of a board, and those of its entries."""
-    _write(
-        folder / INDEX,
-        templates,
-        "board.html",
-        top="../",
-        board=found.board,
-        standings=found,
-        seed=seed,
-        begin=tables.success_axis(found),
-        scatter=success_against_time(found),
-        pairs=tables.pair_table(found),
-        cases=tables.case_table(found),
-    )
+    scatter = success_against_time(found)
+    _write(folder / INDEX, templates, "board.html", top="../", standings=found, seed=seed, scatter=scatter)
     pages = folder / ENTRY_PAGES
     pages.mkdir()
     for one in found.entries:
-        _write(
-            pages / f"{one.entry.name}.html",
-            templates,
-            "entry.html",
-            top="../../",
-            board=found.board,
-            standings=found,
-            one=one,
-            entry=one.entry,
-            undecided=tables.undecided(found, one),
-            failures=failures(found.board, one.entry, pages),
-        )
+        context = {"standings": found, "one": one, "failures": failures(found.board, one.entry, pages)}
+        _write(pages / f"{one.entry.name}.html", templates, "entry.html", top="../../", **context)
 
 
 def _write(path: Path, templates: jinja2.Environment, template: str, **context: Any) -> None:
-    page = templates.get_template(template).render(context)
     path.parent.mkdir(parents=True, exist_ok=True)
+    page = templates.get_template(template).render(context)
     path.write_text(page, encoding="utf-8", errors="replace", newline="\n")

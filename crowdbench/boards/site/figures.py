@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 
 import matplotlib.style
 import numpy as np
-from jaxtyping import Float
+import shapely
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -99,9 +99,6 @@ _SHORTENED = (
 )
 """What pages do not need of an SVG, as patterns with their replacements."""
 
-_Boxes = Float[np.ndarray, "box 4"]
-"""Left, lower, right and upper edges, in units of the SVG."""
-
 
 @contextlib.contextmanager
 def _axes(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
@@ -185,16 +182,18 @@ def _ends(one: Standing) -> list[tuple[float, float]]:
 
 def _write_names(axes: Axes, scale: float, shown: Sequence[Standing], named: Sequence[Standing]) -> None:
     """Write names where they cover few points, intervals and other names; `scale` is pixels per unit of the SVG."""
-    frame = np.asarray(axes.get_window_extent().extents) / scale
-    taken = np.concatenate([_covered(axes, one, scale) for one in shown])
+    frame = shapely.box(*np.asarray(axes.get_window_extent().extents) / scale)
+    taken = [box for one in shown for box in _covered(axes, one, scale)]
     for one in named:
         name = shorten(one.entry.name, 30).encode("ascii", "replace").decode()
         corner = np.asarray(axes.transData.transform(_point(one))) / scale + _OFFSETS
         width = len(name) * LETTER
         left = np.where(_OFFSETS[:, 0] > 0, corner[:, 0], corner[:, 0] - width)
-        boxes = np.stack([left, corner[:, 1], left + width, corner[:, 1] + 10.0], axis=1)
-        best = int(np.argmin(_shared_area(boxes, taken) + 100.0 * _outside(boxes, frame)))
-        taken = np.concatenate([taken, boxes[best : best + 1]])
+        boxes = shapely.box(left, corner[:, 1], left + width, corner[:, 1] + 10.0)
+        covered = shapely.area(shapely.intersection(boxes[:, None], taken)).sum(axis=1)
+        outside = shapely.area(shapely.difference(boxes, frame))
+        best = int(np.argmin(covered + 100.0 * outside))
+        taken.append(boxes[best])
         offset = _OFFSETS[best]
         axes.annotate(
             name,
@@ -208,23 +207,11 @@ def _write_names(axes: Axes, scale: float, shown: Sequence[Standing], named: Seq
         )
 
 
-def _covered(axes: Axes, one: Standing, scale: float) -> _Boxes:
+def _covered(axes: Axes, one: Standing, scale: float) -> list[shapely.Polygon]:
     """What the point of an entry and its intervals cover."""
     (left, low), (x, y), (right, high) = np.asarray(axes.transData.transform(_ends(one))) / scale
-    return np.array([(x - 5, y - 5, x + 5, y + 5), (left, y - 1, right, y + 1), (x - 1, low, x + 1, high)])
-
-
-def _shared_area(boxes: _Boxes, others: _Boxes) -> Float[np.ndarray, "box"]:
-    """The area that each box shares with others, summed over these."""
-    one = boxes[:, None]
-    sides = np.minimum(one[..., 2:], others[:, 2:]) - np.maximum(one[..., :2], others[:, :2])
-    return np.asarray(np.maximum(sides, 0.0).prod(axis=2).sum(axis=1))
-
-
-def _outside(boxes: _Boxes, frame: Float[np.ndarray, "4"]) -> Float[np.ndarray, "box"]:
-    """How far each box sticks out of the frame."""
-    beyond = np.concatenate([frame[:2] - boxes[:, :2], boxes[:, 2:] - frame[2:]], axis=1)
-    return np.asarray(np.maximum(beyond, 0.0).sum(axis=1))
+    edges = [(x - 5, y - 5, x + 5, y + 5), (left, y - 1, right, y + 1), (x - 1, low, x + 1, high)]
+    return [shapely.box(*each) for each in edges]
 
 
 def trajectories(trace: Trace, row: int, label: str) -> Markup:

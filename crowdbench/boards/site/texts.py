@@ -133,3 +133,7 @@ def beyond(flag: str, bounds: FlagsSpec) -> str:
         delays = f", or costs pedestrians more than {bounds.imposed_delay:g} s" if bounds.imposed_delay else ""
         return f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody{delays}."
     return f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."
+
+
+FILTERS = number, metric, milliseconds, p_text, sortable, shorten, web_address, options_text, why_unranked
+"""What the templates apply to values, each by its own name."""
