@@ -37,9 +37,8 @@ def write_readme(root: Path) -> Path:
         InputError: A board or an entry is not as it must be.
     """
     season = read_season(root)
-    parts = [INTRODUCTION + _describe(season)]
-    for board in read_boards(root):
-        parts.append(section(standings(board, read_entries(board, root), season.spec.name)))
+    boards = [standings(board, read_entries(board, root), season.spec.name) for board in read_boards(root)]
+    parts = [INTRODUCTION + _describe(season), *map(section, boards)]
     with files.whole(root / README) as partial:
         partial.write_text("\n".join(parts), encoding="utf-8")
     return root / README

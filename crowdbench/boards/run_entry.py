@@ -11,7 +11,8 @@ import dataclasses
 import hashlib
 import json
 import shutil
-import time
+import statistics
+import timeit
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -227,12 +228,7 @@ def kernel_seconds() -> float:
         values = np.random.Generator(np.random.Philox(1)).random(300_000)
         np.sort(values)
 
-    tries = []
-    for _ in range(5):
-        start = time.perf_counter()
-        work()
-        tries.append(time.perf_counter() - start)
-    return sorted(tries)[2]
+    return statistics.median(timeit.repeat(work, number=1, repeat=5))
 
 
 @contextlib.contextmanager

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -165,20 +164,14 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
     # A time that is undefined, because nobody arrives, is the longest.
     best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
     ranked = [
-        dataclasses.replace(one, rank=rank, is_pareto=is_best)
+        replace(one, rank=rank, is_pareto=is_best)
         for one, rank, is_best in zip(candidates, ranks(len(candidates), comparisons), best, strict=True)
     ]
     order = sorted(range(len(ranked)), key=lambda i: _order(ranked[i]))
     place = {index: number for number, index in enumerate(order)}
-    return Standings(
-        board=board,
-        season=season,
-        ranked=[ranked[i] for i in order],
-        others=sorted((one for one in each if one.reason), key=lambda one: one.entry.name),
-        comparisons=[
-            dataclasses.replace(one, entries=(place[one.entries[0]], place[one.entries[1]])) for one in comparisons
-        ],
-    )
+    comparisons = [replace(one, entries=(place[one.entries[0]], place[one.entries[1]])) for one in comparisons]
+    others = sorted((one for one in each if one.reason), key=lambda one: one.entry.name)
+    return Standings(board, season, [ranked[i] for i in order], others, comparisons)
 
 
 def _order(standing: Standing) -> tuple[float, ...]:
@@ -200,7 +193,7 @@ def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None
     for name in each[0].scenarios:
         longest = max((one.blocks[name] for one in each if name in one.blocks), key=len, default=np.zeros(1, np.int64))
         own = np.resize(longest, max(one.cases for one in each))
-        found.append(own + (1 + max((int(before.max()) for before in found), default=-1)))
+        found.append(own + (1 + found[-1].max() if found else 0))
     return np.stack(found)
 
 
@@ -212,7 +205,7 @@ def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
         submitter = one.entry.spec.submitted_by
         ranked[submitter] += not one.reason
         too_many = not one.reason and submitter != MAINTAINERS and ranked[submitter] > MOST_RANKED
-        found.append(dataclasses.replace(one, reason=f"more than {MOST_RANKED} of one submitter") if too_many else one)
+        found.append(replace(one, reason=f"more than {MOST_RANKED} of one submitter") if too_many else one)
     return found
 
 
@@ -303,15 +296,9 @@ def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | 
     mean = float(shares @ [one.mean for one in known])
     if np.isnan(mean):
         return NOTHING
-    below = np.array([one.mean - one.low for one in known])
-    above = np.array([one.high - one.mean for one in known])
-    return Estimate(
-        mean,
-        mean - float(np.sqrt(np.sum((shares * below) ** 2))),
-        mean + float(np.sqrt(np.sum((shares * above) ** 2))),
-        sum(one.n for one in known),
-        max(one.max for one in known),
-    )
+    below, above = np.array([(one.mean - one.low, one.high - one.mean) for one in known]).T
+    low, high = mean - np.sqrt(np.sum((shares * below) ** 2)), mean + np.sqrt(np.sum((shares * above) ** 2))
+    return Estimate(mean, float(low), float(high), sum(one.n for one in known), max(one.max for one in known))
 
 
 def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> list[str]:

@@ -27,7 +27,7 @@ from crowdbench.boards.entry import (
     read_entry,
     write_entry,
 )
-from crowdbench.boards.method import drive_networks, method_cases, method_networks, summarize_method
+from crowdbench.boards.method import method_cases, method_networks, network_runs, summarize_method
 from crowdbench.boards.planner_files import describe_change
 from crowdbench.boards.run_entry import (
     NO_RUNS,
@@ -103,16 +103,10 @@ def verify(
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
     _check_possible(entry, board, season)
-    run = EntryRun(
-        board,
-        EntryPlanner(entry.directory, entry.spec.planner, entry.spec.options),
-        work,
-        cases if cases and season is None else cases_of_season(entry, board),
-        secrets.randbits(63) if season is None else season.seed(board.name),
-        _hidden(entry, work),
-        shard,
-        progress,
-    )
+    planner = EntryPlanner(entry.directory, entry.spec.planner, entry.spec.options)
+    driven = cases if cases and season is None else cases_of_season(entry, board)
+    seed = secrets.randbits(63) if season is None else season.seed(board.name)
+    run = EntryRun(board, planner, work, driven, seed, _hidden(entry, work), shard, progress)
     if season is not None:
         return _verify_in_season(entry, run, by, season)
     work.mkdir(parents=True, exist_ok=True)
@@ -194,8 +188,8 @@ def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
         failed = _drive_all(entry, run)
         if unexpected := [name for name in failed if name in entry.spec.reported]:
             return report(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}")
-        networks = method_networks(entry, run.board)
-        method = summarize_method(run, networks) if networks else None
+        others = network_runs(entry, run)
+        method = summarize_method(run, others) if others else None
         speed = run.time_decisions()
     except MachineFault:
         raise
@@ -254,7 +248,11 @@ def _drive_all(entry: Entry, run: EntryRun) -> dict[str, str]:
         Unfinished: Runs are missing that other shards make.
     """
     failed = run.drive()
-    drive_networks(run, method_networks(entry, run.board))
+    others = network_runs(entry, run)
+    for other in others:
+        other.drive()
+    for other in others:
+        other.check_finished({})
     run.check_finished(failed)
     return failed
 
