@@ -152,15 +152,14 @@ class EntryRun:
             batch=BATCH,
         )
         origin = {"board": self.board.name, "version": self.board.spec.version}
-        with self._start_planner(scenario, [*self.hidden, self.out]) as planner:
+        with contextlib.closing(self._start_planner(scenario, [*self.hidden, self.out])) as planner:
             run = Run(spec, Driver(planner, planner.name), scenario, self.board.metrics, origin)
             make_run(run, self.out / scenario.name, shard=shard, progress=self.progress)
 
-    @contextlib.contextmanager
-    def _start_planner(self, scenario: Scenario, hidden: Sequence[Path]) -> Iterator[IsolatedPlanner]:
+    def _start_planner(self, scenario: Scenario, hidden: Sequence[Path]) -> IsolatedPlanner:
         """The planner in a process of its own, which must not read the board's recorded tracks either."""
         folder = self.planner.folder
-        apart = IsolatedPlanner(
+        return IsolatedPlanner(
             locate_named_files(self.planner.name, folder),
             locate_named_files(self.planner.options, folder),
             hidden=[*hidden, *([self.board.data.resolve()] if self.board.data else [])],
@@ -168,8 +167,6 @@ class EntryRun:
             folder=Path("/"),  # somewhere else, so that files which the entry lacks are missed
             scene=scenario.tracks.scene if scenario.tracks else None,
         )
-        with contextlib.closing(apart):
-            yield apart
 
     def check_finished(self, failed: Mapping[str, str]) -> None:
         """Raise Unfinished where runs are missing, but for scenarios in which the planner fails."""
@@ -185,7 +182,7 @@ class EntryRun:
         """
         first = driven_scenarios(self.board, self.out)[0]
         scenario = next(scenario for scenario in self.board.load(None) if scenario.name == first)
-        with self._start_planner(scenario, self.hidden) as planner:
+        with contextlib.closing(self._start_planner(scenario, self.hidden)) as planner:
             planner.process.pin()
             return time_decisions(planner, planner.name, scenario, self.board.replanning)
 

@@ -89,10 +89,10 @@ def read_season(root: Path) -> Season:
     """Read the season of a folder of boards. Raises InputError where one of its files is missing or wrong."""
     spec = parse_table(SeasonSpec, read_toml(root / SEASON, "season"), Location(SEASON))
     path = root / FROZEN
-    if not path.exists():
-        return Season(spec, {})
     try:
         frozen = _FrozenFile.model_validate(files.read_json(path))
+    except FileNotFoundError:
+        return Season(spec, {})
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
     except ValueError:

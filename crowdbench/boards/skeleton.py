@@ -16,12 +16,7 @@ from crowdbench import Planner
 
 
 class {title}(Planner):
-    """Keeps a slow speed near pedestrians.
-
-    Args:
-        near: Distance in metres below which a pedestrian is near.
-        slow: Share of the preferred speed that is kept then.
-    """
+    """Keeps a slow speed near pedestrians."""
 
     def __init__(self, near, slow):
         self.near = near

@@ -35,6 +35,9 @@ MAINTAINERS = "crowdbench"
 MOST_RANKED = 2
 """The most ranked entries of one submitter on a board."""
 
+OTHER_RULES = "It was made for other rules of this board than the present ones."
+REPORTED_ONLY = "Nobody has verified it in this season: the figures are its authors', of the public cases."
+
 Columns = Mapping[str, Shaped[np.ndarray, "scenario case"]]
 
 
@@ -49,8 +52,9 @@ class Standing:
         blocks: The blocks of recorded time of these cases, by scenario; none where nobody was recorded.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
         figures: The means over the board, with intervals; undefined for an entry of other rules.
-        flags: "intrusive" and "jerky", where it is beyond the bounds of the board.
-        reason: Why it has no rank; empty where it has one.
+        flags: "intrusive" and "jerky", where it is beyond the bounds of the board, with a sentence on each.
+        reason: Why it has no rank, in a few words; empty where it has one.
+        explanation: The same in a sentence.
         rank: Its rank.
         is_pareto: Whether no ranked entry succeeds more often and is quicker.
     """
@@ -61,8 +65,9 @@ class Standing:
     blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Mapping[str, Mapping[str, Estimate]]
     figures: Mapping[str, Estimate]
-    flags: Sequence[str]
+    flags: Mapping[str, str]
     reason: str
+    explanation: str
     rank: Rank | None = None
     is_pareto: bool = False
 
@@ -200,13 +205,15 @@ def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None
 def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
     """The same, with a reason for those that are one too many of their submitter, by name."""
     ranked: Counter[str] = Counter()
-    found = []
+    limited = []
     for one in each:
         submitter = one.entry.spec.submitted_by
         ranked[submitter] += not one.reason
-        too_many = not one.reason and submitter != MAINTAINERS and ranked[submitter] > MOST_RANKED
-        found.append(replace(one, reason=f"more than {MOST_RANKED} of one submitter") if too_many else one)
-    return found
+        if not one.reason and submitter != MAINTAINERS and ranked[submitter] > MOST_RANKED:
+            reason = f"more than {MOST_RANKED} of one submitter"
+            one = replace(one, reason=reason, explanation="Other entries of its submitter are ranked here.")
+        limited.append(one)
+    return limited
 
 
 def _standing(board: Board, entry: Entry, season: str) -> Standing:
@@ -224,21 +231,33 @@ def _standing(board: Board, entry: Entry, season: str) -> Standing:
     figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
     flags = _flags(board, figures, columns["jerk"])
     blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
-    reason = _why_unranked(board, entry, verified, flags)
-    return Standing(entry, verified, columns, blocks, scenarios, figures, flags, reason)
+    reason, explanation = _why_unranked(board, entry, verified, flags)
+    return Standing(entry, verified, columns, blocks, scenarios, figures, flags, reason, explanation)
 
 
-def _why_unranked(board: Board, entry: Entry, verified: Verification | None, flags: Sequence[str]) -> str:
-    """Why an entry has no rank; empty if it has one."""
+def _why_unranked(
+    board: Board, entry: Entry, verified: Verification | None, flags: Mapping[str, str]
+) -> tuple[str, str]:
+    """Why an entry has no rank, in a few words and in a sentence; both empty if it has one."""
     if not board.spec.ranked:
-        return "not ranked"
-    if entry.spec.privileged or entry.card.ablation:
-        return "privileged" if entry.spec.privileged else "ablation"
+        return "not ranked", "This board has no ranks: it shows how planners drive."
+    if entry.spec.privileged:
+        return "privileged", "It uses what no vehicle can see, such as the pedestrians' true next velocities."
+    if entry.card.ablation:
+        return "ablation", "Its authors say that it is a variant made for comparison."
     if entry.spec.board_digest != board.digest:
-        return f"of version {entry.spec.board_version}"
-    if verified is None or verified.verdict != Verdict.RERUN:
-        return "reported only" if verified is None else str(verified.verdict)
-    return "" if board.spec.ranks_flagged else ", ".join(flags)
+        return (
+            f"of version {entry.spec.board_version}",
+            OTHER_RULES,
+        )
+    if verified is None:
+        return (
+            "reported only",
+            REPORTED_ONLY,
+        )
+    if verified.verdict != Verdict.RERUN:
+        return str(verified.verdict), verified.reason
+    return ("", "") if board.spec.ranks_flagged else (", ".join(flags), " ".join(flags.values()))
 
 
 def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray, "case"]:
@@ -301,11 +320,13 @@ def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | 
     return Estimate(mean, float(low), float(high), sum(one.n for one in known), max(one.max for one in known))
 
 
-def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> list[str]:
-    """What is beyond the bounds of a board; `jerk` is that in every case, in m/s^3."""
-    bounds = board.spec.flags
-    highest = float(np.nanpercentile(jerk, 95)) if not np.isnan(jerk).all() else 0.0
-    is_close = figures["intimate_zone"].mean > bounds.intimate_zone
+def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> dict[str, str]:
+    """What is beyond the bounds of a board, with a sentence on each; `jerk` is that in every case, in m/s^3."""
+    bounds, flags = board.spec.flags, {}
     delays = bounds.imposed_delay is not None and figures["imposed_delay"].mean > bounds.imposed_delay
-    beyond = {"intrusive": is_close or delays, "jerky": highest > bounds.jerk}
-    return [flag for flag, is_beyond in beyond.items() if is_beyond]
+    if delays or figures["intimate_zone"].mean > bounds.intimate_zone:
+        cost = f", or costs pedestrians more than {bounds.imposed_delay:g} s" if bounds.imposed_delay else ""
+        flags["intrusive"] = f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody{cost}."
+    if not np.isnan(jerk).all() and np.nanpercentile(jerk, 95) > bounds.jerk:
+        flags["jerky"] = f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."
+    return flags

@@ -239,36 +239,25 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
         The observation, and for how many steps to decide.
     """
     sizes = dict(zip(DIMENSIONS, _SIZES.unpack_from(content), strict=True))
-    offset, found = _SIZES.size, {}
+    offset = _SIZES.size
+    parts: dict[str, dict[str, Any]] = {"": {}, "vehicle": {}, "pedestrians": {}}
     for name, (dtype, shape) in ARRAYS.items():
         if name == "future" and not sizes["future"]:
             continue
         lengths = [sizes[axis] if isinstance(axis, str) else axis for axis in shape]
-        count = math.prod(lengths)
-        found[name] = np.frombuffer(content, dtype, count, offset).reshape(lengths)
-        offset += found[name].nbytes
-
-    def part(prefix: str) -> dict[str, Any]:
-        return {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
-
-    crowd, own = part("pedestrians."), part("vehicle.")
-    crowd["seen"] = crowd["seen"].view(bool)
-    crowd["filled"] = crowd["filled"].view(bool) if sizes["filled"] else None
-    own["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*own["dynamics"].tolist())
-    own["goal_tolerance"] = next(iter(own["goal_tolerance"].tolist()), None)
-    own["body"] = tuple(own["body"].tolist()) or DISC
-    obs = Observation(
-        vehicle=Vehicle(**own),
-        pedestrians=Pedestrians(**crowd),
-        obstacles=found["obstacles"],
-        row=found["row"],
-        noise_key=found["noise_key"],
-        step=found["step"],
-        dt=float(found["dt"]),
-        future=found.get("future"),
-        lidar=found["lidar"] if sizes["beam"] else None,
-    )
-    return obs, sizes["steps"]
+        array = np.frombuffer(content, dtype, math.prod(lengths), offset).reshape(lengths)
+        offset += array.nbytes
+        part, _, field = name.rpartition(".")
+        parts[part][field] = array
+    whole, vehicle, pedestrians = parts.values()
+    whole["dt"] = float(whole["dt"])
+    whole["lidar"] = whole["lidar"] if sizes["beam"] else None
+    vehicle["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*vehicle["dynamics"].tolist())
+    vehicle["goal_tolerance"] = next(iter(vehicle["goal_tolerance"].tolist()), None)
+    vehicle["body"] = tuple(vehicle["body"].tolist()) or DISC
+    pedestrians["seen"] = pedestrians["seen"].view(bool)
+    pedestrians["filled"] = pedestrians["filled"].view(bool) if sizes["filled"] else None
+    return Observation(Vehicle(**vehicle), Pedestrians(**pedestrians), **whole), sizes["steps"]
 
 
 def array_bytes(values: ArrayLike, dtype: str = "<f8") -> memoryview:

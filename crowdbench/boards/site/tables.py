@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -104,12 +103,12 @@ def case_table(found: Standings) -> dict[str, Any] | None:
     outcomes = np.array([_outcomes(one) for one in entries])
     failures = (outcomes != SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
-    shown = sorted(hardest.tolist(), key=lambda i: (i // per_scenario, -failures[i], i))
-    by_scenario = itertools.groupby(shown, lambda case: case // per_scenario)
+    shown = hardest[np.argsort(hardest // per_scenario, kind="stable")]
+    groups = zip(*np.unique(shown // per_scenario, return_counts=True), strict=True)
     return {
         "is_measured": bool(measured),
-        "groups": [(board.scenarios[i], len(list(cases))) for i, cases in by_scenario],
-        "cases": [i % per_scenario for i in shown],
+        "groups": [(board.scenarios[i], length) for i, length in groups],
+        "cases": (shown % per_scenario).tolist(),
         "rows": list(zip(entries, outcomes[:, shown].tolist(), strict=True)),
         "failed": int((failures > 0).sum()),
         "total": per_scenario * len(board.scenarios),
@@ -162,11 +161,6 @@ class BoardGroup:
     def known(self) -> Sequence[float]:
         """The taus of all pairs of boards for which there is one."""
         return [one.tau for (a, b), one in self.taus.items() if a < b and one.is_known]
-
-    @property
-    def mean(self) -> float:
-        """Their mean; NaN where there is none."""
-        return sum(self.known) / len(self.known) if self.known else math.nan
 
 
 def board_groups(each: Sequence[Standings]) -> list[BoardGroup]:

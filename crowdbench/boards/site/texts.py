@@ -9,9 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from crowdbench.boards.board import METRIC_TITLES, FlagsSpec
-from crowdbench.boards.entry import Verdict
-from crowdbench.boards.standings import Standing
+from crowdbench.boards.board import METRIC_TITLES
 
 NOTHING = "\N{EN DASH}"
 """Shown where there is no value."""
@@ -95,45 +93,5 @@ def options_text(options: Mapping[str, Any]) -> str:
     return json.dumps(options, sort_keys=True, ensure_ascii=False)
 
 
-REASONS = {
-    "not ranked": "This board has no ranks: it shows how planners drive.",
-    "privileged": "It uses what no vehicle can see, such as the pedestrians' true next velocities.",
-    "ablation": "Its authors say that it is a variant made for comparison.",
-    "reported only": "Nobody has verified it in this season: the figures are its authors', of the public cases.",
-}
-"""What the reasons mean for which an entry has no rank."""
-
-
-def why_unranked(standing: Standing, bounds: FlagsSpec) -> str:
-    """Why an entry has no rank, in a sentence.
-
-    Args:
-        standing: The entry.
-        bounds: The bounds of its board.
-    """
-    if standing.reason in REASONS:
-        return REASONS[standing.reason]
-    if standing.reason.startswith("of version "):
-        return "It was made for other rules of this board than the present ones."
-    if standing.reason.startswith("more than "):
-        return "Other entries of its submitter are ranked here."
-    if standing.verification is not None and standing.verification.verdict != Verdict.RERUN:
-        return standing.verification.reason
-    return " ".join(beyond(flag, bounds) for flag in standing.flags)
-
-
-def beyond(flag: str, bounds: FlagsSpec) -> str:
-    """What a flag means on a board, in a sentence.
-
-    Args:
-        flag: `intrusive` or `jerky`.
-        bounds: The board's bounds, beyond which entries are flagged.
-    """
-    if flag == "intrusive":
-        delays = f", or costs pedestrians more than {bounds.imposed_delay:g} s" if bounds.imposed_delay else ""
-        return f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody{delays}."
-    return f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."
-
-
-FILTERS = number, metric, milliseconds, p_text, sortable, shorten, web_address, options_text, why_unranked
+FILTERS = number, metric, milliseconds, p_text, sortable, shorten, web_address, options_text
 """What the templates apply to values, each by its own name."""
