@@ -93,37 +93,18 @@ def compare_all(
         if any(np.isnan(entry[metric]).any() for entry in columns):
             raise InputError(f"entries cannot be compared: {metric} has no value in some case")
     pairs = list(itertools.combinations(range(len(columns)), 2))
-    both = [_in_common_cases(columns[a], columns[b]) for a, b in pairs]
-    raw = [_test(first, second, weights, blocks) for common in both for first, second in common.values()]
-    corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA))
+    differences, raw = [], []
+    for a, b in pairs:
+        cases = min(columns[a]["sct"].shape[1], columns[b]["sct"].shape[1])
+        weight, block = np.repeat(weights, cases), None if blocks is None else blocks[:, :cases].ravel()
+        both = {metric: (columns[a][metric][:, :cases], columns[b][metric][:, :cases]) for metric in CRITERIA}
+        differences.append({metric: float(weights @ (x - y).mean(axis=1)) for metric, (x, y) in both.items()})
+        raw += [p_value(x.ravel(), y.ravel(), weight, block) for x, y in both.values()]
+    corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA)).tolist()
     return [
-        Comparison(
-            pair,
-            {metric: float(weights @ (first - second).mean(axis=1)) for metric, (first, second) in common.items()},
-            dict(zip(CRITERIA, p, strict=True)),
-        )
-        for pair, common, p in zip(pairs, both, corrected.tolist(), strict=True)
+        Comparison(pair, difference, dict(zip(CRITERIA, p, strict=True)))
+        for pair, difference, p in zip(pairs, differences, corrected, strict=True)
     ]
-
-
-def _in_common_cases(
-    a: Mapping[str, Float[np.ndarray, "scenario _"]], b: Mapping[str, Float[np.ndarray, "scenario _"]]
-) -> dict[str, Float[np.ndarray, "2 scenario case"]]:
-    """The metrics of two entries in the cases that both drove."""
-    cases = min(a["sct"].shape[1], b["sct"].shape[1])
-    return {metric: np.stack([a[metric][:, :cases], b[metric][:, :cases]]) for metric in CRITERIA}
-
-
-def _test(
-    first: Float[np.ndarray, "scenario case"],
-    second: Float[np.ndarray, "scenario case"],
-    weights: Float[np.ndarray, "scenario"],
-    blocks: Int[np.ndarray, "scenario _"] | None,
-) -> float:
-    """The p-value of a metric of two entries in the first cases of each scenario."""
-    cases = first.shape[1]
-    block = None if blocks is None else blocks[:, :cases].ravel()
-    return p_value(first.ravel(), second.ravel(), np.repeat(weights, cases), block)
 
 
 def p_value(

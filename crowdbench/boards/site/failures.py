@@ -61,10 +61,8 @@ def failures(board: Board, entry: Entry, folder: Path) -> Failures:
     try:
         episodes = read_episodes(board, runs)
         chosen = _choose(episodes)
-        for scenario in board.load(None):
+        for scenario in (each for each in board.load(None) if each.name in chosen):
             name = scenario.name
-            if name not in chosen:
-                continue
             parts = list(traces(RunResult.read_unchecked(runs / name), scenario, chosen[name]))
             shown += [_failure(part, row, name, episodes[name]) for part in parts for row in range(len(part))]
             path = folder / f"{entry.name}-{name}.rrd"
