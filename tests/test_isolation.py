@@ -17,8 +17,9 @@ import pytest
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, chain
 from crowdbench.core.types import Lidar, Rules, Sensor
-from crowdbench.isolation import protocol, sandbox
+from crowdbench.isolation import protocol
 from crowdbench.isolation.planner import IsolatedPlanner, Limits, called
+from crowdbench.isolation.process import BUBBLEWRAP, isolation_level
 from crowdbench.planners.driver import DecisionLimitExceeded, Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP, Replanning
@@ -363,7 +364,7 @@ def test_names_are_those_of_planners_that_are_loaded(mine, tmp_path):
     ]
 
 
-@pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
+@pytest.mark.skipif(isolation_level() != BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
 def test_in_a_sandbox_there_is_no_network_no_other_process_and_no_file_to_write(mine, tmp_path):
     looks = """
 import glob, os, socket

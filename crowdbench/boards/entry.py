@@ -135,7 +135,7 @@ class Verification(_Record):
         season: The season whose seed it was; empty for a seed that was drawn for this verification alone.
         seed: The seed of the cases.
         code: The digest of crowdbench's code.
-        level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
+        level: How the planner was kept apart, as `crowdbench.isolation.process.isolation_level` says it.
         verdict: The verdict.
         reason: Why, in a sentence.
         figures: What was measured on these cases; empty where the planner did not come so far.

@@ -9,7 +9,8 @@ number of entries that are better.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +31,12 @@ class Comparison:
     """Two entries, compared.
 
     Attributes:
-        entries: The indices of both.
+        entries: The names of both.
         differences: By metric, the mean of the first entry minus that of the second.
         p: By metric, the two-sided p-value, corrected for all comparisons of the board.
     """
 
-    entries: tuple[int, int]
+    entries: tuple[str, str]
     differences: Mapping[str, float]
     p: Mapping[str, float]
 
@@ -45,16 +46,17 @@ class Comparison:
         return next((metric for metric in CRITERIA if self.p[metric] < ALPHA), "")
 
     @property
-    def better(self) -> int | None:
-        """Index of the entry that is better; None where no difference is significant."""
+    def better(self) -> str | None:
+        """The entry that is better; None where no difference is significant."""
         if not (criterion := self.criterion):
             return None
         return self.entries[0 if self.differences[criterion] * CRITERIA[criterion] > 0.0 else 1]
 
     @property
-    def worse(self) -> int | None:
-        """Index of the other one; None likewise."""
-        return None if self.better is None else sum(self.entries) - self.better
+    def worse(self) -> str | None:
+        """The other one; None likewise."""
+        first, second = self.entries
+        return None if self.better is None else second if self.better == first else first
 
 
 @dataclass(frozen=True)
@@ -72,14 +74,15 @@ class Rank:
 
 
 def compare_all(
-    columns: Sequence[Mapping[str, Float[np.ndarray, "scenario _"]]],
+    columns: Mapping[str, Mapping[str, Float[np.ndarray, "scenario _"]]],
     weights: Float[np.ndarray, "scenario"],
     blocks: Int[np.ndarray, "scenario _"] | None = None,
 ) -> list[Comparison]:
     """Compare each entry with each other one.
 
     Args:
-        columns: For each entry, the metrics of `CRITERIA` in the first cases of each scenario, as many as it drove.
+        columns: By the name of each entry, the metrics of `CRITERIA` in the first cases of each scenario, as many as
+            it drove.
         weights: How much each scenario counts, which is the same for all entries.
         blocks: The block of each case, where those of the same block are not independent.
 
@@ -90,9 +93,9 @@ def compare_all(
         InputError: An entry has no value of a metric in a case.
     """
     for metric in CRITERIA:
-        if any(np.isnan(entry[metric]).any() for entry in columns):
+        if any(np.isnan(entry[metric]).any() for entry in columns.values()):
             raise InputError(f"entries cannot be compared: {metric} has no value in some case")
-    pairs = list(itertools.combinations(range(len(columns)), 2))
+    pairs = list(itertools.combinations(columns, 2))
     differences, raw = [], []
     for a, b in pairs:
         cases = min(columns[a]["sct"].shape[1], columns[b]["sct"].shape[1])
@@ -147,19 +150,15 @@ def p_value(
     return float(2.0 * student.sf(abs(mean) / error, n - 1))
 
 
-def ranks(entries: int, comparisons: Sequence[Comparison]) -> list[Rank]:
-    """The rank of each entry.
+def ranks(entries: Collection[str], comparisons: Sequence[Comparison]) -> dict[str, Rank]:
+    """The rank of each entry, by name.
 
     Args:
-        entries: The number of entries.
+        entries: The names of the entries.
         comparisons: Those of all pairs.
-
-    Returns:
-        Their ranks, in the order of the entries.
     """
-    better = np.bincount([one.worse for one in comparisons if one.worse is not None], minlength=entries)
-    worse = np.bincount([one.better for one in comparisons if one.better is not None], minlength=entries)
-    return [Rank(1 + int(above), entries - int(below)) for above, below in zip(better, worse, strict=True)]
+    better, worse = Counter(one.worse for one in comparisons), Counter(one.better for one in comparisons)
+    return {entry: Rank(1 + better[entry], len(entries) - worse[entry]) for entry in entries}
 
 
 def smallest_difference(cases: int, entries: int) -> float:

@@ -108,7 +108,7 @@ class Standings:
         season: The name of the season.
         ranked: The ranked entries, the best first.
         others: The others, by name.
-        comparisons: The ranked entries compared with each other; indices are those of `ranked`.
+        comparisons: The ranked entries compared with each other.
     """
 
     board: Board
@@ -164,19 +164,18 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
     """
     each = _limit_ranked([_standing(board, entry, season) for entry in entries])
     candidates = [one for one in each if not one.reason]
-    comparisons = compare_all([one.columns for one in candidates], board.weights, _blocks(candidates))
+    columns = {one.entry.name: one.columns for one in candidates}
+    comparisons = compare_all(columns, board.weights, _blocks(candidates))
+    rank = ranks(columns, comparisons)
     costs = [(-one.figures["success_rate"].mean, one.figures["navigation_time"].mean) for one in candidates]
     # A time that is undefined, because nobody arrives, is the longest.
     best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
     ranked = [
-        replace(one, rank=rank, is_pareto=is_best)
-        for one, rank, is_best in zip(candidates, ranks(len(candidates), comparisons), best, strict=True)
+        replace(one, rank=rank[one.entry.name], is_pareto=is_best)
+        for one, is_best in zip(candidates, best, strict=True)
     ]
-    order = sorted(range(len(ranked)), key=lambda i: _order(ranked[i]))
-    place = {index: number for number, index in enumerate(order)}
-    comparisons = [replace(one, entries=(place[one.entries[0]], place[one.entries[1]])) for one in comparisons]
     others = sorted((one for one in each if one.reason), key=lambda one: one.entry.name)
-    return Standings(board, season, [ranked[i] for i in order], others, comparisons)
+    return Standings(board, season, sorted(ranked, key=_order), others, comparisons)
 
 
 def _order(standing: Standing) -> tuple[float, ...]:

@@ -12,7 +12,6 @@ import datetime
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,7 @@ from crowdbench.boards.run_entry import (
     read_figures,
 )
 from crowdbench.boards.season import Season
-from crowdbench.isolation import sandbox
+from crowdbench.isolation.process import BUBBLEWRAP, isolation_level
 from crowdbench.runs.manifest import code
 from crowdbench.runs.replay import replay
 from crowdbench.runs.results import read_result
@@ -174,13 +173,13 @@ def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
             season=season,
             seed=run.seed,
             code=code(),
-            level=sandbox.level(),
+            level=isolation_level(),
             verdict=verdict,
             reason=reason,
             **measured,
         )
 
-    if difference := next(_differences(entry, run.board, run.progress), None):
+    if difference := _find_difference(entry, run.board, run.progress):
         return report(Verdict.NOT_REPRODUCED, difference)
     try:
         if change := describe_change(entry.spec):
@@ -210,14 +209,11 @@ def _record(entry: Entry, verification: Verification, runs: Path) -> None:
     read_entry(entry.directory)
 
 
-def _differences(entry: Entry, board: Board, progress: Progress | None) -> Iterator[str]:
-    """What the public runs of an entry say and their commands do not lead to, sentence by sentence."""
-    for scenario in board.load(None):
-        directory = entry.public / scenario.name
-        if not directory.exists():
-            continue
+def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> str:
+    """What the public runs of an entry say and their commands do not lead to, in a sentence; empty if there is none."""
+    for scenario in (each for each in board.load(None) if (entry.public / each.name).exists()):
         try:
-            files = RunResult.read_unchecked(directory)
+            files = RunResult.read_unchecked(entry.public / scenario.name)
             request = {
                 "cases": str(board.public_cases),
                 "replan_every": board.replanning.every,
@@ -228,17 +224,16 @@ def _differences(entry: Entry, board: Board, progress: Progress | None) -> Itera
             }
             for key, value in request.items():
                 if files.result.get(key) != value:
-                    yield f"{scenario.name}: {key} is {files.result.get(key)!r}, but must be {value!r}"
-            found = replay(files, scenario, board.metrics, progress)
+                    return f"{scenario.name}: {key} is {files.result.get(key)!r}, but must be {value!r}"
+            if differences := replay(files, scenario, board.metrics, progress).differences:
+                return f"{scenario.name}: {differences[0]}"
         except InputError as error:
-            yield f"{scenario.name}: {error}"
-            continue
-        yield from (f"{scenario.name}: {difference}" for difference in found.differences)
+            return f"{scenario.name}: {error}"
     try:
-        if entry.spec.reported != read_figures(board, entry.public):
-            yield "the reported figures of entry.json are not those of its runs"
+        is_reported = entry.spec.reported == read_figures(board, entry.public)
     except InputError as error:
-        yield str(error)
+        return str(error)
+    return "" if is_reported else "the reported figures of entry.json are not those of its runs"
 
 
 def _drive_all(entry: Entry, run: EntryRun) -> dict[str, str]:
@@ -266,7 +261,7 @@ def _judge(entry: Entry, run: EntryRun) -> tuple[Verdict, str]:
     public, other = read_episodes(run.board, entry.public), read_episodes(run.board, run.out)
     if doubts := lower_than_claimed(public, {name: other[name] for name in public}):
         return Verdict.LOWER, "; ".join(doubts)
-    is_apart = sandbox.level() == sandbox.BUBBLEWRAP
+    is_apart = isolation_level() == BUBBLEWRAP
     how = "in a sandbox without network and without our files"
     how = how if is_apart else "in a process of its own, which could read files and the network"
     return Verdict.RERUN, f"the recorded commands lead to the reported figures; ran {how}"

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
-from crowdbench.isolation import sandbox
-from crowdbench.isolation.process import Process, TooLarge, TooSlow
+from crowdbench.isolation.process import Process, TooLarge, TooSlow, isolation_level, start_command
 from crowdbench.isolation.protocol import (
     VERSION,
     Broken,
@@ -66,7 +65,7 @@ class IsolatedPlanner(Planner):
             `crowdbench.isolation.protocol`.
         options: Arguments of the planner's function, as they are written in TOML.
         limits: What it may take.
-        hidden: Folders that it must not read: see `crowdbench.isolation.sandbox`.
+        hidden: Folders that it must not read: see `crowdbench.isolation.process`.
         shown: Folders inside those that it may read all the same.
         folder: Its working directory; the present one if None.
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.unseen`.
@@ -89,8 +88,8 @@ class IsolatedPlanner(Planner):
     ) -> None:
         self.name = called(spec)
         self.limits = limits
-        self.usage: dict[str, Any] = {"level": sandbox.level()}
-        self.process = Process(sandbox.command(program(spec), hidden, shown, folder), limits.memory, folder)
+        self.usage: dict[str, Any] = {"level": isolation_level()}
+        self.process = Process(start_command(program(spec), hidden, shown, folder), limits.memory, folder)
         try:
             properties = self._start(spec, options, scene)
         except BaseException:

@@ -52,24 +52,21 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
 
 def undecided(found: Standings, one: Standing) -> list[str]:
     """The names of ranked entries that are neither better nor worse than an entry; none where it has no rank."""
-    if one.rank is None:
-        return []
-    index = found.ranked.index(one)
-    pairs = [each.entries for each in found.comparisons if each.better is None and index in each.entries]
-    return [found.ranked[b if a == index else a].entry.name for a, b in pairs]
+    pairs = [each.entries for each in found.comparisons if each.better is None and one.entry.name in each.entries]
+    return [name for pair in pairs for name in pair if name != one.entry.name]
 
 
 def pair_table(found: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
     """A row for each ranked entry with a cell for each ranked entry, None for itself."""
-    cells: dict[tuple[int, int], dict[str, str]] = {}
+    cells: dict[tuple[str, str], dict[str, str]] = {}
     for one in found.comparisons:
         a, b = one.entries
         cells[a, b], cells[b, a] = _pair_cell(one, a, 1.0), _pair_cell(one, b, -1.0)
-    places = range(len(found.ranked))
-    return [(found.ranked[i], [cells.get((i, j)) for j in places]) for i in places]
+    names = [one.entry.name for one in found.ranked]
+    return [(one, [cells.get((one.entry.name, name)) for name in names]) for one in found.ranked]
 
 
-def _pair_cell(one: Comparison, row: int, sign: float) -> dict[str, str]:
+def _pair_cell(one: Comparison, row: str, sign: float) -> dict[str, str]:
     """The texts of a cell: the difference, row minus column, in the metric that decides, or in success if none does."""
     criterion = one.criterion or "success_rate"
     difference = sign * one.differences[criterion]
