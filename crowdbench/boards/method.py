@@ -40,7 +40,7 @@ def network_runs(entry: Entry, run: EntryRun) -> list[EntryRun]:
     return [
         dataclasses.replace(
             run,
-            planner=dataclasses.replace(run.planner, options={**run.planner.options, **options}),
+            options={**run.options, **options},
             out=run.out / "networks" / str(number),
             cases=method_cases(run.cases),
             shard=run.shard.rotate(number + 1),

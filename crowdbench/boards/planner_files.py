@@ -59,9 +59,9 @@ def _copy(value: str, copies: Path) -> str:
         if not path.is_file():
             return value
         path = path.resolve()  # the files beside a linked one are those beside its target
-        card = path.with_suffix(".json")
-        weights = [path.name, card.name] if path.suffix == ".safetensors" and card.is_file() else [path.name]
-        names = list(catalog.PLANNERS.files(str(path))) if file else weights
+        names = list(catalog.PLANNERS.files(str(path))) if file else [path.name]
+        if path.suffix == ".safetensors" and (card := path.with_suffix(".json")).is_file():
+            names.append(card.name)
         places = itertools.chain([copies], (copies / f"other_{number}" for number in itertools.count(2)))
         target = next(place for place in places if _is_free(place, path.parent, names))
         for name in names:

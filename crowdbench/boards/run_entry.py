@@ -63,38 +63,14 @@ class Unfinished(InputError):
 
 
 @dataclass(frozen=True)
-class EntryPlanner:
-    """The planner of an entry.
-
-    Attributes:
-        folder: The folder of the entry.
-        name: As `crowdbench run --planner` takes it; a file is relative to the folder.
-        options: Its options; files are relative to the folder.
-    """
-
-    folder: Path
-    name: str
-    options: Mapping[str, Any]
-
-    def run_digest(self, board: Board, package_files: Mapping[str, str]) -> str:
-        """Twelve hexadecimal digits that change with all that runs on a board depend on, but for their seed.
-
-        Args:
-            board: The board.
-            package_files: The files of a planner that is built in or installed.
-        """
-        own = [file_digests(self.folder / PLANNER), dict(package_files)]
-        text = json.dumps([board.digest, self.name, self.options, own, code()], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-@dataclass(frozen=True)
 class EntryRun:
     """The planner of an entry drives cases of every scenario of a board; those that have a run are not driven again.
 
     Attributes:
         board: The board.
-        planner: The planner.
+        folder: The folder of the entry.
+        planner: As `crowdbench run --planner` takes it; a file is relative to the folder.
+        options: The planner's options; files are relative to the folder.
         out: The folder of the runs, a directory for each scenario.
         cases: The cases of each scenario.
         seed: The seed of the cases; None for the public ones, of which the commands are kept.
@@ -104,13 +80,25 @@ class EntryRun:
     """
 
     board: Board
-    planner: EntryPlanner
+    folder: Path
+    planner: str
+    options: Mapping[str, Any]
     out: Path
     cases: Cases
     seed: int | None = None
     hidden: Sequence[Path] = ()
     shard: Shard = WHOLE
     progress: Progress | None = None
+
+    def digest(self, package_files: Mapping[str, str]) -> str:
+        """Twelve hexadecimal digits that change with all that the runs depend on, but for their seed.
+
+        Args:
+            package_files: The files of a planner that is built in or installed.
+        """
+        own = [file_digests(self.folder / PLANNER), dict(package_files)]
+        text = json.dumps([self.board.digest, self.planner, self.options, own, code()], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def drive(self) -> dict[str, str]:
         """Make the runs.
@@ -142,10 +130,10 @@ class EntryRun:
 
     def _drive(self, scenario: Scenario, shard: Shard) -> None:
         spec = RunSpec(
-            self.planner.name,
+            self.planner,
             scenario.name,
             self.cases,
-            dict(self.planner.options),
+            dict(self.options),
             self.board.overrides(self.seed),
             replanning=self.board.replanning,
             record="commands" if self.seed is None else "none",
@@ -158,12 +146,11 @@ class EntryRun:
 
     def _start_planner(self, scenario: Scenario, hidden: Sequence[Path]) -> IsolatedPlanner:
         """The planner in a process of its own, which must not read the board's recorded tracks either."""
-        folder = self.planner.folder
         return IsolatedPlanner(
-            locate_named_files(self.planner.name, folder),
-            locate_named_files(self.planner.options, folder),
+            locate_named_files(self.planner, self.folder),
+            locate_named_files(self.options, self.folder),
             hidden=[*hidden, *([self.board.data.resolve()] if self.board.data else [])],
-            shown=[folder],
+            shown=[self.folder],
             folder=Path("/"),  # somewhere else, so that files which the entry lacks are missed
             scene=scenario.tracks.scene if scenario.tracks else None,
         )

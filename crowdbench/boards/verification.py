@@ -30,7 +30,6 @@ from crowdbench.boards.method import method_cases, method_networks, network_runs
 from crowdbench.boards.planner_files import describe_change
 from crowdbench.boards.run_entry import (
     NO_RUNS,
-    EntryPlanner,
     EntryRun,
     InUse,
     Progress,
@@ -102,10 +101,10 @@ def verify(
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
     _check_possible(entry, board, season)
-    planner = EntryPlanner(entry.directory, entry.spec.planner, entry.spec.options)
+    spec, hidden = entry.spec, _hidden(entry, work)
     driven = cases if cases and season is None else cases_of_season(entry, board)
     seed = secrets.randbits(63) if season is None else season.seed(board.name)
-    run = EntryRun(board, planner, work, driven, seed, _hidden(entry, work), shard, progress)
+    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, driven, seed, hidden, shard, progress)
     if season is not None:
         return _verify_in_season(entry, run, by, season)
     work.mkdir(parents=True, exist_ok=True)
@@ -114,7 +113,7 @@ def verify(
 
 
 def _verify_in_season(entry: Entry, run: EntryRun, by: str, season: Season) -> Verification:
-    board, digest = run.board, run.planner.run_digest(run.board, entry.spec.package_files)
+    board, digest = run.board, run.digest(entry.spec.package_files)
     run = dataclasses.replace(run, out=run.out / f"verify-{board.name}-{entry.name}-{digest}-{run.seed:016x}")
     if run.shard != WHOLE:
         try:
@@ -165,13 +164,15 @@ def _hidden(entry: Entry, work: Path) -> list[Path]:
 
 def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
     """Replay the public runs, run the planner on other cases, and compare."""
+    seed = run.seed
+    assert seed is not None  # as it is for public cases alone
 
     def report(verdict: Verdict, reason: str, **measured: Any) -> Verification:
         return Verification(
             by=by,
             on=datetime.datetime.now(datetime.UTC).date().isoformat(),
             season=season,
-            seed=run.seed,
+            seed=seed,
             code=code(),
             level=isolation_level(),
             verdict=verdict,

@@ -111,7 +111,8 @@ class Process:
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._sink, self._source = self._process.stdin.fileno(), self._process.stdout.fileno()
+        self._pipes = self._process.stdin, self._process.stdout
+        self._sink, self._source = (pipe.fileno() for pipe in self._pipes)
         os.set_blocking(self._sink, False)
         os.set_blocking(self._source, False)
 
@@ -188,12 +189,14 @@ class Process:
 
     def end(self) -> None:
         """Kill it, with all that it has started. It may have ended before."""
-        with self._process:  # closes the pipes, and waits until the process has ended
-            for process in list(self._everybody()):
-                with contextlib.suppress(psutil.Error):
-                    process.kill()
-            with contextlib.suppress(OSError):  # what it started and what has another parent now
-                os.killpg(self._process.pid, signal.SIGKILL)
+        for process in list(self._everybody()):
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+        with contextlib.suppress(OSError):  # what it started and what has another parent now
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        for pipe in self._pipes:
+            pipe.close()
 
     def _status(self) -> str:
         """End it, and tell how it has ended by itself before; empty if it had not."""

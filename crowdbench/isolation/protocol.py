@@ -204,19 +204,17 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         obs: The observation. What is logged in it is not sent.
         steps: For how many steps the planner is to decide.
     """
-    constants = _constants(obs.vehicle)
-    values = {name: constants[name] if name in constants else attrgetter(name)(obs) for name in ARRAYS}
+    values = {name: attrgetter(name)(obs) for name in ARRAYS} | _constants(obs.vehicle)
+    values = {name: value for name, value in values.items() if value is not None}
     sizes = dict.fromkeys(DIMENSIONS, 0)
-    for name, (_, shape) in ARRAYS.items():
-        if values[name] is not None:
-            lengths = zip(shape, np.shape(values[name]), strict=True)
-            sizes |= {axis: length for axis, length in lengths if isinstance(axis, str)}
+    for name, value in values.items():
+        lengths = zip(ARRAYS[name][1], np.shape(value), strict=True)
+        sizes |= {axis: length for axis, length in lengths if isinstance(axis, str)}
     index = list(DYNAMICS).index(obs.vehicle.dynamics.name)
     sizes |= {"steps": steps, "future": int(obs.future is not None), "dynamics": index}
     yield _SIZES.pack(*(sizes[name] for name in DIMENSIONS))
-    for name, (dtype, _) in ARRAYS.items():
-        if values[name] is not None:
-            yield array_bytes(values[name], dtype)
+    for name, value in values.items():
+        yield array_bytes(value, ARRAYS[name][0])
 
 
 def _constants(vehicle: Vehicle) -> dict[str, tuple[float, ...]]:

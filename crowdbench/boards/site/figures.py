@@ -74,15 +74,11 @@ LETTER = 6.0
 
 _OFFSETS = np.array(
     [
-        (sign_x * x, y)
+        offset
         for distance in (1.0, 2.2, 3.6, 5.0)
-        for sign_x, x, y in (
-            (1, 8.0, 6.0 * distance),
-            (1, 8.0, -4.0 - 9.0 * distance),
-            (-1, 8.0, 6.0 * distance),
-            (-1, 8.0, -4.0 - 9.0 * distance),
-            (1, 12.0 * distance, -3.0),
-            (-1, 12.0 * distance, -3.0),
+        for offset in (
+            *((side * 8.0, y) for side in (1, -1) for y in (6.0 * distance, -4.0 - 9.0 * distance)),
+            *((side * 12.0 * distance, -3.0) for side in (1, -1)),
         )
     ]
 )
@@ -152,7 +148,8 @@ def _scatter(shown: Sequence[Standing], named: Sequence[Standing], which: str) -
             low, mean, high = np.array(_ends(one))
             errors = np.maximum([mean - low, high - mean], 0.0)
             axes.errorbar(
-                *mean,
+                mean[0],
+                mean[1],
                 xerr=errors[:, :1],
                 yerr=errors[:, 1:],
                 fmt="o" if one.rank else "x",
