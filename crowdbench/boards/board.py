@@ -229,8 +229,8 @@ def find_board(name: str, root: Path = ROOT) -> Board:
     for folder in (root, ROOT):
         if name and "/" not in name and (folder / name / FILE).is_file():
             return read_board(folder / name)
-    known = ", ".join(board.name for board in read_boards())
-    raise InputError(f"no board is called {name!r}; there are {known}, and those in {root}")
+    names = ", ".join(board.name for board in read_boards())
+    raise InputError(f"no board is called {name!r}; there are {names}, and those in {root}")
 
 
 def read_boards(root: Path = ROOT) -> list[Board]:

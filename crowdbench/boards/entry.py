@@ -274,21 +274,21 @@ def _parse(table: Any, path: Path) -> EntrySpec:
 
 def file_digests(directory: Path) -> dict[str, str]:
     """The sha256 of every file of an entry but `entry.json`, by its path in it."""
-    found = sorted(path for path in directory.rglob("*") if not path.is_dir() and path != directory / ENTRY)
-    for path in found:
+    paths = sorted(path for path in directory.rglob("*") if not path.is_dir() and path != directory / ENTRY)
+    for path in paths:
         if path.is_symlink() or not path.is_file():
             raise InputError(f"{path} is not a plain file: an entry holds nothing else")
-    return {path.relative_to(directory).as_posix(): files.sha256(path) for path in found}
+    return {path.relative_to(directory).as_posix(): files.sha256(path) for path in paths}
 
 
-def _check_files(directory: Path, named: Mapping[str, str]) -> None:
-    found = file_digests(directory)
-    if missing := sorted(named.keys() - found.keys()):
+def _check_files(directory: Path, digests: Mapping[str, str]) -> None:
+    present = file_digests(directory)
+    if missing := sorted(digests.keys() - present.keys()):
         raise InputError(f"{directory / missing[0]}, which {ENTRY} names, is missing")
-    if more := sorted(found.keys() - named.keys()):
+    if more := sorted(present.keys() - digests.keys()):
         raise InputError(f"{directory / more[0]} is not a file of this entry: {ENTRY} does not name it; remove it")
-    for path, digest in named.items():
-        if found[path] != digest:
+    for path, digest in digests.items():
+        if present[path] != digest:
             raise InputError(f"{directory / path} was changed: its sha256 differs from {ENTRY}")
 
 

@@ -53,46 +53,46 @@ def _describe(season: Season) -> str:
     )
 
 
-def section(found: Standings) -> str:
+def section(table: Standings) -> str:
     """The standings of one board in Markdown."""
-    lines = [f"## {found.board.spec.title}", "", found.board.spec.description, ""]
-    if not found.entries:
+    lines = [f"## {table.board.spec.title}", "", table.board.spec.description, ""]
+    if not table.entries:
         return "\n".join([*lines, "No entries yet.", ""])
-    rows = [_cells(found, one) for one in found.entries]
+    rows = [_cells(table, one) for one in table.entries]
     lines.append(markdown(list(rows[0]), [list(row.values()) for row in rows]))
-    if found.ranked:
-        counts = sorted({one.cases for one in found.ranked}, reverse=True)
-        lines += ["", " ".join(_resolution(found, cases) for cases in counts)]
+    if table.ranked:
+        counts = sorted({one.cases for one in table.ranked}, reverse=True)
+        lines += ["", " ".join(_resolution(table, cases) for cases in counts)]
     return "\n".join([*lines, ""])
 
 
-def _resolution(found: Standings, cases: int) -> str:
+def _resolution(table: Standings, cases: int) -> str:
     """What difference in success so many cases of each scenario tell apart."""
-    total = f"{cases * len(found.board.scenarios)} cases"
-    least = found.smallest_difference(cases)
-    if found.board.spec.recorded:
-        blocks = sum(len(set(own.tolist())) for own in found.ranked[0].blocks.values())
+    total = f"{cases * len(table.board.scenarios)} cases"
+    least = table.smallest_difference(cases)
+    if table.board.spec.recorded:
+        blocks = sum(len(set(own.tolist())) for own in table.ranked[0].blocks.values())
         return f"{total} in {blocks} blocks of recorded time, over which entries are compared."
-    if least > 1.0 or len(found.ranked) < 2:
+    if least > 1.0 or len(table.ranked) < 2:
         return f"{total}."
     return (
         f"{total} tell apart a difference in success of {100 * least:.2f} percentage points at best, among "
-        f"{len(found.ranked)} entries."
+        f"{len(table.ranked)} entries."
     )
 
 
-def _cells(found: Standings, one: Standing) -> dict[str, str]:
+def _cells(table: Standings, one: Standing) -> dict[str, str]:
     """The cells of an entry, by the headings of the columns of its board."""
     figures, speed, method = one.figures, one.decision_time, one.method
     pareto = " \\*" if one.is_pareto else ""
     slow = "" if speed is None or speed.is_real_time else ", not real-time"
-    notes = [*one.flags, *[f"{one.cases} cases"] * (one in found.slow)]
+    notes = [*one.flags, *[f"{one.cases} cases"] * (one in table.slow)]
     cells = {
         "rank": "" if one.rank is None else f"{one.rank.rank} ({one.rank.rank} to {one.rank.last})",
         "entry": f"{one.entry.name}{pareto}, {one.entry.spec.submitted_by}",
         "success": _with_interval(figures["success_rate"], 2, " %"),
     }
-    if len(found.board.scenarios) > 1:
+    if len(table.board.scenarios) > 1:
         cells["worst scenario"] = _number(one.worst, 1, " %")
     success = "" if method is None else _with_interval(method.metrics["success_rate"], 1, " %")
     cells["method"] = "" if method is None else f"{success}, {method.networks} networks"

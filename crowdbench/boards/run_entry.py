@@ -150,7 +150,7 @@ class EntryRun:
             locate_named_files(self.planner, self.folder),
             locate_named_files(self.options, self.folder),
             hidden=[*hidden, *([self.board.data.resolve()] if self.board.data else [])],
-            shown=[self.folder],
+            readable=[self.folder],
             folder=Path("/"),  # somewhere else, so that files which the entry lacks are missed
             scene=scenario.tracks.scene if scenario.tracks else None,
         )

@@ -106,7 +106,7 @@ def write_skeleton(name: str, out: Path) -> Path:
     folder = out / name
     if folder.exists():
         raise InputError(f"{folder} exists already: choose another name, or another folder with --out")
-    with new_directory(folder, overwrite=False) as made:
+    with new_directory(folder, overwrite=False) as partial:
         for file, text in {f"{name}.py": PLANNER, f"test_{name}.py": TEST, "card.toml": CARD}.items():
-            (made / file).write_text(text.replace("{title}", title).replace("{name}", name), encoding="utf-8")
+            (partial / file).write_text(text.replace("{title}", title).replace("{name}", name), encoding="utf-8")
     return folder

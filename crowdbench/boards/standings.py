@@ -193,12 +193,12 @@ def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None
     """
     if not any(one.blocks for one in each):
         return None
-    found: list[np.ndarray] = []
+    numbers: list[np.ndarray] = []
     for name in each[0].scenarios:
         longest = max((one.blocks[name] for one in each if name in one.blocks), key=len, default=np.zeros(1, np.int64))
         own = np.resize(longest, max(one.cases for one in each))
-        found.append(own + (1 + found[-1].max() if found else 0))
-    return np.stack(found)
+        numbers.append(own + (1 + numbers[-1].max() if numbers else 0))
+    return np.stack(numbers)
 
 
 def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
@@ -216,8 +216,8 @@ def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
 
 
 def _standing(board: Board, entry: Entry, season: str) -> Standing:
-    verified = entry.verification_in(season)
-    is_measured = verified is not None and bool(verified.figures)
+    verification = entry.verification_in(season)
+    is_measured = verification is not None and bool(verification.figures)
     runs = entry.directory / (f"{SEASONS}/{season}" if is_measured else PUBLIC)
     is_present = entry.spec.board_digest == board.digest
     own = read_episodes(board, runs) if is_present else {}
@@ -230,12 +230,12 @@ def _standing(board: Board, entry: Entry, season: str) -> Standing:
     figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
     flags = _flags(board, figures, columns["jerk"])
     blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
-    reason, explanation = _why_unranked(board, entry, verified, flags)
-    return Standing(entry, verified, columns, blocks, scenarios, figures, flags, reason, explanation)
+    reason, explanation = _why_unranked(board, entry, verification, flags)
+    return Standing(entry, verification, columns, blocks, scenarios, figures, flags, reason, explanation)
 
 
 def _why_unranked(
-    board: Board, entry: Entry, verified: Verification | None, flags: Mapping[str, str]
+    board: Board, entry: Entry, verification: Verification | None, flags: Mapping[str, str]
 ) -> tuple[str, str]:
     """Why an entry has no rank, in a few words and in a sentence; both empty if it has one."""
     if not board.spec.ranked:
@@ -249,13 +249,13 @@ def _why_unranked(
             f"of version {entry.spec.board_version}",
             OTHER_RULES,
         )
-    if verified is None:
+    if verification is None:
         return (
             "reported only",
             REPORTED_ONLY,
         )
-    if verified.verdict != Verdict.RERUN:
-        return str(verified.verdict), verified.reason
+    if verification.verdict != Verdict.RERUN:
+        return str(verification.verdict), verification.reason
     return ("", "") if board.spec.ranks_flagged else (", ".join(flags), " ".join(flags.values()))
 
 
@@ -290,7 +290,7 @@ def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]])
     """
     figures = {}
     for metric in board.metrics:
-        each = [found.get(metric) for found in scenarios.values()]
+        each = [estimates.get(metric) for estimates in scenarios.values()]
         shares = board.weights
         if metric == "imposed_delay":
             shares = shares * [one is not None and not np.isnan(one.mean) for one in each]
@@ -310,13 +310,13 @@ def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | 
     Returns:
         The estimate, undefined where one of them is.
     """
-    known = [Estimate(0.0, 0.0, 0.0, 0, 0.0) if one is None else one for one in each]
-    mean = float(shares @ [one.mean for one in known])
+    estimates = [Estimate(0.0, 0.0, 0.0, 0, 0.0) if one is None else one for one in each]
+    mean = float(shares @ [one.mean for one in estimates])
     if np.isnan(mean):
         return NOTHING
-    below, above = np.array([(one.mean - one.low, one.high - one.mean) for one in known]).T
+    below, above = np.array([(one.mean - one.low, one.high - one.mean) for one in estimates]).T
     low, high = mean - np.sqrt(np.sum((shares * below) ** 2)), mean + np.sqrt(np.sum((shares * above) ** 2))
-    return Estimate(mean, float(low), float(high), sum(one.n for one in known), max(one.max for one in known))
+    return Estimate(mean, float(low), float(high), sum(one.n for one in estimates), max(one.max for one in estimates))
 
 
 def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> dict[str, str]:

@@ -62,8 +62,8 @@ def cases_of_season(entry: Entry, board: Board) -> Cases:
 
 def count_cases(entry: Entry, board: Board, cases: Cases | None = None) -> int:
     """How many cases a verification replays and drives; `cases` are those of each scenario, if not a season's."""
-    driven = cases or cases_of_season(entry, board)
-    own = (len(driven) + board.spec.public_cases) * len(board.scenarios)
+    cases = cases or cases_of_season(entry, board)
+    own = (len(cases) + board.spec.public_cases) * len(board.scenarios)
     return own + len(method_networks(entry, board)) * len(method_cases(driven))
 
 
@@ -102,9 +102,9 @@ def verify(
     """
     _check_possible(entry, board, season)
     spec, hidden = entry.spec, _hidden(entry, work)
-    driven = cases if cases and season is None else cases_of_season(entry, board)
+    cases = cases if cases and season is None else cases_of_season(entry, board)
     seed = secrets.randbits(63) if season is None else season.seed(board.name)
-    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, driven, seed, hidden, shard, progress)
+    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, cases, seed, hidden, shard, progress)
     if season is not None:
         return _verify_in_season(entry, run, by, season)
     work.mkdir(parents=True, exist_ok=True)

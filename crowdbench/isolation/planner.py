@@ -66,7 +66,7 @@ class IsolatedPlanner(Planner):
         options: Arguments of the planner's function, as they are written in TOML.
         limits: What it may take.
         hidden: Folders that it must not read: see `crowdbench.isolation.process`.
-        shown: Folders inside those that it may read all the same.
+        readable: Folders inside those that it may read all the same.
         folder: Its working directory; the present one if None.
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.unseen`.
 
@@ -82,14 +82,14 @@ class IsolatedPlanner(Planner):
         limits: Limits = LIMITS,
         *,
         hidden: Iterable[Path] = (),
-        shown: Iterable[Path] = (),
+        readable: Iterable[Path] = (),
         folder: Path | None = None,
         scene: str | None = None,
     ) -> None:
         self.name = called(spec)
         self.limits = limits
         self.usage: dict[str, Any] = {"level": isolation_level()}
-        self.process = Process(start_command(program(spec), hidden, shown, folder), limits.memory, folder)
+        self.process = Process(start_command(program(spec), hidden, readable, folder), limits.memory, folder)
         try:
             properties = self._start(spec, options, scene)
         except BaseException:

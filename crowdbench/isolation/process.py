@@ -35,18 +35,18 @@ PROCESS = "process"
 
 
 def start_command(
-    program: Path | None, hidden: Iterable[Path], shown: Iterable[Path], folder: Path | None
+    program: Path | None, hidden: Iterable[Path], readable: Iterable[Path], folder: Path | None
 ) -> tuple[str, ...]:
     """The command that starts a planner's process.
 
     Args:
         program: A planner that is a program of its own, or None for one that crowdbench can load.
         hidden: Folders that the planner must not read. Without bubblewrap it can.
-        shown: Folders inside those that it may read all the same.
+        readable: Folders inside those that it may read all the same.
         folder: The working directory; the present one if None.
     """
     plain = CLIENT if program is None else (str(program.resolve()),)
-    return plain if isolation_level() == PROCESS else (*_bubblewrap(hidden, shown, folder), *plain)
+    return plain if isolation_level() == PROCESS else (*_bubblewrap(hidden, readable, folder), *plain)
 
 
 @functools.cache
@@ -59,7 +59,9 @@ def isolation_level() -> str:
     return BUBBLEWRAP if trial.returncode == 0 else PROCESS
 
 
-def _bubblewrap(hidden: Iterable[Path] = (), shown: Iterable[Path] = (), folder: Path | None = None) -> tuple[str, ...]:
+def _bubblewrap(
+    hidden: Iterable[Path] = (), readable: Iterable[Path] = (), folder: Path | None = None
+) -> tuple[str, ...]:
     """No network, no other process to be seen, every file read-only but for temporary ones that nobody else sees."""
     options: list[str] = []
     current = folder or Path.cwd()
@@ -67,7 +69,7 @@ def _bubblewrap(hidden: Iterable[Path] = (), shown: Iterable[Path] = (), folder:
         if place.is_dir():
             options += ["--tmpfs", str(place)]
             current = Path("/") if current.is_relative_to(place) else current
-    for place in map(Path.resolve, shown):
+    for place in map(Path.resolve, readable):
         options += ["--ro-bind", str(place), str(place)]
     always = "--die-with-parent --unshare-all --ro-bind / / --dev /dev --proc /proc --tmpfs /var/tmp"
     last = "--setenv", "TMPDIR", "/var/tmp", "--chdir", str(current), "--"

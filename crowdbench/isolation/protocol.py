@@ -189,12 +189,12 @@ def to_json(content: Mapping[str, Any]) -> bytes:
 def from_json(content: bytearray) -> dict[str, Any]:
     """What JSON in a message says. Raises Broken where it is no JSON object."""
     try:
-        found = json.loads(content)
+        value = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise Broken(f"sent no valid JSON ({error})") from None
-    if not isinstance(found, dict):
+    if not isinstance(value, dict):
         raise Broken("sent JSON that is no object")
-    return found
+    return value
 
 
 def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryview]:
@@ -247,15 +247,15 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
         offset += array.nbytes
         part, _, field = name.rpartition(".")
         parts[part][field] = array
-    whole, vehicle, pedestrians = parts.values()
-    whole["dt"] = float(whole["dt"])
-    whole["lidar"] = whole["lidar"] if sizes["beam"] else None
+    top, vehicle, pedestrians = parts.values()
+    top["dt"] = float(top["dt"])
+    top["lidar"] = top["lidar"] if sizes["beam"] else None
     vehicle["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*vehicle["dynamics"].tolist())
     vehicle["goal_tolerance"] = next(iter(vehicle["goal_tolerance"].tolist()), None)
     vehicle["body"] = tuple(vehicle["body"].tolist()) or DISC
     pedestrians["seen"] = pedestrians["seen"].view(bool)
     pedestrians["filled"] = pedestrians["filled"].view(bool) if sizes["filled"] else None
-    return Observation(Vehicle(**vehicle), Pedestrians(**pedestrians), **whole), sizes["steps"]
+    return Observation(Vehicle(**vehicle), Pedestrians(**pedestrians), **top), sizes["steps"]
 
 
 def array_bytes(values: ArrayLike, dtype: str = "<f8") -> memoryview:

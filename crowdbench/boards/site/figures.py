@@ -124,27 +124,27 @@ def _to_svg(figure: Figure, label: str) -> Markup:
     return Markup(head + text[text.index(">") + 1 :].strip())
 
 
-def success_against_time(found: Standings) -> list[Markup]:
+def success_against_time(table: Standings) -> list[Markup]:
     """Success against time of all entries that were measured on the same cases, and a close-up of the best of them.
 
     Nothing where nobody was measured, and no close-up where it would show nothing more.
     """
-    shown = [one for one in found.entries if one.is_measured and np.isfinite(_point(one)).all()]
-    near = [one for one in shown if one.figures["success_rate"].mean >= CLOSE]
-    if not shown:
+    entries = [one for one in table.entries if one.is_measured and np.isfinite(_point(one)).all()]
+    near = [one for one in entries if one.figures["success_rate"].mean >= CLOSE]
+    if not entries:
         return []
-    if not 3 <= len(near) < len(shown):
-        return [_scatter(shown, shown, "")]
-    far = [one for one in shown if one not in near]
-    return [_scatter(shown, far, ""), _scatter(near, near, f" that succeed in {CLOSE:.0%} of the cases or more")]
+    if not 3 <= len(near) < len(entries):
+        return [_scatter(entries, entries, "")]
+    far = [one for one in entries if one not in near]
+    return [_scatter(entries, far, ""), _scatter(near, near, f" that succeed in {CLOSE:.0%} of the cases or more")]
 
 
-def _scatter(shown: Sequence[Standing], named: Sequence[Standing], which: str) -> Markup:
+def _scatter(entries: Sequence[Standing], with_names: Sequence[Standing], which: str) -> Markup:
     """A figure of entries with their intervals, and with the step line of the Pareto set; some have their names."""
     with _axes(9.6, 5.2) as (figure, axes):
-        front = np.array(sorted(_point(one) for one in shown if one.is_pareto)).reshape(-1, 2)
+        front = np.array(sorted(_point(one) for one in entries if one.is_pareto)).reshape(-1, 2)
         axes.step(*front.T, where="post", color=COLOURS["muted"], lw=1, linestyle=(0, (2, 3)))
-        for one in shown:
+        for one in entries:
             low, mean, high = np.array(_ends(one))
             errors = np.maximum([mean - low, high - mean], 0.0)
             axes.errorbar(
@@ -162,8 +162,8 @@ def _scatter(shown: Sequence[Standing], named: Sequence[Standing], which: str) -
         axes.set_xlabel("time to the goal, over successes (s)")
         axes.set_ylabel("success (%)")
         axes.set_ylim(top=min(axes.get_ylim()[1], 101.0))
-        _write_names(axes, figure.dpi / 72.0, shown, named)
-        return _to_svg(figure, f"Success against time of {len(shown)} entries{which}; the table has the same figures")
+        _write_names(axes, figure.dpi / 72.0, entries, with_names)
+        return _to_svg(figure, f"Success against time of {len(entries)} entries{which}; the table has the same figures")
 
 
 def _point(one: Standing) -> tuple[float, float]:
@@ -177,11 +177,11 @@ def _ends(one: Standing) -> list[tuple[float, float]]:
     return [(getattr(time, end), 100.0 * getattr(success, end)) for end in ("low", "mean", "high")]
 
 
-def _write_names(axes: Axes, scale: float, shown: Sequence[Standing], named: Sequence[Standing]) -> None:
+def _write_names(axes: Axes, scale: float, entries: Sequence[Standing], with_names: Sequence[Standing]) -> None:
     """Write names where they cover few points, intervals and other names; `scale` is pixels per unit of the SVG."""
     frame = shapely.box(*np.asarray(axes.get_window_extent().extents) / scale)
-    taken = [box for one in shown for box in _covered(axes, one, scale)]
-    for one in named:
+    taken = [box for one in entries for box in _covered(axes, one, scale)]
+    for one in with_names:
         name = shorten(one.entry.name, 30).encode("ascii", "replace").decode()
         corner = np.asarray(axes.transData.transform(_point(one))) / scale + _OFFSETS
         width = len(name) * LETTER

@@ -31,9 +31,9 @@ FEWEST = 4
 """With fewer entries in common, a correlation of ranks says nothing."""
 
 
-def success_axis(found: Standings) -> float:
+def success_axis(table: Standings) -> float:
     """Where the axis of success begins, as a share; it ends at 1. The same for all entries of a board."""
-    lows = [one.figures["success_rate"].low for one in found.entries]
+    lows = [one.figures["success_rate"].low for one in table.entries]
     return min(math.floor(10.0 * min((low for low in lows if math.isfinite(low)), default=0.0)) / 10.0, 0.9)
 
 
@@ -50,20 +50,20 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
     return low, mean, max(high - low, 1.0)
 
 
-def undecided(found: Standings, one: Standing) -> list[str]:
+def undecided(table: Standings, one: Standing) -> list[str]:
     """The names of ranked entries that are neither better nor worse than an entry; none where it has no rank."""
-    pairs = [each.entries for each in found.comparisons if each.better is None and one.entry.name in each.entries]
+    pairs = [each.entries for each in table.comparisons if each.better is None and one.entry.name in each.entries]
     return [name for pair in pairs for name in pair if name != one.entry.name]
 
 
-def pair_table(found: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
+def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
     """A row for each ranked entry with a cell for each ranked entry, None for itself."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
-    for one in found.comparisons:
+    for one in table.comparisons:
         a, b = one.entries
         cells[a, b], cells[b, a] = _pair_cell(one, a, 1.0), _pair_cell(one, b, -1.0)
-    names = [one.entry.name for one in found.ranked]
-    return [(one, [cells.get((one.entry.name, name)) for name in names]) for one in found.ranked]
+    names = [one.entry.name for one in table.ranked]
+    return [(one, [cells.get((one.entry.name, name)) for name in names]) for one in table.ranked]
 
 
 def _pair_cell(one: Comparison, row: str, sign: float) -> dict[str, str]:
@@ -79,7 +79,7 @@ def _pair_cell(one: Comparison, row: str, sign: float) -> dict[str, str]:
     }
 
 
-def case_table(found: Standings) -> dict[str, Any] | None:
+def case_table(table: Standings) -> dict[str, Any] | None:
     """The cases in which somebody failed; None without entries.
 
     Entries of other rules, and those that drove fewer cases, are left out. Where nobody was measured in the season, the
@@ -90,8 +90,8 @@ def case_table(found: Standings) -> dict[str, Any] | None:
         entries with their outcomes in them. Of `total` cases somebody failed in `failed`, and all in `by_all`.
         `is_measured` says that the cases are those of the season.
     """
-    board = found.board
-    everybody = [one for one in found.entries if one.entry.spec.board_digest == board.digest]
+    board = table.board
+    everybody = [one for one in table.entries if one.entry.spec.board_digest == board.digest]
     measured = [one for one in everybody if one.is_measured]
     per_scenario = board.spec.cases if measured else board.spec.public_cases
     entries = [one for one in measured or everybody if one.cases == per_scenario]
@@ -100,13 +100,13 @@ def case_table(found: Standings) -> dict[str, Any] | None:
     outcomes = np.array([_outcomes(one) for one in entries])
     failures = (outcomes != SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
-    shown = hardest[np.argsort(hardest // per_scenario, kind="stable")]
-    groups = zip(*np.unique(shown // per_scenario, return_counts=True), strict=True)
+    cases = hardest[np.argsort(hardest // per_scenario, kind="stable")]
+    groups = zip(*np.unique(cases // per_scenario, return_counts=True), strict=True)
     return {
         "is_measured": bool(measured),
         "groups": [(board.scenarios[i], length) for i, length in groups],
-        "cases": (shown % per_scenario).tolist(),
-        "rows": list(zip(entries, outcomes[:, shown].tolist(), strict=True)),
+        "cases": (cases % per_scenario).tolist(),
+        "rows": list(zip(entries, outcomes[:, cases].tolist(), strict=True)),
         "failed": int((failures > 0).sum()),
         "total": per_scenario * len(board.scenarios),
         "by_all": int((failures == len(entries)).sum()),
@@ -162,9 +162,9 @@ class BoardGroup:
 
 def board_groups(each: Sequence[Standings]) -> list[BoardGroup]:
     """The boards that differ only in the pedestrians, and those of the suite, with the agreement of each two."""
-    by_name = {found.board.name: found for found in each}
+    by_name = {table.board.name: table for table in each}
     same = [by_name[name] for name in SAME_BUT_PEDESTRIANS if name in by_name]
-    suite = [found for found in each if list(found.board.spec.families) == [SUITE]]
+    suite = [table for table in each if list(table.board.spec.families) == [SUITE]]
     questions = {"Do rankings agree across pedestrian models?": same, "Do rankings agree across the suite?": suite}
     return [
         BoardGroup(
@@ -183,14 +183,14 @@ def _agreement(a: Standings, b: Standings) -> Agreement:
     common = sorted(first.keys() & second.keys())
     if len(common) < FEWEST:
         return Agreement(math.nan, math.nan, len(common))
-    found = kendalltau([first[who] for who in common], [second[who] for who in common])
-    return Agreement(float(found.statistic), float(found.pvalue), len(common))
+    correlation = kendalltau([first[who] for who in common], [second[who] for who in common])
+    return Agreement(float(correlation.statistic), float(correlation.pvalue), len(common))
 
 
-def _comparable_successes(found: Standings) -> dict[tuple[str, str], float]:
+def _comparable_successes(table: Standings) -> dict[tuple[str, str], float]:
     """The success of the measured entries of a board that use only what a vehicle can see, by submitter and name."""
     return {
         (one.entry.spec.submitted_by, one.entry.name): one.figures["success_rate"].mean
-        for one in found.entries
+        for one in table.entries
         if one.is_measured and not one.entry.spec.privileged and not one.entry.card.ablation
     }
