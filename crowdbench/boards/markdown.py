@@ -7,7 +7,7 @@ from pathlib import Path
 
 from crowdbench.boards.board import read_boards
 from crowdbench.boards.entry import Range
-from crowdbench.boards.season import Season, read_season
+from crowdbench.boards.season import read_season
 from crowdbench.boards.standings import Standing, Standings, read_entries, standings
 from crowdbench.metrics.summary import Estimate
 from crowdbench.utils import files
@@ -27,6 +27,9 @@ completion time) have 95 % intervals. "decision" is the 99th percentile of the t
 core of the machine of reference. "method" is the mean success over networks that were trained with other seeds, with an
 interval for other networks and other cases. "imposed delay" is the time that all pedestrians of a case together lose to
 the vehicle, where they see it. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+
+Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
+the digests of all entries and from round {season.round} of drand.
 """
 
 
@@ -36,21 +39,13 @@ def write_readme(root: Path) -> Path:
     Raises:
         InputError: A board or an entry is not as it must be.
     """
-    season = read_season(root)
-    boards = [standings(board, read_entries(board, root), season.spec.name) for board in read_boards(root)]
-    parts = [INTRODUCTION + _describe(season), *map(section, boards)]
+    season = read_season(root).spec
+    rehearsal = ", a rehearsal: its round was known before it closed" if season.rehearsal else ""
+    tables = [standings(board, read_entries(board, root), season.name) for board in read_boards(root)]
+    parts = [INTRODUCTION.format(season=season, rehearsal=rehearsal), *map(section, tables)]
     with files.whole(root / README) as partial:
         partial.write_text("\n".join(parts), encoding="utf-8")
     return root / README
-
-
-def _describe(season: Season) -> str:
-    spec = season.spec
-    rehearsal = ", a rehearsal: its round was known before it closed" if spec.rehearsal else ""
-    return (
-        f'\nSeason "{spec.name}"{rehearsal}. It closes on {spec.closes}; the seed of the cases follows from '
-        f"the digests of all entries and from round {spec.round} of drand.\n"
-    )
 
 
 def section(table: Standings) -> str:

@@ -262,7 +262,7 @@ def _judge(entry: Entry, run: EntryRun) -> tuple[Verdict, str]:
     public, other = read_episodes(run.board, entry.public), read_episodes(run.board, run.out)
     if doubts := lower_than_claimed(public, {name: other[name] for name in public}):
         return Verdict.LOWER, "; ".join(doubts)
-    is_apart = isolation_level() == BUBBLEWRAP
-    how = "in a sandbox without network and without our files"
-    how = how if is_apart else "in a process of its own, which could read files and the network"
+    how = "in a process of its own, which could read files and the network"
+    if isolation_level() == BUBBLEWRAP:
+        how = "in a sandbox without network and without our files"
     return Verdict.RERUN, f"the recorded commands lead to the reported figures; ran {how}"

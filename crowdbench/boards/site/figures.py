@@ -226,8 +226,8 @@ def trajectories(trace: Trace, row: int, label: str) -> Markup:
     for agent in (0, *moment.hit):
         color = PALETTE.failure if agent in moment.hit else PALETTE.vehicle
         earlier = position[: -1 : max(round(EVERY / trace.rules.dt), 1), agent]
-        there = earlier[np.isfinite(earlier).all(axis=1)]
-        marks += [Disc(centre, float(moment.radius[agent]), None, color, 0.7) for centre in there]
+        places = earlier[np.isfinite(earlier).all(axis=1)]
+        marks += [Disc(centre, float(moment.radius[agent]), None, color, 0.7) for centre in places]
     if moment.hit:
         marks.append(Disc(position[last, [0, *moment.hit]].mean(axis=0), 0.75, None, PALETTE.failure, 1.2))
     low, high = extent(position, trace.goal[row, last, 0], trace.obstacles[row], 0.6)
