@@ -14,7 +14,7 @@ from crowdbench.boards.planner_files import copy_named_files
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
-from crowdbench.isolation import sandbox
+from crowdbench.isolation.process import BUBBLEWRAP, isolation_level
 from crowdbench.runs.manifest import MANIFEST
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, NotWritten
@@ -283,7 +283,7 @@ def test_who_costs_pedestrians_more_time_than_the_bound_is_intrusive(bound, flag
     submit(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path, tmp_path / "work")
     (found,) = standings(board, read_entries(board, tmp_path), "first").others
     assert 0.001 < found.figures["imposed_delay"].mean < 60.0
-    assert found.flags == flags
+    assert list(found.flags) == flags
 
 
 def submit_cheat(root, tmp_path, known, board):
@@ -315,7 +315,7 @@ def test_a_planner_that_fails_on_unknown_cases_is_refused(tmp_path):
     assert "raised TypeError" in found.reason
 
 
-@pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
+@pytest.mark.skipif(isolation_level() != BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
 def test_a_planner_cannot_read_the_season_but_its_own_files(tmp_path):
     root = tmp_path / "boards"
     board = write_board(root)

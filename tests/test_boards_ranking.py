@@ -21,12 +21,14 @@ def entry(failures, seconds=1.0, collide=True):
 
 def compared(entries):
     """Comparisons on a board of one scenario."""
-    return compare_all([{name: values[None] for name, values in each.items()} for each in entries], np.ones(1))
+    return compare_all(
+        {i: {name: values[None] for name, values in each.items()} for i, each in enumerate(entries)}, np.ones(1)
+    )
 
 
 def ranked(*entries):
     comparisons = compared(entries)
-    return [(rank.rank, rank.last) for rank in ranks(len(entries), comparisons)]
+    return [(rank.rank, rank.last) for rank in ranks(range(len(entries)), comparisons).values()]
 
 
 def test_entries_that_do_not_differ_share_the_first_rank():
@@ -116,7 +118,7 @@ def test_entries_are_compared_in_the_cases_that_both_drove():
 
 def test_scenarios_count_by_their_weights_however_many_cases_they_have():
     two = [{name: values.reshape(2, -1) for name, values in each.items()} for each in (entry([]), entry(range(25)))]
-    (found,) = compare_all(two, np.array([0.75, 0.25]))
+    (found,) = compare_all(dict(enumerate(two)), np.array([0.75, 0.25]))
     assert found.differences["success_rate"] == pytest.approx(0.75 * 25 / 250)
 
 

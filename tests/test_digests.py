@@ -5,8 +5,7 @@ import json
 
 import pytest
 
-from crowdbench.boards import schema as board_schema
-from crowdbench.boards.board import read_boards
+from crowdbench.boards.board import BoardSpec, FlagsSpec, read_boards
 from crowdbench.catalog import PEDESTRIANS, load_scenario, scenarios, simulated_scenarios
 from crowdbench.scenario import schema
 from crowdbench.scenario.digest import BUILT_IN, compute_digest
@@ -253,10 +252,10 @@ def test_the_digests_of_the_boards_that_ship_stay():
 
 
 def test_a_new_key_with_a_default_changes_no_digest_of_a_board(monkeypatch):
-    class LaterFlags(board_schema.FlagsSpec):
+    class LaterFlags(FlagsSpec):
         noise: float | None = number(None, above=0.0, below=100.0)
 
-    class Later(board_schema.BoardSpec):
+    class Later(BoardSpec):
         weather: str = "dry"
         flags: LaterFlags
 

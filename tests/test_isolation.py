@@ -17,8 +17,9 @@ import pytest
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, chain
 from crowdbench.core.types import Lidar, Rules, Sensor
-from crowdbench.isolation import protocol, sandbox
+from crowdbench.isolation import protocol
 from crowdbench.isolation.planner import IsolatedPlanner, Limits
+from crowdbench.isolation.process import BUBBLEWRAP, isolation_level
 from crowdbench.planners.driver import DecisionLimitExceeded, Driver
 from crowdbench.plugins.load import plugin_name
 from crowdbench.runs.rollout import rollout
@@ -275,6 +276,9 @@ def test_a_planner_that_cannot_be_made_is_refused(mine):
         drive(driver)
 
 
+READY = protocol.to_json({"version": protocol.VERSION, "privileged": False, "native": False, "facts": {}})
+
+
 def test_a_program_that_speaks_another_version_is_refused(tmp_path):
     program = tmp_path / "old"
     answer = protocol.to_json({"privileged": False})
@@ -288,6 +292,26 @@ def test_a_program_that_speaks_another_version_is_refused(tmp_path):
     assert str(error.value) == (
         "planner old speaks version 1 of the messages, but must speak version 3, which docs/isolation.md describes"
     )
+
+
+@pytest.mark.parametrize(
+    ("answers", "sentence"),
+    [
+        ([(11, b"{")], r"^planner odd sent no valid JSON \(.*\) in its construction$"),
+        ([(13, b'{"what": "fails", "why": 1}')], r"^planner odd fails in its construction$"),
+        ([(11, READY), (11, b""), (12, bytes(8))], r"^planner odd sent 8 bytes for commands, but 32 were asked for \("),
+    ],
+)
+def test_a_program_that_answers_something_else_gets_one_sentence(answers, sentence, tmp_path):
+    program = tmp_path / "odd"
+    program.write_text(
+        f"#!{sys.executable}\nimport os, struct\nfor kind, content in {answers!r}:\n"
+        "    _, size = struct.unpack('<IQ', os.read(0, 12))\n    os.read(0, size)\n"
+        "    os.write(1, struct.pack('<IQ', kind, len(content)) + content)\n"
+    )
+    program.chmod(0o755)
+    with pytest.raises(InputError, match=sentence), driven(str(program)) as driver:
+        drive(driver)
 
 
 def test_another_version_of_crowdbench_in_its_process_is_no_fault_of_the_planner(monkeypatch):
@@ -365,7 +389,7 @@ def test_names_are_those_of_planners_that_are_loaded(mine, tmp_path):
     ]
 
 
-@pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
+@pytest.mark.skipif(isolation_level() != BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
 def test_in_a_sandbox_there_is_no_network_no_other_process_and_no_file_to_write(mine, tmp_path):
     looks = """
 import glob, os, socket

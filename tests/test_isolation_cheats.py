@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from crowdbench.catalog import load_scenario
-from crowdbench.isolation import sandbox
 from crowdbench.isolation.planner import IsolatedPlanner
+from crowdbench.isolation.process import BUBBLEWRAP, isolation_level
 from crowdbench.metrics import METRICS
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.results import Episodes
@@ -139,7 +139,7 @@ def test_an_attack_that_needs_the_simulator_ends_in_a_sentence(name, tmp_path):
         drive(tmp_path, attack)
 
 
-@pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
+@pytest.mark.skipif(isolation_level() != BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
 @pytest.mark.parametrize("name", IN_SANDBOX)
 def test_an_attack_on_the_machine_ends_in_a_sentence(name, tmp_path):
     result = tmp_path / "result.json"

@@ -8,20 +8,32 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import Field
 
-from crowdbench.boards.schema import BoardSpec
 from crowdbench.catalog import load_scenario
+from crowdbench.core.types.rules import COLLISION_RULES
 from crowdbench.metrics import METRICS, Metric
 from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
-from crowdbench.runs.spec import Replanning
+from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location, parse_table, read_toml
+from crowdbench.utils.toml import (
+    Flag,
+    Location,
+    Name,
+    Names,
+    TomlTable,
+    choice,
+    integer,
+    number,
+    parse_table,
+    read_toml,
+)
 
 FILE = "board.toml"
 
@@ -31,27 +43,67 @@ SLOW = 1.0
 CASES_IF_SLOW = 500
 """Cases of each scenario that a slow entry drives, if the board has more."""
 
-SHOWN = (
-    "success_rate",
-    "collision_rate",
-    "timeout_rate",
-    "navigation_time",
-    "sct",
-    "minimum_gap",
-    "intimate_zone",
-    "max_velocity_change",
-    "jerk",
-)
-"""The metrics that every board shows."""
+METRIC_TITLES = {
+    "success_rate": "success, %",
+    "collision_rate": "collisions, %",
+    "timeout_rate": "time-outs, %",
+    "navigation_time": "time, s",
+    "sct": "SCT",
+    "minimum_gap": "smallest gap, m",
+    "intimate_zone": "intimate zone, %",
+    "max_velocity_change": "largest change of velocity, m/s",
+    "jerk": "jerk, m/s³",
+    "imposed_delay": "imposed delay, s",
+}
+"""The metrics that boards show, the last one only where it has a bound, and what they are called there."""
 
-_SHOWN_ONLY = ("title", "description", "position", "recorded", "ranked")
+_SHOWN_ONLY = {"title", "description", "position", "recorded", "ranked"}
 """Keys of a board that are not in its digest."""
 
-_COUNTED = ("version", "families", "cases", "public_cases", "replan_every", "look_first", "collision", "ranks_flagged")
+_COUNTED = {"version", "families", "cases", "public_cases", "replan_every", "look_first", "collision", "ranks_flagged"}
 """Keys that are in the digest of every board. One that comes later is where it differs from its default."""
 
 ROOT = PACKAGE_ROOT / "leaderboards"
 """The folder of the boards that ship."""
+
+
+class FlagsSpec(TomlTable):
+    """`flags`: bounds beyond which an entry is called intrusive or jerky. They were fixed on validation cases.
+
+    `intimate_zone` is the largest share of time with a gap below 0.45 m to somebody. `imposed_delay` is the largest
+    mean of the time that all pedestrians of a case together lose to the vehicle, where they see it, in seconds. `jerk`
+    is the largest 95th percentile over episodes, in m/s^3.
+    """
+
+    intimate_zone: float = number(above=0.0, below=1.0)
+    imposed_delay: float | None = number(None, above=0.0, below=10000.0)
+    jerk: float = number(above=0.0, below=1000.0)
+
+
+class BoardSpec(TomlTable):
+    """The whole of `board.toml`. A change of the rules is a new `version`.
+
+    `position` orders boards where several are listed. `recorded` says that its scenarios need recorded tracks, and
+    `ranked` whether entries have ranks. Authors run `public_cases` of each scenario, which everybody knows. A season's
+    figures are of `cases` of each.
+    """
+
+    title: Name
+    description: Name
+    version: int = integer(least=1, most=10**6)
+    position: int = integer(1000, least=1, most=1000)
+    families: Annotated[
+        dict[str, Names], Field(min_length=1, description="a table of families, each with a list of scenarios")
+    ]
+    recorded: Flag = False
+    ranked: Flag = True
+    cases: int = integer(2000, least=1, most=10**6)
+    public_cases: int = integer(500, least=1, most=10**6)
+    replan_every: int = integer(1, least=1, most=1000)
+    look_first: int = integer(LOOK_FIRST, least=1, most=1000)
+    collision: str = choice(COLLISION_RULES, default="swept")
+    ranks_flagged: Flag = False
+    flags: Annotated[FlagsSpec, Field(description="a table [flags] with intimate_zone and jerk")]
 
 
 @dataclass(frozen=True)
@@ -72,21 +124,17 @@ class Board:
     @property
     def digest(self) -> str:
         """The sha256 of all that its figures depend on. Texts, the position, and what ranks are not in it."""
-        table = self.spec.complete()
-        defaults = {key: field.default for key, field in type(self.spec).model_fields.items()}
-        rules = {
-            key: value
-            for key, value in table.items()
-            if key in _COUNTED or (key not in _SHOWN_ONLY and value != defaults[key])
-        }
-        rules["flags"] = {flag: bound for flag, bound in rules["flags"].items() if bound is not None}
+        spec = self.spec
+        rules = spec.model_dump(mode="json", include=_COUNTED)
+        rules |= spec.model_dump(mode="json", exclude=_SHOWN_ONLY, exclude_defaults=True)
+        rules["flags"] = spec.flags.model_dump(mode="json", exclude_none=True)
         return hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
 
     @property
     def metrics(self) -> Mapping[str, Metric]:
         """The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
-        names = SHOWN if self.spec.flags.imposed_delay is None else (*SHOWN, "imposed_delay")
-        return {name: METRICS[name] for name in names}
+        is_bound = self.spec.flags.imposed_delay is not None
+        return {name: METRICS[name] for name in METRIC_TITLES if is_bound or name != "imposed_delay"}
 
     @property
     def cases(self) -> Cases:
@@ -138,12 +186,12 @@ class Board:
         Raises:
             InputError: They need recorded tracks that are not given or are others, or they need none.
         """
-        if self.spec.recorded and data is None:
-            raise InputError(f"the people of the board {self.name} were recorded: give their tracks, --data DIR")
-        if data is not None and not self.spec.recorded:
-            raise InputError(f"--data does not go with the board {self.name}, whose people were not recorded")
         if data is None:
+            if self.spec.recorded:
+                raise InputError(f"the people of the board {self.name} were recorded: give their tracks, --data DIR")
             return self
+        if not self.spec.recorded:
+            raise InputError(f"--data does not go with the board {self.name}, whose people were not recorded")
         board = dataclasses.replace(self, data=data)
         board.check_scenarios()
         return board
@@ -181,8 +229,8 @@ def find_board(name: str, root: Path = ROOT) -> Board:
     for folder in (root, ROOT):
         if name and "/" not in name and (folder / name / FILE).is_file():
             return read_board(folder / name)
-    known = ", ".join(board.name for board in read_boards())
-    raise InputError(f"no board is called {name!r}; there are {known}, and those in {root}")
+    names = ", ".join(board.name for board in read_boards())
+    raise InputError(f"no board is called {name!r}; there are {names}, and those in {root}")
 
 
 def read_boards(root: Path = ROOT) -> list[Board]:

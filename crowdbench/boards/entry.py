@@ -20,10 +20,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from crowdbench.boards.schema import CardSpec
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location, parse_table, read_toml
+from crowdbench.utils.toml import Flag, Location, Name, Names, Text, TomlTable, integer, parse_table, read_toml
 
 ENTRY = "entry.json"
 CARD = "card.toml"
@@ -40,8 +39,34 @@ SCHEMA = 1
 """Version of what `entry.json` holds."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+Texts = Annotated[list[Text], Field(description="a list of texts in quotes")]
 Figures = dict[str, dict[str, float | None]]
 """By scenario and metric, the mean over the cases."""
+
+
+class CardSpec(TomlTable):
+    """The whole of `card.toml`: what the authors of an entry say of it.
+
+    `method` names what the entry belongs to, so that several entries of one method can be compared with others as a
+    method. `crowd_model` is the model of pedestrians inside the planner, such as "ORCA", or "none".
+    `validation_runs` is how many trained or tuned variants were compared before this one was chosen.
+    """
+
+    title: Name
+    authors: Names
+    contact: Name
+    method: Name
+    licence: Name
+    description: Name
+    paper: Text = ""
+    code: Text = ""
+    training_data: Texts
+    training_scenarios: Texts
+    privileged_training: Flag
+    crowd_model: Name
+    validation_runs: int = integer(least=0, most=10**9)
+    training_seeds: int = integer(least=0, most=10**9)
+    ablation: Flag = False
 
 
 class _Record(BaseModel):
@@ -110,7 +135,7 @@ class Verification(_Record):
         season: The season whose seed it was; empty for a seed that was drawn for this verification alone.
         seed: The seed of the cases.
         code: The digest of crowdbench's code.
-        level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
+        level: How the planner was kept apart, as `crowdbench.isolation.process.isolation_level` says it.
         verdict: The verdict.
         reason: Why, in a sentence.
         figures: What was measured on these cases; empty where the planner did not come so far.
@@ -126,8 +151,8 @@ class Verification(_Record):
     level: str
     verdict: Annotated[Verdict, Field(strict=False)]
     reason: str
-    figures: Figures
-    decision_time: DecisionTime | None
+    figures: Figures = {}
+    decision_time: DecisionTime | None = None
     method: Method | None = None
 
 
@@ -249,24 +274,22 @@ def _parse(table: Any, path: Path) -> EntrySpec:
 
 def file_digests(directory: Path) -> dict[str, str]:
     """The sha256 of every file of an entry but `entry.json`, by its path in it."""
-    found = sorted(path for path in directory.rglob("*") if not path.is_dir() and path != directory / ENTRY)
-    for path in found:
+    paths = sorted(path for path in directory.rglob("*") if not path.is_dir() and path != directory / ENTRY)
+    for path in paths:
         if path.is_symlink() or not path.is_file():
             raise InputError(f"{path} is not a plain file: an entry holds nothing else")
-    return {path.relative_to(directory).as_posix(): files.sha256(path) for path in found}
+    return {path.relative_to(directory).as_posix(): files.sha256(path) for path in paths}
 
 
-def _check_files(directory: Path, named: Mapping[str, str]) -> None:
-    found = file_digests(directory)
-    if missing := sorted(named.keys() - found.keys()):
+def _check_files(directory: Path, digests: Mapping[str, str]) -> None:
+    present = file_digests(directory)
+    if missing := sorted(digests.keys() - present.keys()):
         raise InputError(f"{directory / missing[0]}, which {ENTRY} names, is missing")
-    if more := sorted(found.keys() - named.keys()):
+    if more := sorted(present.keys() - digests.keys()):
         raise InputError(f"{directory / more[0]} is not a file of this entry: {ENTRY} does not name it; remove it")
-    for path, digest in named.items():
-        if found[path] != digest:
+    for path, digest in digests.items():
+        if present[path] != digest:
             raise InputError(f"{directory / path} was changed: its sha256 differs from {ENTRY}")
-    if CARD not in named:
-        raise InputError(f"{directory} has no {CARD}, which says what its authors declare")
 
 
 def write_entry(directory: Path, spec: EntrySpec) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from crowdbench.boards.board import read_boards
 from crowdbench.boards.entry import Range
-from crowdbench.boards.season import Season, read_season
+from crowdbench.boards.season import read_season
 from crowdbench.boards.standings import Standing, Standings, read_entries, standings
 from crowdbench.metrics.summary import Estimate
 from crowdbench.utils import files
@@ -27,6 +27,9 @@ completion time) have 95 % intervals. "decision" is the 99th percentile of the t
 core of the machine of reference. "method" is the mean success over networks that were trained with other seeds, with an
 interval for other networks and other cases. "imposed delay" is the time that all pedestrians of a case together lose to
 the vehicle, where they see it. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+
+Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
+the digests of all entries and from round {season.round} of drand.
 """
 
 
@@ -36,64 +39,55 @@ def write_readme(root: Path) -> Path:
     Raises:
         InputError: A board or an entry is not as it must be.
     """
-    season = read_season(root)
-    parts = [INTRODUCTION + _describe(season)]
-    for board in read_boards(root):
-        parts.append(section(standings(board, read_entries(board, root), season.spec.name)))
+    season = read_season(root).spec
+    rehearsal = ", a rehearsal: its round was known before it closed" if season.rehearsal else ""
+    tables = [standings(board, read_entries(board, root), season.name) for board in read_boards(root)]
+    parts = [INTRODUCTION.format(season=season, rehearsal=rehearsal), *map(section, tables)]
     with files.whole(root / README) as partial:
         partial.write_text("\n".join(parts), encoding="utf-8")
     return root / README
 
 
-def _describe(season: Season) -> str:
-    spec = season.spec
-    rehearsal = ", a rehearsal: its round was known before it closed" if spec.rehearsal else ""
-    return (
-        f'\nSeason "{spec.name}"{rehearsal}. It closes on {spec.closes}; the seed of the cases follows from '
-        f"the digests of all entries and from round {spec.round} of drand.\n"
-    )
-
-
-def section(found: Standings) -> str:
+def section(table: Standings) -> str:
     """The standings of one board in Markdown."""
-    lines = [f"## {found.board.spec.title}", "", found.board.spec.description, ""]
-    if not found.entries:
+    lines = [f"## {table.board.spec.title}", "", table.board.spec.description, ""]
+    if not table.entries:
         return "\n".join([*lines, "No entries yet.", ""])
-    rows = [_cells(found, one) for one in found.entries]
+    rows = [_cells(table, one) for one in table.entries]
     lines.append(markdown(list(rows[0]), [list(row.values()) for row in rows]))
-    if found.ranked:
-        counts = sorted({one.cases for one in found.ranked}, reverse=True)
-        lines += ["", " ".join(_resolution(found, cases) for cases in counts)]
+    if table.ranked:
+        counts = sorted({one.cases for one in table.ranked}, reverse=True)
+        lines += ["", " ".join(_resolution(table, cases) for cases in counts)]
     return "\n".join([*lines, ""])
 
 
-def _resolution(found: Standings, cases: int) -> str:
+def _resolution(table: Standings, cases: int) -> str:
     """What difference in success so many cases of each scenario tell apart."""
-    total = f"{cases * len(found.board.scenarios)} cases"
-    least = found.smallest_difference(cases)
-    if found.board.spec.recorded:
-        blocks = sum(len(set(own.tolist())) for own in found.ranked[0].blocks.values())
+    total = f"{cases * len(table.board.scenarios)} cases"
+    least = table.smallest_difference(cases)
+    if table.board.spec.recorded:
+        blocks = sum(len(set(own.tolist())) for own in table.ranked[0].blocks.values())
         return f"{total} in {blocks} blocks of recorded time, over which entries are compared."
-    if least > 1.0 or len(found.ranked) < 2:
+    if least > 1.0 or len(table.ranked) < 2:
         return f"{total}."
     return (
         f"{total} tell apart a difference in success of {100 * least:.2f} percentage points at best, among "
-        f"{len(found.ranked)} entries."
+        f"{len(table.ranked)} entries."
     )
 
 
-def _cells(found: Standings, one: Standing) -> dict[str, str]:
+def _cells(table: Standings, one: Standing) -> dict[str, str]:
     """The cells of an entry, by the headings of the columns of its board."""
     figures, speed, method = one.figures, one.decision_time, one.method
     pareto = " \\*" if one.is_pareto else ""
     slow = "" if speed is None or speed.is_real_time else ", not real-time"
-    notes = [*one.flags, *[f"{one.cases} cases"] * (one in found.slow)]
+    notes = [*one.flags, *[f"{one.cases} cases"] * (one in table.slow)]
     cells = {
         "rank": "" if one.rank is None else f"{one.rank.rank} ({one.rank.rank} to {one.rank.last})",
         "entry": f"{one.entry.name}{pareto}, {one.entry.spec.submitted_by}",
         "success": _with_interval(figures["success_rate"], 2, " %"),
     }
-    if len(found.board.scenarios) > 1:
+    if len(table.board.scenarios) > 1:
         cells["worst scenario"] = _number(one.worst, 1, " %")
     success = "" if method is None else _with_interval(method.metrics["success_rate"], 1, " %")
     cells["method"] = "" if method is None else f"{success}, {method.networks} networks"

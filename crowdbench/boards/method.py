@@ -23,63 +23,42 @@ LEAST = 5
 MOST_CASES = 250
 """Cases that each network drives, at most."""
 
-Networks = Sequence[Mapping[str, Any]]
-"""The options in which each other network of a method differs from that of the entry."""
-
 
 def method_cases(cases: Cases) -> Cases:
     """Those of an entry's cases that each network of its method drives: the first ones."""
     return Cases(cases.split, cases.start, min(cases.stop, cases.start + MOST_CASES))
 
 
-def method_networks(entry: Entry, board: Board) -> Networks:
-    """The other networks of an entry that claims something of its method: with enough, on boards of one scenario."""
+def method_networks(entry: Entry, board: Board) -> Sequence[Mapping[str, Any]]:
+    """The options in which the other networks of a method differ; none with too few networks, or several scenarios."""
     networks = entry.spec.networks
     return networks if len(networks) + 1 >= LEAST and len(board.scenarios) == 1 else []
 
 
-def drive_networks(run: EntryRun, networks: Networks) -> None:
-    """Drive the other networks of a method, in the scenario of a board that has only one.
-
-    Args:
-        run: The run of the entry's own network.
-        networks: The other networks.
-
-    Raises:
-        InputError: The planner breaks its contract or a limit.
-        Unfinished: Runs are missing that other shards make.
-        KeyboardInterrupt: Somebody interrupted it. What is finished is kept.
-    """
-    others = _network_runs(run, networks)
-    for other in others:
-        other.drive()
-    for other in others:
-        other.check_finished({})
-
-
-def _network_runs(run: EntryRun, networks: Networks) -> list[EntryRun]:
+def network_runs(entry: Entry, run: EntryRun) -> list[EntryRun]:
+    """The runs of the other networks of a method, as the run of the entry's own network."""
     return [
         dataclasses.replace(
             run,
-            planner=dataclasses.replace(run.planner, options={**run.planner.options, **options}),
+            options={**run.options, **options},
             out=run.out / "networks" / str(number),
             cases=method_cases(run.cases),
             shard=run.shard.rotate(number + 1),
         )
-        for number, options in enumerate(networks)
+        for number, options in enumerate(method_networks(entry, run.board))
     ]
 
 
-def summarize_method(run: EntryRun, networks: Networks) -> Method:
+def summarize_method(run: EntryRun, others: Sequence[EntryRun]) -> Method:
     """The means over all networks of a method, which have all driven, with intervals for other networks and cases.
 
     Args:
         run: The run of the entry's own network.
-        networks: The other networks.
+        others: Those of the other networks.
     """
     cases = len(method_cases(run.cases))
     (name,) = run.board.scenarios
-    each = [read_episodes(run.board, one.out)[name].columns for one in (run, *_network_runs(run, networks))]
+    each = [read_episodes(run.board, one.out)[name].columns for one in (run, *others)]
     metrics = {
         metric: range_over_networks(np.array([columns[metric][:cases] for columns in each], float))
         for metric in CRITERIA

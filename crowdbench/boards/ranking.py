@@ -9,7 +9,8 @@ number of entries that are better.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,20 +31,32 @@ class Comparison:
     """Two entries, compared.
 
     Attributes:
-        better: Index of the entry that is better; None where no difference is significant.
-        worse: Index of the other one; None likewise.
-        criterion: The first metric in which they differ significantly; empty where there is none.
-        entries: The indices of both.
+        entries: The names of both.
         differences: By metric, the mean of the first entry minus that of the second.
         p: By metric, the two-sided p-value, corrected for all comparisons of the board.
     """
 
-    better: int | None
-    worse: int | None
-    criterion: str
-    entries: tuple[int, int]
+    entries: tuple[str, str]
     differences: Mapping[str, float]
     p: Mapping[str, float]
+
+    @property
+    def criterion(self) -> str:
+        """The first metric in which they differ significantly; empty where there is none."""
+        return next((metric for metric in CRITERIA if self.p[metric] < ALPHA), "")
+
+    @property
+    def better(self) -> str | None:
+        """The entry that is better; None where no difference is significant."""
+        if not (criterion := self.criterion):
+            return None
+        return self.entries[0 if self.differences[criterion] * CRITERIA[criterion] > 0.0 else 1]
+
+    @property
+    def worse(self) -> str | None:
+        """The other one; None likewise."""
+        first, second = self.entries
+        return None if self.better is None else second if self.better == first else first
 
 
 @dataclass(frozen=True)
@@ -61,14 +74,15 @@ class Rank:
 
 
 def compare_all(
-    columns: Sequence[Mapping[str, Float[np.ndarray, "scenario _"]]],
+    columns: Mapping[str, Mapping[str, Float[np.ndarray, "scenario _"]]],
     weights: Float[np.ndarray, "scenario"],
     blocks: Int[np.ndarray, "scenario _"] | None = None,
 ) -> list[Comparison]:
     """Compare each entry with each other one.
 
     Args:
-        columns: For each entry, the metrics of `CRITERIA` in the first cases of each scenario, as many as it drove.
+        columns: By the name of each entry, the metrics of `CRITERIA` in the first cases of each scenario, as many as
+            it drove.
         weights: How much each scenario counts, which is the same for all entries.
         blocks: The block of each case, where those of the same block are not independent.
 
@@ -79,48 +93,21 @@ def compare_all(
         InputError: An entry has no value of a metric in a case.
     """
     for metric in CRITERIA:
-        if any(np.isnan(entry[metric]).any() for entry in columns):
+        if any(np.isnan(entry[metric]).any() for entry in columns.values()):
             raise InputError(f"entries cannot be compared: {metric} has no value in some case")
-    pairs = list(itertools.combinations(range(len(columns)), 2))
-    common = {(a, b): _common(columns[a], columns[b]) for a, b in pairs}
-    raw = [
-        p_value(own.ravel(), other.ravel(), *_counted(weights, blocks, own.shape[1]))
-        for pair in pairs
-        for own, other in common[pair].values()
+    pairs = list(itertools.combinations(columns, 2))
+    differences, raw = [], []
+    for a, b in pairs:
+        cases = min(columns[a]["sct"].shape[1], columns[b]["sct"].shape[1])
+        weight, block = np.repeat(weights, cases), None if blocks is None else blocks[:, :cases].ravel()
+        both = {metric: (columns[a][metric][:, :cases], columns[b][metric][:, :cases]) for metric in CRITERIA}
+        differences.append({metric: float(weights @ (x - y).mean(axis=1)) for metric, (x, y) in both.items()})
+        raw += [p_value(x.ravel(), y.ravel(), weight, block) for x, y in both.values()]
+    corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA)).tolist()
+    return [
+        Comparison(pair, difference, dict(zip(CRITERIA, p, strict=True)))
+        for pair, difference, p in zip(pairs, differences, corrected, strict=True)
     ]
-    corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA))
-    return [_comparison(common[pair], pair, weights, p) for pair, p in zip(pairs, corrected, strict=True)]
-
-
-def _counted(
-    weights: Float[np.ndarray, "scenario"], blocks: Int[np.ndarray, "scenario _"] | None, cases: int
-) -> tuple[Float[np.ndarray, "case"], Int[np.ndarray, "case"] | None]:
-    """How much each case counts, and its block: those of the first cases of each scenario."""
-    return np.repeat(weights, cases), None if blocks is None else blocks[:, :cases].ravel()
-
-
-def _common(
-    a: Mapping[str, Float[np.ndarray, "scenario _"]], b: Mapping[str, Float[np.ndarray, "scenario _"]]
-) -> dict[str, Float[np.ndarray, "2 scenario case"]]:
-    """The metrics of two entries in the cases that both drove."""
-    cases = min(a["sct"].shape[1], b["sct"].shape[1])
-    return {metric: np.stack([a[metric][:, :cases], b[metric][:, :cases]]) for metric in CRITERIA}
-
-
-def _comparison(
-    common: Mapping[str, Float[np.ndarray, "2 scenario case"]],
-    pair: tuple[int, int],
-    weights: Float[np.ndarray, "scenario"],
-    p: Float[np.ndarray, "metric"],
-) -> Comparison:
-    a, b = pair
-    differences = {metric: float(weights @ (own - other).mean(axis=1)) for metric, (own, other) in common.items()}
-    by_metric = dict(zip(CRITERIA, p.tolist(), strict=True))
-    criterion = next((metric for metric in CRITERIA if by_metric[metric] < ALPHA), "")
-    if not criterion:
-        return Comparison(None, None, "", pair, differences, by_metric)
-    is_first = differences[criterion] * CRITERIA[criterion] > 0.0
-    return Comparison(*((a, b) if is_first else (b, a)), criterion, pair, differences, by_metric)
 
 
 def p_value(
@@ -163,19 +150,15 @@ def p_value(
     return float(2.0 * student.sf(abs(mean) / error, n - 1))
 
 
-def ranks(entries: int, comparisons: Sequence[Comparison]) -> list[Rank]:
-    """The rank of each entry.
+def ranks(entries: Collection[str], comparisons: Sequence[Comparison]) -> dict[str, Rank]:
+    """The rank of each entry, by name.
 
     Args:
-        entries: The number of entries.
+        entries: The names of the entries.
         comparisons: Those of all pairs.
-
-    Returns:
-        Their ranks, in the order of the entries.
     """
-    better = np.bincount([one.worse for one in comparisons if one.worse is not None], minlength=entries)
-    worse = np.bincount([one.better for one in comparisons if one.better is not None], minlength=entries)
-    return [Rank(1 + int(above), entries - int(below)) for above, below in zip(better, worse, strict=True)]
+    better, worse = Counter(one.worse for one in comparisons), Counter(one.better for one in comparisons)
+    return {entry: Rank(1 + better[entry], len(entries) - worse[entry]) for entry in entries}
 
 
 def smallest_difference(cases: int, entries: int) -> float:

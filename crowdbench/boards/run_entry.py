@@ -11,7 +11,8 @@ import dataclasses
 import hashlib
 import json
 import shutil
-import time
+import statistics
+import timeit
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,38 +63,14 @@ class Unfinished(InputError):
 
 
 @dataclass(frozen=True)
-class EntryPlanner:
-    """The planner of an entry.
-
-    Attributes:
-        folder: The folder of the entry.
-        name: As `crowdbench run --planner` takes it; a file is relative to the folder.
-        options: Its options; files are relative to the folder.
-    """
-
-    folder: Path
-    name: str
-    options: Mapping[str, Any]
-
-    def run_digest(self, board: Board, package_files: Mapping[str, str]) -> str:
-        """Twelve hexadecimal digits that change with all that runs on a board depend on, but for their seed.
-
-        Args:
-            board: The board.
-            package_files: The files of a planner that is built in or installed.
-        """
-        own = [file_digests(self.folder / PLANNER), dict(package_files)]
-        text = json.dumps([board.digest, self.name, self.options, own, code()], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-@dataclass(frozen=True)
 class EntryRun:
     """The planner of an entry drives cases of every scenario of a board; those that have a run are not driven again.
 
     Attributes:
         board: The board.
-        planner: The planner.
+        folder: The folder of the entry.
+        planner: As `crowdbench run --planner` takes it; a file is relative to the folder.
+        options: The planner's options; files are relative to the folder.
         out: The folder of the runs, a directory for each scenario.
         cases: The cases of each scenario.
         seed: The seed of the cases; None for the public ones, of which the commands are kept.
@@ -103,13 +80,25 @@ class EntryRun:
     """
 
     board: Board
-    planner: EntryPlanner
+    folder: Path
+    planner: str
+    options: Mapping[str, Any]
     out: Path
     cases: Cases
     seed: int | None = None
     hidden: Sequence[Path] = ()
     shard: Shard = WHOLE
     progress: Progress | None = None
+
+    def digest(self, package_files: Mapping[str, str]) -> str:
+        """Twelve hexadecimal digits that change with all that the runs depend on, but for their seed.
+
+        Args:
+            package_files: The files of a planner that is built in or installed.
+        """
+        own = [file_digests(self.folder / PLANNER), dict(package_files)]
+        text = json.dumps([self.board.digest, self.planner, self.options, own, code()], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def drive(self) -> dict[str, str]:
         """Make the runs.
@@ -141,34 +130,30 @@ class EntryRun:
 
     def _drive(self, scenario: Scenario, shard: Shard) -> None:
         spec = RunSpec(
-            self.planner.name,
+            self.planner,
             scenario.name,
             self.cases,
-            dict(self.planner.options),
+            dict(self.options),
             self.board.overrides(self.seed),
             replanning=self.board.replanning,
             record="commands" if self.seed is None else "none",
             batch=BATCH,
         )
         origin = {"board": self.board.name, "version": self.board.spec.version}
-        with self._start_planner(scenario, [*self.hidden, self.out]) as planner:
+        with contextlib.closing(self._start_planner(scenario, [*self.hidden, self.out])) as planner:
             run = Run(spec, Driver(planner, planner.name), scenario, self.board.metrics, origin)
             make_run(run, self.out / scenario.name, shard=shard, progress=self.progress)
 
-    @contextlib.contextmanager
-    def _start_planner(self, scenario: Scenario, hidden: Sequence[Path]) -> Iterator[IsolatedPlanner]:
+    def _start_planner(self, scenario: Scenario, hidden: Sequence[Path]) -> IsolatedPlanner:
         """The planner in a process of its own, which must not read the board's recorded tracks either."""
-        folder = self.planner.folder
-        apart = IsolatedPlanner(
-            locate_named_files(self.planner.name, folder),
-            locate_named_files(self.planner.options, folder),
+        return IsolatedPlanner(
+            locate_named_files(self.planner, self.folder),
+            locate_named_files(self.options, self.folder),
             hidden=[*hidden, *([self.board.data.resolve()] if self.board.data else [])],
-            shown=[folder],
+            readable=[self.folder],
             folder=Path("/"),  # somewhere else, so that files which the entry lacks are missed
             scene=scenario.tracks.scene if scenario.tracks else None,
         )
-        with contextlib.closing(apart):
-            yield apart
 
     def check_finished(self, failed: Mapping[str, str]) -> None:
         """Raise Unfinished where runs are missing, but for scenarios in which the planner fails."""
@@ -184,7 +169,7 @@ class EntryRun:
         """
         first = driven_scenarios(self.board, self.out)[0]
         scenario = next(scenario for scenario in self.board.load(None) if scenario.name == first)
-        with self._start_planner(scenario, self.hidden) as planner:
+        with contextlib.closing(self._start_planner(scenario, self.hidden)) as planner:
             planner.process.pin()
             return time_decisions(planner, planner.name, scenario, self.board.replanning)
 
@@ -227,12 +212,7 @@ def kernel_seconds() -> float:
         values = np.random.Generator(np.random.Philox(1)).random(300_000)
         np.sort(values)
 
-    tries = []
-    for _ in range(5):
-        start = time.perf_counter()
-        work()
-        tries.append(time.perf_counter() - start)
-    return sorted(tries)[2]
+    return statistics.median(timeit.repeat(work, number=1, repeat=5))
 
 
 @contextlib.contextmanager

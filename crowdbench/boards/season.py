@@ -12,19 +12,36 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import BaseModel, StrictStr
+from pydantic import BaseModel, Field, StrictStr
 
-from crowdbench.boards.schema import SeasonSpec
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.toml import Location, parse_table, read_toml
+from crowdbench.utils.toml import Flag, Location, Name, TomlTable, integer, parse_table, read_toml
 
 SEASON = "season.toml"
 FROZEN = "frozen.json"
 
 Frozen = Mapping[str, Mapping[str, str]]
 """By board and entry, the entry's digest."""
+
+
+class SeasonSpec(TomlTable):
+    """The whole of `season.toml`: when entries are frozen, and what the seed of their cases then follows from.
+
+    `round` is a round of drand's default chain (League of Entropy) after `closes`, and `randomness` what it has
+    published, empty before. `rehearsal` is for a season whose round was known before it closed.
+    """
+
+    name: Name
+    closes: Annotated[datetime.date, Field(description="a date, such as 2027-01-31")]
+    round: int = integer(least=1, most=2**53)
+    randomness: Annotated[
+        str,
+        Field(pattern="^([0-9a-f]{64})?$", description="64 hexadecimal digits, or empty before the round"),
+    ] = ""
+    rehearsal: Flag = False
 
 
 class _FrozenFile(BaseModel):
@@ -72,10 +89,10 @@ def read_season(root: Path) -> Season:
     """Read the season of a folder of boards. Raises InputError where one of its files is missing or wrong."""
     spec = parse_table(SeasonSpec, read_toml(root / SEASON, "season"), Location(SEASON))
     path = root / FROZEN
-    if not path.exists():
-        return Season(spec, {})
     try:
         frozen = _FrozenFile.model_validate(files.read_json(path))
+    except FileNotFoundError:
+        return Season(spec, {})
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
     except ValueError:

@@ -39,10 +39,6 @@ class ShippedSpec(TomlTable):
     not_on: Annotated[list[Name], Field(description="a list of boards")] = Field(default_factory=list)
     only_on: Annotated[list[Name], Field(description="a list of boards")] = Field(default_factory=list)
 
-    def is_for(self, board: str) -> bool:
-        """Whether it is entered on a board."""
-        return board not in self.not_on and (not self.only_on or board in self.only_on)
-
 
 class ShippedFile(TomlTable):
     """The whole of `shipped.toml`."""
@@ -65,16 +61,15 @@ class Job:
     do: Callable[..., object]
 
 
-def read_shipped(root: Path) -> list[ShippedSpec]:
-    """The planners that ship. Raises InputError where `shipped.toml` is missing or wrong."""
-    return parse_table(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped
-
-
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """Entries of planners that ship which a board does not have yet; `root` and `work` as for `submit`."""
+    """Entries of planners that ship which a board does not have yet; `root` and `work` as for `submit`.
+
+    Raises InputError where `shipped.toml` is missing or wrong.
+    """
     jobs = []
-    for spec in read_shipped(root):
-        if not spec.is_for(board.name) or (root / board.name / ENTRIES / spec.name).exists():
+    for spec in parse_table(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped:
+        is_elsewhere = board.name in spec.not_on or (spec.only_on and board.name not in spec.only_on)
+        if is_elsewhere or (root / board.name / ENTRIES / spec.name).exists():
             continue
         networks = [{"weights": name} for name in spec.weights] if board.name in spec.method_on else []
         card = root / CARDS / f"{spec.name}.toml"

@@ -16,12 +16,7 @@ from crowdbench import Planner
 
 
 class {title}(Planner):
-    """Keeps a slow speed near pedestrians.
-
-    Args:
-        near: Distance in metres below which a pedestrian is near.
-        slow: Share of the preferred speed that is kept then.
-    """
+    """Keeps a slow speed near pedestrians."""
 
     def __init__(self, near, slow):
         self.near = near
@@ -111,7 +106,7 @@ def write_skeleton(name: str, out: Path) -> Path:
     folder = out / name
     if folder.exists():
         raise InputError(f"{folder} exists already: choose another name, or another folder with --out")
-    with new_directory(folder, overwrite=False) as made:
+    with new_directory(folder, overwrite=False) as partial:
         for file, text in {f"{name}.py": PLANNER, f"test_{name}.py": TEST, "card.toml": CARD}.items():
-            (made / file).write_text(text.replace("{title}", title).replace("{name}", name), encoding="utf-8")
+            (partial / file).write_text(text.replace("{title}", title).replace("{name}", name), encoding="utf-8")
     return folder

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +35,9 @@ MAINTAINERS = "crowdbench"
 MOST_RANKED = 2
 """The most ranked entries of one submitter on a board."""
 
+OTHER_RULES = "It was made for other rules of this board than the present ones."
+REPORTED_ONLY = "Nobody has verified it in this season: the figures are its authors', of the public cases."
+
 Columns = Mapping[str, Shaped[np.ndarray, "scenario case"]]
 
 
@@ -50,8 +52,9 @@ class Standing:
         blocks: The blocks of recorded time of these cases, by scenario; none where nobody was recorded.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
         figures: The means over the board, with intervals; undefined for an entry of other rules.
-        flags: "intrusive" and "jerky", where it is beyond the bounds of the board.
-        reason: Why it has no rank; empty where it has one.
+        flags: "intrusive" and "jerky", where it is beyond the bounds of the board, with a sentence on each.
+        reason: Why it has no rank, in a few words; empty where it has one.
+        explanation: The same in a sentence.
         rank: Its rank.
         is_pareto: Whether no ranked entry succeeds more often and is quicker.
     """
@@ -62,8 +65,9 @@ class Standing:
     blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Mapping[str, Mapping[str, Estimate]]
     figures: Mapping[str, Estimate]
-    flags: Sequence[str]
+    flags: Mapping[str, str]
     reason: str
+    explanation: str
     rank: Rank | None = None
     is_pareto: bool = False
 
@@ -104,7 +108,7 @@ class Standings:
         season: The name of the season.
         ranked: The ranked entries, the best first.
         others: The others, by name.
-        comparisons: The ranked entries compared with each other; indices are those of `ranked`.
+        comparisons: The ranked entries compared with each other.
     """
 
     board: Board
@@ -160,23 +164,18 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
     """
     each = _limit_ranked([_standing(board, entry, season) for entry in entries])
     candidates = [one for one in each if not one.reason]
-    comparisons = compare_all([one.columns for one in candidates], board.weights, _blocks(candidates))
+    columns = {one.entry.name: one.columns for one in candidates}
+    comparisons = compare_all(columns, board.weights, _blocks(candidates))
+    rank = ranks(columns, comparisons)
     costs = [(-one.figures["success_rate"].mean, one.figures["navigation_time"].mean) for one in candidates]
     # A time that is undefined, because nobody arrives, is the longest.
     best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
     ranked = [
-        dataclasses.replace(one, rank=rank, is_pareto=is_best)
-        for one, rank, is_best in zip(candidates, ranks(len(candidates), comparisons), best, strict=True)
+        replace(one, rank=rank[one.entry.name], is_pareto=is_best)
+        for one, is_best in zip(candidates, best, strict=True)
     ]
-    order = sorted(range(len(ranked)), key=lambda i: _order(ranked[i]))
-    place = {index: number for number, index in enumerate(order)}
-    return Standings(
-        board=board,
-        season=season,
-        ranked=[ranked[i] for i in order],
-        others=sorted((one for one in each if one.reason), key=lambda one: one.entry.name),
-        comparisons=[_renumber(one, place) for one in comparisons],
-    )
+    others = sorted((one for one in each if one.reason), key=lambda one: one.entry.name)
+    return Standings(board, season, sorted(ranked, key=_order), others, comparisons)
 
 
 def _order(standing: Standing) -> tuple[float, ...]:
@@ -184,13 +183,6 @@ def _order(standing: Standing) -> tuple[float, ...]:
     assert standing.rank is not None
     means = (standing.figures[metric].mean * -sign for metric, sign in CRITERIA.items())
     return (standing.rank.rank, standing.rank.last, *means)
-
-
-def _renumber(comparison: Comparison, place: Mapping[int, int]) -> Comparison:
-    a, b = (place[index] for index in comparison.entries)
-    better = None if comparison.better is None else place[comparison.better]
-    worse = None if comparison.worse is None else place[comparison.worse]
-    return dataclasses.replace(comparison, better=better, worse=worse, entries=(a, b))
 
 
 def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None:
@@ -201,29 +193,31 @@ def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None
     """
     if not any(one.blocks for one in each):
         return None
-    found: list[np.ndarray] = []
+    numbers: list[np.ndarray] = []
     for name in each[0].scenarios:
         longest = max((one.blocks[name] for one in each if name in one.blocks), key=len, default=np.zeros(1, np.int64))
         own = np.resize(longest, max(one.cases for one in each))
-        found.append(own + (1 + max((int(before.max()) for before in found), default=-1)))
-    return np.stack(found)
+        numbers.append(own + (1 + numbers[-1].max() if numbers else 0))
+    return np.stack(numbers)
 
 
 def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
     """The same, with a reason for those that are one too many of their submitter, by name."""
     ranked: Counter[str] = Counter()
-    found = []
+    limited = []
     for one in each:
         submitter = one.entry.spec.submitted_by
         ranked[submitter] += not one.reason
-        too_many = not one.reason and submitter != MAINTAINERS and ranked[submitter] > MOST_RANKED
-        found.append(dataclasses.replace(one, reason=f"more than {MOST_RANKED} of one submitter") if too_many else one)
-    return found
+        if not one.reason and submitter != MAINTAINERS and ranked[submitter] > MOST_RANKED:
+            reason = f"more than {MOST_RANKED} of one submitter"
+            one = replace(one, reason=reason, explanation="Other entries of its submitter are ranked here.")
+        limited.append(one)
+    return limited
 
 
 def _standing(board: Board, entry: Entry, season: str) -> Standing:
-    verified = entry.verification_in(season)
-    is_measured = verified is not None and bool(verified.figures)
+    verification = entry.verification_in(season)
+    is_measured = verification is not None and bool(verification.figures)
     runs = entry.directory / (f"{SEASONS}/{season}" if is_measured else PUBLIC)
     is_present = entry.spec.board_digest == board.digest
     own = read_episodes(board, runs) if is_present else {}
@@ -236,21 +230,33 @@ def _standing(board: Board, entry: Entry, season: str) -> Standing:
     figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
     flags = _flags(board, figures, columns["jerk"])
     blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
-    reason = _why_unranked(board, entry, verified, flags)
-    return Standing(entry, verified, columns, blocks, scenarios, figures, flags, reason)
+    reason, explanation = _why_unranked(board, entry, verification, flags)
+    return Standing(entry, verification, columns, blocks, scenarios, figures, flags, reason, explanation)
 
 
-def _why_unranked(board: Board, entry: Entry, verified: Verification | None, flags: Sequence[str]) -> str:
-    """Why an entry has no rank; empty if it has one."""
+def _why_unranked(
+    board: Board, entry: Entry, verification: Verification | None, flags: Mapping[str, str]
+) -> tuple[str, str]:
+    """Why an entry has no rank, in a few words and in a sentence; both empty if it has one."""
     if not board.spec.ranked:
-        return "not ranked"
-    if entry.spec.privileged or entry.card.ablation:
-        return "privileged" if entry.spec.privileged else "ablation"
+        return "not ranked", "This board has no ranks: it shows how planners drive."
+    if entry.spec.privileged:
+        return "privileged", "It uses what no vehicle can see, such as the pedestrians' true next velocities."
+    if entry.card.ablation:
+        return "ablation", "Its authors say that it is a variant made for comparison."
     if entry.spec.board_digest != board.digest:
-        return f"of version {entry.spec.board_version}"
-    if verified is None or verified.verdict != Verdict.RERUN:
-        return "reported only" if verified is None else str(verified.verdict)
-    return "" if board.spec.ranks_flagged else ", ".join(flags)
+        return (
+            f"of version {entry.spec.board_version}",
+            OTHER_RULES,
+        )
+    if verification is None:
+        return (
+            "reported only",
+            REPORTED_ONLY,
+        )
+    if verification.verdict != Verdict.RERUN:
+        return str(verification.verdict), verification.reason
+    return ("", "") if board.spec.ranks_flagged else (", ".join(flags), " ".join(flags.values()))
 
 
 def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray, "case"]:
@@ -284,7 +290,7 @@ def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]])
     """
     figures = {}
     for metric in board.metrics:
-        each = [found.get(metric) for found in scenarios.values()]
+        each = [estimates.get(metric) for estimates in scenarios.values()]
         shares = board.weights
         if metric == "imposed_delay":
             shares = shares * [one is not None and not np.isnan(one.mean) for one in each]
@@ -304,26 +310,22 @@ def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | 
     Returns:
         The estimate, undefined where one of them is.
     """
-    known = [Estimate(0.0, 0.0, 0.0, 0, 0.0) if one is None else one for one in each]
-    mean = float(shares @ [one.mean for one in known])
+    estimates = [Estimate(0.0, 0.0, 0.0, 0, 0.0) if one is None else one for one in each]
+    mean = float(shares @ [one.mean for one in estimates])
     if np.isnan(mean):
         return NOTHING
-    below = np.array([one.mean - one.low for one in known])
-    above = np.array([one.high - one.mean for one in known])
-    return Estimate(
-        mean,
-        mean - float(np.sqrt(np.sum((shares * below) ** 2))),
-        mean + float(np.sqrt(np.sum((shares * above) ** 2))),
-        sum(one.n for one in known),
-        max(one.max for one in known),
-    )
+    below, above = np.array([(one.mean - one.low, one.high - one.mean) for one in estimates]).T
+    low, high = mean - np.sqrt(np.sum((shares * below) ** 2)), mean + np.sqrt(np.sum((shares * above) ** 2))
+    return Estimate(mean, float(low), float(high), sum(one.n for one in estimates), max(one.max for one in estimates))
 
 
-def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> list[str]:
-    """What is beyond the bounds of a board; `jerk` is that in every case, in m/s^3."""
-    bounds = board.spec.flags
-    highest = float(np.nanpercentile(jerk, 95)) if not np.isnan(jerk).all() else 0.0
-    is_close = figures["intimate_zone"].mean > bounds.intimate_zone
+def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> dict[str, str]:
+    """What is beyond the bounds of a board, with a sentence on each; `jerk` is that in every case, in m/s^3."""
+    bounds, flags = board.spec.flags, {}
     delays = bounds.imposed_delay is not None and figures["imposed_delay"].mean > bounds.imposed_delay
-    beyond = {"intrusive": is_close or delays, "jerky": highest > bounds.jerk}
-    return [flag for flag, is_beyond in beyond.items() if is_beyond]
+    if delays or figures["intimate_zone"].mean > bounds.intimate_zone:
+        cost = f", or costs pedestrians more than {bounds.imposed_delay:g} s" if bounds.imposed_delay else ""
+        flags["intrusive"] = f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody{cost}."
+    if not np.isnan(jerk).all() and np.nanpercentile(jerk, 95) > bounds.jerk:
+        flags["jerky"] = f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."
+    return flags

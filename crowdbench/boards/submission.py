@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from crowdbench.boards.entry import (
     PLANNER,
     PUBLIC,
     SCHEMA,
+    CardSpec,
     Entry,
     EntrySpec,
     file_digests,
@@ -26,7 +27,6 @@ from crowdbench.boards.entry import (
 from crowdbench.boards.planner_files import check_size, copy_named_files, package, package_files
 from crowdbench.boards.run_entry import (
     NO_RUNS,
-    EntryPlanner,
     EntryRun,
     InUse,
     Progress,
@@ -34,7 +34,6 @@ from crowdbench.boards.run_entry import (
     lock_runs,
     read_figures,
 )
-from crowdbench.boards.schema import CardSpec
 from crowdbench.runs.results import read_result
 from crowdbench.runs.run import read_versions
 from crowdbench.runs.shards import WHOLE, Shard
@@ -104,19 +103,19 @@ def submit(
         _check_free(directory)
         directory.parent.mkdir(parents=True, exist_ok=True)
         with new_directory(directory, overwrite=False) as folder:
-            planner, networks = _copy(submission, folder)
-            out = work / f"{name}-{planner.run_digest(board, package_files(planner.name))}"
-            run = EntryRun(board, planner, out, board.public_cases, shard=shard, progress=progress)
+            planner, options, networks = _copy(submission, folder)
+            run = EntryRun(board, folder, planner, options, work, board.public_cases, shard=shard, progress=progress)
+            run = replace(run, out=work / f"{name}-{run.digest(package_files(planner))}")
             failed = run.drive()
             if shard != WHOLE:
                 lock.enter_context(lock_runs(work / name))
                 _check_free(directory)  # another shard may have been the last one
             run.check_finished(failed)
-            shutil.copytree(out, folder / PUBLIC, ignore=NO_RUNS)
+            shutil.copytree(run.out, folder / PUBLIC, ignore=NO_RUNS)
             if (folder / PLANNER).exists():  # what is built in is known to be quick enough
                 run.time_decisions()
-            write_entry(folder, _spec(submission, planner, networks))
-    shutil.rmtree(out)
+            write_entry(folder, _spec(submission, run, networks))
+    shutil.rmtree(run.out)
     return read_entry(directory), failed
 
 
@@ -132,11 +131,11 @@ def read_card(path: Path) -> CardSpec:
     return parse_table(CardSpec, read_toml(path, "card"), Location(path.name))
 
 
-def _copy(submission: Submission, folder: Path) -> tuple[EntryPlanner, list[dict[str, Any]]]:
+def _copy(submission: Submission, folder: Path) -> tuple[str, dict[str, Any], list[dict[str, Any]]]:
     """Copy the card, and the files of the planner and those that its options name, into the folder of an entry.
 
     Returns:
-        The planner and the other networks, as the entry has them.
+        The planner, its options and the other networks, as the entry has them.
 
     Raises:
         InputError: A file cannot be read, they are too large, or a network is entered twice.
@@ -149,12 +148,12 @@ def _copy(submission: Submission, folder: Path) -> tuple[EntryPlanner, list[dict
     if any(one in (options, *networks[:index]) for index, one in enumerate(networks)):
         raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
     check_size(folder)
-    return EntryPlanner(folder, planner, options), networks
+    return planner, options, networks
 
 
-def _spec(submission: Submission, planner: EntryPlanner, networks: list[dict[str, Any]]) -> EntrySpec:
+def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]]) -> EntrySpec:
     """The contents of `entry.json` for an entry whose other files are there."""
-    board, folder = submission.board, planner.folder
+    board, folder = run.board, run.folder
     first = read_result(folder / PUBLIC / driven_scenarios(board, folder / PUBLIC)[0])
     return EntrySpec(
         format=SCHEMA,
@@ -162,11 +161,11 @@ def _spec(submission: Submission, planner: EntryPlanner, networks: list[dict[str
         board_version=board.spec.version,
         board_digest=board.digest,
         submitted_by=submission.by,
-        planner=planner.name,
-        package=package(planner.name),
-        package_files=package_files(planner.name),
+        planner=run.planner,
+        package=package(run.planner),
+        package_files=package_files(run.planner),
         facts=first.get("planner_facts", {}),
-        options=dict(planner.options),
+        options=dict(run.options),
         networks=networks,
         privileged=bool(first.get("privileged")),
         environment=read_versions(),

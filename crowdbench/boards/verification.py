@@ -12,29 +12,24 @@ import datetime
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from crowdbench.boards.board import FILE, ROOT, Board
 from crowdbench.boards.consistency_test import lower_than_claimed
 from crowdbench.boards.entry import (
     SEASONS,
-    DecisionTime,
     Entry,
-    Figures,
-    Method,
     Verdict,
     Verification,
     file_digests,
     read_entry,
     write_entry,
 )
-from crowdbench.boards.method import drive_networks, method_cases, method_networks, summarize_method
+from crowdbench.boards.method import method_cases, method_networks, network_runs, summarize_method
 from crowdbench.boards.planner_files import describe_change
 from crowdbench.boards.run_entry import (
     NO_RUNS,
-    EntryPlanner,
     EntryRun,
     InUse,
     Progress,
@@ -45,7 +40,7 @@ from crowdbench.boards.run_entry import (
     read_figures,
 )
 from crowdbench.boards.season import Season
-from crowdbench.isolation import sandbox
+from crowdbench.isolation.process import BUBBLEWRAP, isolation_level
 from crowdbench.runs.manifest import code
 from crowdbench.runs.replay import replay
 from crowdbench.runs.results import read_result
@@ -67,8 +62,8 @@ def cases_of_season(entry: Entry, board: Board) -> Cases:
 
 def count_cases(entry: Entry, board: Board, cases: Cases | None = None) -> int:
     """How many cases a verification replays and drives; `cases` are those of each scenario, if not a season's."""
-    driven = cases or cases_of_season(entry, board)
-    own = (len(driven) + board.spec.public_cases) * len(board.scenarios)
+    cases = cases or cases_of_season(entry, board)
+    own = (len(cases) + board.spec.public_cases) * len(board.scenarios)
     return own + len(method_networks(entry, board)) * len(method_cases(driven))
 
 
@@ -106,16 +101,10 @@ def verify(
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
     _check_possible(entry, board, season)
-    run = EntryRun(
-        board,
-        EntryPlanner(entry.directory, entry.spec.planner, entry.spec.options),
-        work,
-        cases if cases and season is None else cases_of_season(entry, board),
-        secrets.randbits(63) if season is None else season.seed(board.name),
-        _hidden(entry, work),
-        shard,
-        progress,
-    )
+    spec, hidden = entry.spec, _hidden(entry, work)
+    cases = cases if cases and season is None else cases_of_season(entry, board)
+    seed = secrets.randbits(63) if season is None else season.seed(board.name)
+    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, cases, seed, hidden, shard, progress)
     if season is not None:
         return _verify_in_season(entry, run, by, season)
     work.mkdir(parents=True, exist_ok=True)
@@ -124,7 +113,7 @@ def verify(
 
 
 def _verify_in_season(entry: Entry, run: EntryRun, by: str, season: Season) -> Verification:
-    board, digest = run.board, run.planner.run_digest(run.board, entry.spec.package_files)
+    board, digest = run.board, run.digest(entry.spec.package_files)
     run = dataclasses.replace(run, out=run.out / f"verify-{board.name}-{entry.name}-{digest}-{run.seed:016x}")
     if run.shard != WHOLE:
         try:
@@ -174,17 +163,41 @@ def _hidden(entry: Entry, work: Path) -> list[Path]:
 
 
 def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
-    found = _rerun(entry, run)
-    assert run.seed is not None  # as it is for public cases alone
-    return Verification(
-        by=by,
-        on=datetime.datetime.now(datetime.UTC).date().isoformat(),
-        season=season,
-        seed=run.seed,
-        code=code(),
-        level=sandbox.level(),
-        **vars(found),
-    )
+    """Replay the public runs, run the planner on other cases, and compare."""
+    seed = run.seed
+    assert seed is not None  # as it is for public cases alone
+
+    def report(verdict: Verdict, reason: str, **measured: Any) -> Verification:
+        return Verification(
+            by=by,
+            on=datetime.datetime.now(datetime.UTC).date().isoformat(),
+            season=season,
+            seed=seed,
+            code=code(),
+            level=isolation_level(),
+            verdict=verdict,
+            reason=reason,
+            **measured,
+        )
+
+    if difference := _find_difference(entry, run.board, run.progress):
+        return report(Verdict.NOT_REPRODUCED, difference)
+    try:
+        if change := describe_change(entry.spec):
+            return report(Verdict.REFUSED, change)
+        failed = _drive_all(entry, run)
+        if unexpected := [name for name in failed if name in entry.spec.reported]:
+            return report(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}")
+        others = network_runs(entry, run)
+        method = summarize_method(run, others) if others else None
+        speed = run.time_decisions()
+    except MachineFault:
+        raise
+    except InputError as error:
+        return report(Verdict.REFUSED, str(error))
+    verdict, reason = _judge(entry, run)
+    figures = {} if verdict == Verdict.REFUSED else read_figures(run.board, run.out)
+    return report(verdict, reason, figures=figures, decision_time=speed, method=method)
 
 
 def _record(entry: Entry, verification: Verification, runs: Path) -> None:
@@ -197,47 +210,11 @@ def _record(entry: Entry, verification: Verification, runs: Path) -> None:
     read_entry(entry.directory)
 
 
-@dataclass(frozen=True)
-class _Finding:
-    """What a `Verification` says, but for who ran the entry again, when, where and on which seed."""
-
-    verdict: Verdict
-    reason: str
-    figures: Figures
-    decision_time: DecisionTime | None = None
-    method: Method | None = None
-
-
-def _rerun(entry: Entry, run: EntryRun) -> _Finding:
-    """Replay the public runs, run the planner on other cases, and compare."""
-    if difference := next(_differences(entry, run.board, run.progress), None):
-        return _Finding(Verdict.NOT_REPRODUCED, difference, {})
-    networks = method_networks(entry, run.board)
-    try:
-        if change := describe_change(entry.spec):
-            return _Finding(Verdict.REFUSED, change, {})
-        failed = _drive_all(entry, run)
-        if unexpected := [name for name in failed if name in entry.spec.reported]:
-            return _Finding(Verdict.REFUSED, f"{unexpected[0]}: {failed[unexpected[0]]}", {})
-        method = summarize_method(run, networks) if networks else None
-        speed = run.time_decisions()
-    except MachineFault:
-        raise
-    except InputError as error:
-        return _Finding(Verdict.REFUSED, str(error), {})
-    verdict, reason = _judge(entry, run)
-    figures = {} if verdict == Verdict.REFUSED else read_figures(run.board, run.out)
-    return _Finding(verdict, reason, figures, speed, method)
-
-
-def _differences(entry: Entry, board: Board, progress: Progress | None) -> Iterator[str]:
-    """What the public runs of an entry say and their commands do not lead to, sentence by sentence."""
-    for scenario in board.load(None):
-        directory = entry.public / scenario.name
-        if not directory.exists():
-            continue
+def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> str:
+    """What the public runs of an entry say and their commands do not lead to, in a sentence; empty if there is none."""
+    for scenario in (each for each in board.load(None) if (entry.public / each.name).exists()):
         try:
-            files = RunResult.read_unchecked(directory)
+            files = RunResult.read_unchecked(entry.public / scenario.name)
             request = {
                 "cases": str(board.public_cases),
                 "replan_every": board.replanning.every,
@@ -248,17 +225,16 @@ def _differences(entry: Entry, board: Board, progress: Progress | None) -> Itera
             }
             for key, value in request.items():
                 if files.result.get(key) != value:
-                    yield f"{scenario.name}: {key} is {files.result.get(key)!r}, but must be {value!r}"
-            found = replay(files, scenario, board.metrics, progress)
+                    return f"{scenario.name}: {key} is {files.result.get(key)!r}, but must be {value!r}"
+            if differences := replay(files, scenario, board.metrics, progress).differences:
+                return f"{scenario.name}: {differences[0]}"
         except InputError as error:
-            yield f"{scenario.name}: {error}"
-            continue
-        yield from (f"{scenario.name}: {difference}" for difference in found.differences)
+            return f"{scenario.name}: {error}"
     try:
-        if entry.spec.reported != read_figures(board, entry.public):
-            yield "the reported figures of entry.json are not those of its runs"
+        is_reported = entry.spec.reported == read_figures(board, entry.public)
     except InputError as error:
-        yield str(error)
+        return str(error)
+    return "" if is_reported else "the reported figures of entry.json are not those of its runs"
 
 
 def _drive_all(entry: Entry, run: EntryRun) -> dict[str, str]:
@@ -268,7 +244,11 @@ def _drive_all(entry: Entry, run: EntryRun) -> dict[str, str]:
         Unfinished: Runs are missing that other shards make.
     """
     failed = run.drive()
-    drive_networks(run, method_networks(entry, run.board))
+    others = network_runs(entry, run)
+    for other in others:
+        other.drive()
+    for other in others:
+        other.check_finished({})
     run.check_finished(failed)
     return failed
 
@@ -282,7 +262,7 @@ def _judge(entry: Entry, run: EntryRun) -> tuple[Verdict, str]:
     public, other = read_episodes(run.board, entry.public), read_episodes(run.board, run.out)
     if doubts := lower_than_claimed(public, {name: other[name] for name in public}):
         return Verdict.LOWER, "; ".join(doubts)
-    is_apart = sandbox.level() == sandbox.BUBBLEWRAP
-    how = "in a sandbox without network and without our files"
-    how = how if is_apart else "in a process of its own, which could read files and the network"
+    how = "in a process of its own, which could read files and the network"
+    if isolation_level() == BUBBLEWRAP:
+        how = "in a sandbox without network and without our files"
     return Verdict.RERUN, f"the recorded commands lead to the reported figures; ran {how}"

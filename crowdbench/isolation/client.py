@@ -9,7 +9,6 @@ import signal
 import sys
 from collections.abc import Iterator
 from io import FileIO
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from crowdbench.isolation.protocol import (
     Broken,
     How,
     Kind,
-    command_bytes,
+    array_bytes,
     from_json,
     read_observation,
     receive,
@@ -36,9 +35,11 @@ def main() -> None:
     """Answer messages until the pipe is closed."""
     _die_with_parent()
     interrupts.handle()  # so that a planner's own KeyboardInterrupt is told from Ctrl-C
+    server = PlannerServer()
     with _own_streams() as (source, sink):
         try:
-            Served(source, sink).serve()
+            while True:
+                send(sink.write, *server.answer(*receive(source.readinto)))
         except Broken:
             sys.exit(1)
 
@@ -59,26 +60,14 @@ def _die_with_parent() -> None:
         ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 
 
-class Served:
-    """A planner that is asked through pipes.
+class PlannerServer:
+    """Makes the planner that the first message names, and has it answer the others."""
 
-    Args:
-        source: Where messages are read.
-        sink: Where answers are written.
-    """
+    name: str
+    planner: Planner
 
-    def __init__(self, source: FileIO, sink: FileIO) -> None:
-        self.source = source
-        self.sink = sink
-        self.name = ""
-        self.planner: Planner | None = None
-
-    def serve(self) -> None:
-        """Answer one message after the other. Raises Broken where the pipe ends."""
-        while True:
-            send(self.sink.write, *self._answer(*receive(self.source.readinto)))
-
-    def _answer(self, kind: Kind, content: bytearray) -> tuple[Kind, bytes | memoryview]:
+    def answer(self, kind: Kind, content: bytearray) -> tuple[Kind, bytes | memoryview]:
+        """The answer to a message: its kind and its content."""
         answer = {Kind.START: self._start, Kind.RESET: self._reset, Kind.OBSERVATION: self._decide}[kind]
         try:
             return answer(content)
@@ -90,30 +79,28 @@ class Served:
             return _failed(How.FAULTY, f"raised {describe_error(error)}", getattr(error, "row", None))
 
     def _start(self, content: bytearray) -> tuple[Kind, bytes]:
-        asked = from_json(content)
-        if asked["version"] != VERSION:  # for the parent to say
+        request = from_json(content)
+        if request["version"] != VERSION:  # for the parent to say
             return Kind.READY, to_json({"version": VERSION})
-        self.name, self.planner = load_planner(asked["planner"], asked["options"])
-        if asked.get("scene"):
-            self.planner = self.planner.unseen(asked["scene"])
-        says: dict[str, Any] = {
+        self.name, self.planner = load_planner(request["planner"], request["options"])
+        if request.get("scene"):
+            self.planner = self.planner.unseen(request["scene"])
+        properties = {
             "version": VERSION,
             "privileged": self.planner.privileged,
             "native": self.planner.native,
             "facts": dict(self.planner.facts),
         }
         with plugin_errors(f"planner {self.name} has privileged, native and facts that cannot be sent:"):
-            return Kind.READY, to_json(says)
+            return Kind.READY, to_json(properties)
 
     def _reset(self, content: bytearray) -> tuple[Kind, bytes]:
-        assert self.planner is not None  # the parent starts with START
         worlds = int(np.frombuffer(content, "<i8")[0])
         with plugin_errors(f"planner {self.name} raised", " in reset()"):
             self.planner.reset(np.arange(worlds))
         return Kind.READY, b""
 
     def _decide(self, content: bytearray) -> tuple[Kind, bytes | memoryview]:
-        assert self.planner is not None
         obs, steps = read_observation(content)
         max_speed = obs.vehicle.preferred_speed.copy()
         answer: object = self.planner.plan(obs) if steps == 1 else self.planner.plan_ahead(obs, steps)
@@ -122,7 +109,7 @@ class Served:
         if validation.commands is None:
             assert validation.fault is not None
             return _failed(How.FAULTY, validation.fault.what, validation.fault.row)
-        return Kind.COMMANDS, command_bytes(validation.commands)
+        return Kind.COMMANDS, array_bytes(validation.commands)
 
 
 def _failed(how: How, what: str, row: int | None = None) -> tuple[Kind, bytes]:

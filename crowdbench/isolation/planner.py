@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import functools
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
-from crowdbench.isolation import sandbox
-from crowdbench.isolation.process import Process, TooLarge, TooSlow
+from crowdbench.isolation.process import Process, TooLarge, TooSlow, isolation_level, start_command
 from crowdbench.isolation.protocol import (
     VERSION,
     Broken,
@@ -46,6 +46,8 @@ class Limits:
     memory: float = 8e9
 
 
+Answer = TypeVar("Answer")
+
 LIMITS = Limits()
 """The limits where no others are given."""
 
@@ -66,8 +68,8 @@ class IsolatedPlanner(Planner):
             `crowdbench.isolation.protocol`.
         options: Arguments of the planner's function, as they are written in TOML.
         limits: What it may take.
-        hidden: Folders that it must not read: see `crowdbench.isolation.sandbox`.
-        shown: Folders inside those that it may read all the same.
+        hidden: Folders that it must not read: see `crowdbench.isolation.process`.
+        readable: Folders inside those that it may read all the same.
         folder: Its working directory; the present one if None.
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.unseen`.
 
@@ -83,28 +85,29 @@ class IsolatedPlanner(Planner):
         limits: Limits = LIMITS,
         *,
         hidden: Iterable[Path] = (),
-        shown: Iterable[Path] = (),
+        readable: Iterable[Path] = (),
         folder: Path | None = None,
         scene: str | None = None,
     ) -> None:
         self.name = plugin_name(spec)
         self.limits = limits
-        self.usage: dict[str, Any] = {"level": sandbox.level()}
-        self.process = Process(sandbox.command(program(spec), hidden, shown, folder), limits.memory, folder)
+        self.usage: dict[str, Any] = {"level": isolation_level()}
+        self.process = Process(start_command(program(spec), hidden, readable, folder), limits.memory, folder)
         try:
-            says = self._start(spec, options, scene)
+            properties = self._start(spec, options, scene)
         except BaseException:
             self.close()
             raise
-        self.privileged, self.facts = says.get("privileged"), says.get("facts")  # type: ignore[assignment]
-        self.native = says.get("native", False)
+        self.privileged, self.facts = properties.get("privileged"), properties.get("facts")  # type: ignore[assignment]
+        self.native = properties.get("native", False)
         self.usage["construction_seconds"] = self.process.seconds
 
     def _start(self, spec: str, options: Mapping[str, Any], scene: str | None) -> dict[str, Any]:
         """Have the planner made. What it says of itself, but for the version, is for the driver to check."""
-        asked = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
-        says = from_json(self._ask("in its construction", self.limits.construction, Kind.START, to_json(asked)))
-        version = says.get("version", 1)  # version 1 did not name itself
+        request = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
+        limit = self.limits.construction
+        properties = self._ask(from_json, "in its construction", limit, Kind.START, to_json(request))
+        version = properties.get("version", 1)  # version 1 did not name itself
         if version != VERSION and program(spec) is None:
             raise MachineFault(
                 f"crowdbench has changed since this command started, so that planner {self.name} cannot be asked: "
@@ -115,11 +118,11 @@ class IsolatedPlanner(Planner):
                 f"planner {self.name} speaks version {version!r} of the messages, but must speak version {VERSION}, "
                 "which docs/isolation.md describes"
             )
-        return says
+        return properties
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
         """See `Planner`."""
-        self._ask("in reset()", self.limits.decision, Kind.RESET, np.int64(len(rows)).tobytes())
+        self._ask(bytes, "in reset()", self.limits.decision, Kind.RESET, np.int64(len(rows)).tobytes())
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
@@ -127,17 +130,20 @@ class IsolatedPlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
         """See `Planner`."""
-        content = self._ask("", self.limits.decision, Kind.OBSERVATION, *observation_parts(obs, steps))
-        return read_commands(content, len(obs), steps)
+        read = functools.partial(read_commands, worlds=len(obs), steps=steps)
+        return self._ask(read, "", self.limits.decision, Kind.OBSERVATION, *observation_parts(obs, steps))
 
     def close(self) -> None:
         """End the process. The planner cannot be asked again."""
         self.process.end()
 
-    def _ask(self, where: str, limit: float, kind: Kind, *parts: bytes | memoryview) -> bytearray:
-        """The content of the answer to a message.
+    def _ask(
+        self, read: Callable[[bytearray], Answer], where: str, limit: float, kind: Kind, *parts: bytes | memoryview
+    ) -> Answer:
+        """What the answer to a message says.
 
         Args:
+            read: Reads the content of the answer.
             where: In what the planner is asked, for errors; empty for a decision.
             limit: Seconds that it may take.
             kind: What the message says.
@@ -152,9 +158,10 @@ class IsolatedPlanner(Planner):
         try:
             answer, content = self.process.ask(limit, kind, *parts)
             if answer == Kind.FAILED:
-                raise self._failure(where, **from_json(content))
+                raise self._failure(where, from_json(content))
             if answer != (Kind.COMMANDS if kind == Kind.OBSERVATION else Kind.READY):
                 raise Broken(f"sent a message of kind {answer} where another was due")
+            return read(content)
         except TooSlow:
             if not where:
                 raise TimeLimit from None
@@ -165,14 +172,14 @@ class IsolatedPlanner(Planner):
             raise self._fault(str(error), where) from None
         finally:
             self.usage["peak_memory_mb"] = self.process.memory / 1e6
-        return content
 
     def _fault(self, what: str, where: str, row: int | None = None) -> Exception:
         return InputError(f"planner {self.name} {what} {where}") if where else FaultyAnswer(Fault(what, row))
 
-    def _failure(self, where: str, how: str = "", what: str = "", row: int | None = None) -> Exception:
+    def _failure(self, where: str, failure: Mapping[str, Any]) -> Exception:
         """What a planner that says that it failed raises here. It may say anything, and so it is read with care."""
-        sentence = " ".join("".join(each if each.isprintable() else " " for each in str(what)).split())[:LONGEST]
+        how, what, row = failure.get("how"), str(failure.get("what", "")), failure.get("row")
+        sentence = " ".join("".join(each if each.isprintable() else " " for each in what).split())[:LONGEST]
         if how == How.REFUSED:
             return InputError(sentence)
         if how == How.ONE_STEP:

@@ -1,16 +1,21 @@
-"""A process that is asked through pipes, under limits of time and memory that its parent measures and enforces."""
+"""A planner's process: in a sandbox of bubblewrap where it is there, asked through pipes, under limits.
+
+The parent measures and enforces the limits of time and memory.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import random
 import select
+import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import psutil
@@ -21,6 +26,54 @@ from crowdbench.utils.time_limit import FairLimit
 
 TICK = 0.1
 """Seconds between two looks at the memory of a process."""
+
+CLIENT = (sys.executable, "-P", "-m", "crowdbench.isolation.client")
+"""What makes a planner of Python in its own process; `-P`, so that a file in the current folder replaces no module."""
+
+BUBBLEWRAP = "bubblewrap"
+PROCESS = "process"
+
+
+def start_command(
+    program: Path | None, hidden: Iterable[Path], readable: Iterable[Path], folder: Path | None
+) -> tuple[str, ...]:
+    """The command that starts a planner's process.
+
+    Args:
+        program: A planner that is a program of its own, or None for one that crowdbench can load.
+        hidden: Folders that the planner must not read. Without bubblewrap it can.
+        readable: Folders inside those that it may read all the same.
+        folder: The working directory; the present one if None.
+    """
+    plain = CLIENT if program is None else (str(program.resolve()),)
+    return plain if isolation_level() == PROCESS else (*_bubblewrap(hidden, readable, folder), *plain)
+
+
+@functools.cache
+def isolation_level() -> str:
+    """How well planners can be kept apart on this machine, `bubblewrap` or `process`: see `docs/isolation.md`."""
+    if shutil.which("bwrap") is None:
+        return PROCESS
+    # It may be there and not be allowed to make namespaces.
+    trial = subprocess.run([*_bubblewrap(), sys.executable, "-c", ""], stdin=subprocess.DEVNULL, capture_output=True)
+    return BUBBLEWRAP if trial.returncode == 0 else PROCESS
+
+
+def _bubblewrap(
+    hidden: Iterable[Path] = (), readable: Iterable[Path] = (), folder: Path | None = None
+) -> tuple[str, ...]:
+    """No network, no other process to be seen, every file read-only but for temporary ones that nobody else sees."""
+    options: list[str] = []
+    current = folder or Path.cwd()
+    for place in map(Path.resolve, hidden):
+        if place.is_dir():
+            options += ["--tmpfs", str(place)]
+            current = Path("/") if current.is_relative_to(place) else current
+    for place in map(Path.resolve, readable):
+        options += ["--ro-bind", str(place), str(place)]
+    always = "--die-with-parent --unshare-all --ro-bind / / --dev /dev --proc /proc --tmpfs /var/tmp"
+    last = "--setenv", "TMPDIR", "/var/tmp", "--chdir", str(current), "--"
+    return ("bwrap", *always.split(), *options, *last)
 
 
 class TooSlow(Exception):
@@ -60,9 +113,10 @@ class Process:
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._pipes = self._process.stdin.fileno(), self._process.stdout.fileno()
-        for pipe in self._pipes:
-            os.set_blocking(pipe, False)
+        self._pipes = self._process.stdin, self._process.stdout
+        self._sink, self._source = (pipe.fileno() for pipe in self._pipes)
+        os.set_blocking(self._sink, False)
+        os.set_blocking(self._source, False)
 
     def ask(self, limit: float, kind: Kind, *parts: bytes | memoryview) -> tuple[Kind, bytearray]:
         """Send a message and wait for the answer.
@@ -83,11 +137,10 @@ class Process:
             Broken: It has ended, or answered in another format.
         """
         start = time.monotonic()
-        left = FairLimit(limit, lambda: (process.pid for process in self._everybody()))
-        pipes = _Pipes(*self._pipes, lambda: self._watch(left))
+        self._limit = FairLimit(limit, lambda: (process.pid for process in self._everybody()))
         try:
-            send(pipes.write, kind, *parts)
-            return receive(pipes.readinto)
+            send(self._write, kind, *parts)
+            return receive(self._readinto)
         except Broken as error:
             raise Broken(self._status() or str(error)) from None
         except BaseException:
@@ -96,8 +149,24 @@ class Process:
         finally:
             self.seconds += time.monotonic() - start
 
-    def _watch(self, limit: FairLimit) -> None:
-        if limit.over():
+    def _write(self, content: memoryview) -> int:
+        self._wait(self._sink, select.POLLOUT)
+        return os.write(self._sink, content)
+
+    def _readinto(self, buffer: memoryview) -> int:
+        self._wait(self._source, select.POLLIN)
+        return os.readv(self._source, [buffer])
+
+    def _wait(self, pipe: int, event: int) -> None:
+        """Wait until a pipe is ready, and look at the process again and again meanwhile."""
+        poll = select.poll()
+        poll.register(pipe, event)
+        self._watch()
+        while not poll.poll(1e3 * TICK):
+            self._watch()
+
+    def _watch(self) -> None:
+        if self._limit.over():
             raise TooSlow
         now = time.monotonic()
         if now - self._looked >= TICK:
@@ -128,8 +197,7 @@ class Process:
         with contextlib.suppress(OSError):  # what it started and what has another parent now
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
+        for pipe in self._pipes:
             pipe.close()
 
     def _status(self) -> str:
@@ -147,35 +215,3 @@ def _memory(process: psutil.Process) -> int:
     with contextlib.suppress(psutil.Error):
         return int(process.memory_info().rss)
     return 0
-
-
-class _Pipes:
-    """The pipes to a process. Neither writing nor reading waits for long without a look at the process.
-
-    Args:
-        sink: Descriptor to write to.
-        source: Descriptor to read from.
-        watch: Called between two waits. What it raises ends the reading or writing.
-    """
-
-    def __init__(self, sink: int, source: int, watch: Callable[[], None]) -> None:
-        self.sink = sink
-        self.source = source
-        self.watch = watch
-
-    def write(self, content: memoryview) -> int:
-        """Write as much as the pipe takes, and return how much."""
-        self._wait(self.sink, select.POLLOUT)
-        return os.write(self.sink, content)
-
-    def readinto(self, buffer: memoryview) -> int:
-        """Read as much as is there, and return how much; 0 where the pipe has ended."""
-        self._wait(self.source, select.POLLIN)
-        return os.readv(self.source, [buffer])
-
-    def _wait(self, descriptor: int, event: int) -> None:
-        poll = select.poll()
-        poll.register(descriptor, event)
-        self.watch()
-        while not poll.poll(1e3 * TICK):
-            self.watch()

@@ -13,10 +13,12 @@ import json
 import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, FREE
 from crowdbench.core.types import HISTORY, Observation, Pedestrians, Vehicle
@@ -143,14 +145,11 @@ def send(write: Write, kind: Kind, *parts: bytes | memoryview) -> None:
     """
     try:
         for part in (_HEADER.pack(kind, sum(map(len, parts))), *parts):
-            _write(write, memoryview(part))
+            left = memoryview(part)
+            while len(left):
+                left = left[write(left) or 0 :]
     except OSError as error:
         raise Broken(f"reads no messages ({error.strerror})") from None
-
-
-def _write(write: Write, part: memoryview) -> None:
-    while len(part):
-        part = part[write(part) or 0 :]
 
 
 def receive(readinto: ReadInto) -> tuple[Kind, bytearray]:
@@ -190,12 +189,12 @@ def to_json(content: Mapping[str, Any]) -> bytes:
 def from_json(content: bytearray) -> dict[str, Any]:
     """What JSON in a message says. Raises Broken where it is no JSON object."""
     try:
-        found = json.loads(content)
+        value = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise Broken(f"sent no valid JSON ({error})") from None
-    if not isinstance(found, dict):
+    if not isinstance(value, dict):
         raise Broken("sent JSON that is no object")
-    return found
+    return value
 
 
 def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryview]:
@@ -205,19 +204,17 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         obs: The observation. What is logged in it is not sent.
         steps: For how many steps the planner is to decide.
     """
-    constants = _constants(obs.vehicle)
-    values = {name: constants[name] if name in constants else _value(obs, name) for name in ARRAYS}
+    values = {name: attrgetter(name)(obs) for name in ARRAYS} | _constants(obs.vehicle)
+    values = {name: value for name, value in values.items() if value is not None}
     sizes = dict.fromkeys(DIMENSIONS, 0)
-    for name, (_, shape) in ARRAYS.items():
-        if values[name] is not None:
-            lengths = zip(shape, np.shape(values[name]), strict=True)
-            sizes |= {axis: length for axis, length in lengths if isinstance(axis, str)}
+    for name, value in values.items():
+        lengths = zip(ARRAYS[name][1], np.shape(value), strict=True)
+        sizes |= {axis: length for axis, length in lengths if isinstance(axis, str)}
     index = list(DYNAMICS).index(obs.vehicle.dynamics.name)
     sizes |= {"steps": steps, "future": int(obs.future is not None), "dynamics": index}
     yield _SIZES.pack(*(sizes[name] for name in DIMENSIONS))
-    for name, (dtype, _) in ARRAYS.items():
-        if values[name] is not None:
-            yield np.ascontiguousarray(values[name], dtype).reshape(-1).view(np.uint8).data
+    for name, value in values.items():
+        yield array_bytes(value, ARRAYS[name][0])
 
 
 def _constants(vehicle: Vehicle) -> dict[str, tuple[float, ...]]:
@@ -230,11 +227,6 @@ def _constants(vehicle: Vehicle) -> dict[str, tuple[float, ...]]:
     }
 
 
-def _value(obs: Observation, name: str) -> Any:
-    part, _, field = name.rpartition(".")
-    return getattr(getattr(obs, part) if part else obs, field)
-
-
 def read_observation(content: bytearray) -> tuple[Observation, int]:
     """What an `OBSERVATION` says.
 
@@ -245,41 +237,30 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
         The observation, and for how many steps to decide.
     """
     sizes = dict(zip(DIMENSIONS, _SIZES.unpack_from(content), strict=True))
-    offset, found = _SIZES.size, {}
+    offset = _SIZES.size
+    parts: dict[str, dict[str, Any]] = {"": {}, "vehicle": {}, "pedestrians": {}}
     for name, (dtype, shape) in ARRAYS.items():
         if name == "future" and not sizes["future"]:
             continue
         lengths = [sizes[axis] if isinstance(axis, str) else axis for axis in shape]
-        count = math.prod(lengths)
-        found[name] = np.frombuffer(content, dtype, count, offset).reshape(lengths)
-        offset += found[name].nbytes
-
-    def part(prefix: str) -> dict[str, Any]:
-        return {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
-
-    crowd, own = part("pedestrians."), part("vehicle.")
-    crowd["seen"] = crowd["seen"].view(bool)
-    crowd["filled"] = crowd["filled"].view(bool) if sizes["filled"] else None
-    own["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*own["dynamics"].tolist())
-    own["goal_tolerance"] = next(iter(own["goal_tolerance"].tolist()), None)
-    own["body"] = tuple(own["body"].tolist()) or DISC
-    obs = Observation(
-        vehicle=Vehicle(**own),
-        pedestrians=Pedestrians(**crowd),
-        obstacles=found["obstacles"],
-        row=found["row"],
-        noise_key=found["noise_key"],
-        step=found["step"],
-        dt=float(found["dt"]),
-        future=found.get("future"),
-        lidar=found["lidar"] if sizes["beam"] else None,
-    )
-    return obs, sizes["steps"]
+        array = np.frombuffer(content, dtype, math.prod(lengths), offset).reshape(lengths)
+        offset += array.nbytes
+        part, _, field = name.rpartition(".")
+        parts[part][field] = array
+    top, vehicle, pedestrians = parts.values()
+    top["dt"] = float(top["dt"])
+    top["lidar"] = top["lidar"] if sizes["beam"] else None
+    vehicle["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*vehicle["dynamics"].tolist())
+    vehicle["goal_tolerance"] = next(iter(vehicle["goal_tolerance"].tolist()), None)
+    vehicle["body"] = tuple(vehicle["body"].tolist()) or DISC
+    pedestrians["seen"] = pedestrians["seen"].view(bool)
+    pedestrians["filled"] = pedestrians["filled"].view(bool) if sizes["filled"] else None
+    return Observation(Vehicle(**vehicle), Pedestrians(**pedestrians), **top), sizes["steps"]
 
 
-def command_bytes(commands: Float[np.ndarray, "world time 2"]) -> memoryview:
-    """The content of `COMMANDS`."""
-    return np.ascontiguousarray(commands, "<f8").reshape(-1).view(np.uint8).data
+def array_bytes(values: ArrayLike, dtype: str = "<f8") -> memoryview:
+    """Numbers as messages hold them; the content of `COMMANDS` is that of the commands."""
+    return np.ascontiguousarray(values, dtype).reshape(-1).view(np.uint8).data
 
 
 def read_commands(content: bytearray, worlds: int, steps: int) -> Float[np.ndarray, "world time 2"]:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import jinja2
 from markupsafe import Markup
 
-from crowdbench.boards.board import read_boards
+from crowdbench.boards.board import METRIC_TITLES, read_boards
 from crowdbench.boards.ranking import ALPHA
 from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
 from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
 from crowdbench.boards.site.figures import success_against_time
-from crowdbench.boards.standings import Standing, Standings, read_entries, standings
+from crowdbench.boards.standings import Standings, read_entries, standings
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import new_directory
 
@@ -25,20 +26,6 @@ MARK = '<meta name="generator" content="crowdbench leaderboard build">'
 
 ENTRY_PAGES = "entries"
 """The folder of the pages of a board's entries, inside the board's."""
-
-FILTERS = (
-    texts.number,
-    texts.metric,
-    texts.milliseconds,
-    texts.p_text,
-    texts.sortable,
-    texts.shorten,
-    texts.web_address,
-    texts.options_text,
-    texts.why_unranked,
-    tables.band,
-)
-"""What the templates apply to values, each by its own name."""
 
 HERE = Path(__file__).parent
 TEMPLATES = HERE / "templates"
@@ -56,39 +43,35 @@ def build(root: Path, out: Path) -> int:
         boards = [standings(board, read_entries(board, root), name) for board in read_boards(root)]
         seeds = {found.board.name: _seed(season, found.board.name) for found in boards}
         shutil.copyfile(STYLE, folder / STYLE.name)
-        index = {"boards": boards, "seeds": seeds, "groups": tables.board_groups(boards)}
-        _write(folder / INDEX, templates.get_template("index.html").render(top="", **index))
+        groups = tables.board_groups(boards)
+        _write(folder / INDEX, templates, "index.html", top="", boards=boards, seeds=seeds, groups=groups)
         for found in boards:
-            _write_board(templates, folder / found.board.name, found, seeds[found.board.name])
+            _write_board(folder / found.board.name, templates, found, seeds[found.board.name])
     return 1 + sum(1 + len(found.entries) for found in boards)
 
 
 def _check_replaceable(path: Path) -> None:
     """Raise InputError where `path` holds something that no build has made."""
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path.resolve()} is a file: name a folder with --out")
     index = path / INDEX
     is_site = index.is_file() and MARK in index.read_text(encoding="utf-8", errors="replace")
-    if path.exists() and any(path.iterdir()) and not is_site:
+    if path.is_dir() and any(path.iterdir()) and not is_site:
         raise InputError(f"{path.resolve()} holds something other than the pages of leaderboards: choose another --out")
 
 
 def _templates() -> jinja2.Environment:
     """The templates, which escape every text that they are given."""
-    made = jinja2.Environment(
+    templates = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {function.__name__: function for function in FILTERS}
-    made.globals |= {
-        "METRICS": texts.METRICS,
-        "MARK": Markup(MARK),
-        "SORT": Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8")),
-    }
-    return made
+    templates.filters |= {function.__name__: function for function in texts.FILTERS}
+    sort = Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8"))
+    templates.globals |= {"METRICS": METRIC_TITLES, "ALPHA": ALPHA, "MARK": Markup(MARK), "SORT": sort}
+    templates.globals["tables"] = tables
+    return templates
 
 
 def _seed(season: Season | None, board: str) -> int | None:
@@ -101,39 +84,18 @@ def _seed(season: Season | None, board: str) -> int | None:
         return None
 
 
-def _write_board(templates: jinja2.Environment, folder: Path, found: Standings, seed: int | None) -> None:
+def _write_board(folder: Path, templates: jinja2.Environment, found: Standings, seed: int | None) -> None:
     """Write the page of a board, and those of its entries."""
-    page = templates.get_template("board.html").render(
-        top="../",
-        board=found.board,
-        standings=found,
-        seed=seed,
-        begin=tables.success_axis(found),
-        scatter=success_against_time(found),
-        pairs=tables.pair_table(found),
-        cases=tables.case_table(found),
-        alpha=ALPHA,
-        families=list(found.board.spec.families.items()),
-    )
-    _write(folder / INDEX, page)
+    scatter = success_against_time(found)
+    _write(folder / INDEX, templates, "board.html", top="../", standings=found, seed=seed, scatter=scatter)
+    pages = folder / ENTRY_PAGES
+    pages.mkdir()
     for one in found.entries:
-        _write_entry(templates, folder / ENTRY_PAGES, found, one)
+        context = {"standings": found, "one": one, "failures": failures(found.board, one.entry, pages)}
+        _write(pages / f"{one.entry.name}.html", templates, "entry.html", top="../../", **context)
 
 
-def _write_entry(templates: jinja2.Environment, folder: Path, found: Standings, one: Standing) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    page = templates.get_template("entry.html").render(
-        top="../../",
-        board=found.board,
-        standings=found,
-        one=one,
-        entry=one.entry,
-        undecided=tables.undecided(found, one),
-        failures=failures(found.board, one.entry, folder),
-    )
-    _write(folder / f"{one.entry.name}.html", page)
-
-
-def _write(path: Path, page: str) -> None:
+def _write(path: Path, templates: jinja2.Environment, template: str, **context: Any) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
+    page = templates.get_template(template).render(context)
     path.write_text(page, encoding="utf-8", errors="replace", newline="\n")

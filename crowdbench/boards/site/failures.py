@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import itertools
 from collections.abc import Mapping, Sequence
@@ -39,13 +38,13 @@ class Failures:
 
     Attributes:
         number: How many public cases it failed in.
-        shown: Some of them, see `_failure`.
+        examples: Some of them, see `_failure`.
         recordings: The names of files with the same episodes, beside the page.
         problem: Why nothing is shown; empty if something is, or there is no failure.
     """
 
     number: int = 0
-    shown: Sequence[Mapping[str, Any]] = ()
+    examples: Sequence[Mapping[str, Any]] = ()
     recordings: Sequence[str] = ()
     problem: str = ""
 
@@ -57,23 +56,21 @@ def failures(board: Board, entry: Entry, folder: Path) -> Failures:
     if board.spec.recorded:
         return Failures(problem="Who was recorded is not shown here: the tracks are not ours to publish.")
     runs = entry.public
-    shown: list[dict[str, Any]] = []
+    examples: list[dict[str, Any]] = []
     recordings: list[str] = []
     try:
         episodes = read_episodes(board, runs)
-        chosen = _choose(episodes)
-        for scenario in board.load(None):
+        cases = _choose(episodes)
+        for scenario in (each for each in board.load(None) if each.name in cases):
             name = scenario.name
-            if name not in chosen:
-                continue
-            parts = list(traces(RunResult.read_unchecked(runs / name), scenario, chosen[name]))
-            shown += [_failure(part, row, name, episodes[name]) for part in parts for row in range(len(part))]
+            parts = list(traces(RunResult.read_unchecked(runs / name), scenario, cases[name]))
+            examples += [_failure(part, row, name, episodes[name]) for part in parts for row in range(len(part))]
             path = folder / f"{entry.name}-{name}.rrd"
             recordings += _record(path, entry.name, scenario, parts, board.metrics)
     except InputError as error:
         return Failures(problem=f"They cannot be simulated again: {error}")
     number = sum(int((each.outcome != Outcome.SUCCESS).sum()) for each in episodes.values())
-    return Failures(number, shown, recordings)
+    return Failures(number, examples, recordings)
 
 
 def _choose(episodes: dict[str, Episodes]) -> dict[str, list[int]]:
@@ -84,10 +81,10 @@ def _choose(episodes: dict[str, Episodes]) -> dict[str, list[int]]:
         for name, each in episodes.items()
     ]
     in_turn = [one for turn in itertools.zip_longest(*kinds) for one in turn if one is not None]
-    chosen: dict[str, list[int]] = {}
+    cases: dict[str, list[int]] = {}
     for name, case in in_turn[:MOST]:
-        chosen.setdefault(name, []).append(case)
-    return chosen
+        cases.setdefault(name, []).append(case)
+    return cases
 
 
 def _failure(trace: Trace, row: int, scenario: str, reported: Episodes) -> dict[str, Any]:
@@ -127,6 +124,5 @@ def _record(
             recorder.add(part, np.arange(len(part)), Episodes.of(part, metrics).columns)
     if path.exists() and path.stat().st_size <= LARGEST:
         return [path.name]
-    with contextlib.suppress(FileNotFoundError):
-        path.unlink()
+    path.unlink(missing_ok=True)
     return []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,12 +10,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
+from crowdbench.boards.board import METRIC_TITLES
 from crowdbench.boards.ranking import Comparison
-from crowdbench.boards.site.texts import METRICS, NOTHING, metric, p_text
+from crowdbench.boards.site.texts import NOTHING, metric, p_text
 from crowdbench.boards.standings import Standing, Standings
 from crowdbench.metrics.summary import Estimate
-
-CRITERION_WORDS = {"success_rate": "success", "collision_rate": "collisions", "sct": "SCT"}
 
 MOST_CASES = 80
 """The most cases that are shown: those in which most entries fail."""
@@ -33,9 +31,9 @@ FEWEST = 4
 """With fewer entries in common, a correlation of ranks says nothing."""
 
 
-def success_axis(found: Standings) -> float:
+def success_axis(table: Standings) -> float:
     """Where the axis of success begins, as a share; it ends at 1. The same for all entries of a board."""
-    lows = [one.figures["success_rate"].low for one in found.entries]
+    lows = [one.figures["success_rate"].low for one in table.entries]
     return min(math.floor(10.0 * min((low for low in lows if math.isfinite(low)), default=0.0)) / 10.0, 0.9)
 
 
@@ -52,39 +50,36 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
     return low, mean, max(high - low, 1.0)
 
 
-def undecided(found: Standings, one: Standing) -> list[str]:
+def undecided(table: Standings, one: Standing) -> list[str]:
     """The names of ranked entries that are neither better nor worse than an entry; none where it has no rank."""
-    if one.rank is None:
-        return []
-    index = found.ranked.index(one)
-    pairs = [each.entries for each in found.comparisons if each.better is None and index in each.entries]
-    return [found.ranked[b if a == index else a].entry.name for a, b in pairs]
+    pairs = [each.entries for each in table.comparisons if each.better is None and one.entry.name in each.entries]
+    return [name for pair in pairs for name in pair if name != one.entry.name]
 
 
-def pair_table(found: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
+def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
     """A row for each ranked entry with a cell for each ranked entry, None for itself."""
-    cells: dict[tuple[int, int], dict[str, str]] = {}
-    for one in found.comparisons:
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for one in table.comparisons:
         a, b = one.entries
         cells[a, b], cells[b, a] = _pair_cell(one, a, 1.0), _pair_cell(one, b, -1.0)
-    places = range(len(found.ranked))
-    return [(found.ranked[i], [cells.get((i, j)) for j in places]) for i in places]
+    names = [one.entry.name for one in table.ranked]
+    return [(one, [cells.get((one.entry.name, name)) for name in names]) for one in table.ranked]
 
 
-def _pair_cell(one: Comparison, row: int, sign: float) -> dict[str, str]:
+def _pair_cell(one: Comparison, row: str, sign: float) -> dict[str, str]:
     """The texts of a cell: the difference, row minus column, in the metric that decides, or in success if none does."""
     criterion = one.criterion or "success_rate"
     difference = sign * one.differences[criterion]
     text = metric(difference, criterion)
     return {
         "verdict": "" if one.better is None else "better" if one.better == row else "worse",
-        "criterion": CRITERION_WORDS.get(criterion, METRICS[criterion]),
+        "criterion": METRIC_TITLES[criterion].removesuffix(", %"),
         "difference": f"+{text}" if difference > 0.0 else text,
         "p": p_text(one.p[criterion]),
     }
 
 
-def case_table(found: Standings) -> dict[str, Any] | None:
+def case_table(table: Standings) -> dict[str, Any] | None:
     """The cases in which somebody failed; None without entries.
 
     Entries of other rules, and those that drove fewer cases, are left out. Where nobody was measured in the season, the
@@ -95,8 +90,8 @@ def case_table(found: Standings) -> dict[str, Any] | None:
         entries with their outcomes in them. Of `total` cases somebody failed in `failed`, and all in `by_all`.
         `is_measured` says that the cases are those of the season.
     """
-    board = found.board
-    everybody = [one for one in found.entries if one.entry.spec.board_digest == board.digest]
+    board = table.board
+    everybody = [one for one in table.entries if one.entry.spec.board_digest == board.digest]
     measured = [one for one in everybody if one.is_measured]
     per_scenario = board.spec.cases if measured else board.spec.public_cases
     entries = [one for one in measured or everybody if one.cases == per_scenario]
@@ -105,13 +100,13 @@ def case_table(found: Standings) -> dict[str, Any] | None:
     outcomes = np.array([_outcomes(one) for one in entries])
     failures = (outcomes != SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
-    shown = sorted(hardest.tolist(), key=lambda i: (i // per_scenario, -failures[i], i))
-    by_scenario = itertools.groupby(shown, lambda case: case // per_scenario)
+    cases = hardest[np.argsort(hardest // per_scenario, kind="stable")]
+    groups = zip(*np.unique(cases // per_scenario, return_counts=True), strict=True)
     return {
         "is_measured": bool(measured),
-        "groups": [(board.scenarios[i], len(list(cases))) for i, cases in by_scenario],
-        "cases": [i % per_scenario for i in shown],
-        "rows": list(zip(entries, outcomes[:, shown].tolist(), strict=True)),
+        "groups": [(board.scenarios[i], length) for i, length in groups],
+        "cases": (cases % per_scenario).tolist(),
+        "rows": list(zip(entries, outcomes[:, cases].tolist(), strict=True)),
         "failed": int((failures > 0).sum()),
         "total": per_scenario * len(board.scenarios),
         "by_all": int((failures == len(entries)).sum()),
@@ -164,17 +159,12 @@ class BoardGroup:
         """The taus of all pairs of boards for which there is one."""
         return [one.tau for (a, b), one in self.taus.items() if a < b and one.is_known]
 
-    @property
-    def mean(self) -> float:
-        """Their mean; NaN where there is none."""
-        return sum(self.known) / len(self.known) if self.known else math.nan
-
 
 def board_groups(each: Sequence[Standings]) -> list[BoardGroup]:
     """The boards that differ only in the pedestrians, and those of the suite, with the agreement of each two."""
-    by_name = {found.board.name: found for found in each}
+    by_name = {table.board.name: table for table in each}
     same = [by_name[name] for name in SAME_BUT_PEDESTRIANS if name in by_name]
-    suite = [found for found in each if list(found.board.spec.families) == [SUITE]]
+    suite = [table for table in each if list(table.board.spec.families) == [SUITE]]
     questions = {"Do rankings agree across pedestrian models?": same, "Do rankings agree across the suite?": suite}
     return [
         BoardGroup(
@@ -193,14 +183,14 @@ def _agreement(a: Standings, b: Standings) -> Agreement:
     common = sorted(first.keys() & second.keys())
     if len(common) < FEWEST:
         return Agreement(math.nan, math.nan, len(common))
-    found = kendalltau([first[who] for who in common], [second[who] for who in common])
-    return Agreement(float(found.statistic), float(found.pvalue), len(common))
+    correlation = kendalltau([first[who] for who in common], [second[who] for who in common])
+    return Agreement(float(correlation.statistic), float(correlation.pvalue), len(common))
 
 
-def _comparable_successes(found: Standings) -> dict[tuple[str, str], float]:
+def _comparable_successes(table: Standings) -> dict[tuple[str, str], float]:
     """The success of the measured entries of a board that use only what a vehicle can see, by submitter and name."""
     return {
         (one.entry.spec.submitted_by, one.entry.name): one.figures["success_rate"].mean
-        for one in found.entries
+        for one in table.entries
         if one.is_measured and not one.entry.spec.privileged and not one.entry.card.ablation
     }

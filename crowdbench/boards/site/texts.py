@@ -9,35 +9,13 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from crowdbench.boards.entry import Verdict
-from crowdbench.boards.schema import FlagsSpec
-from crowdbench.boards.standings import Standing
+from crowdbench.boards.board import METRIC_TITLES
 
 NOTHING = "\N{EN DASH}"
 """Shown where there is no value."""
 
 LONGEST = 1000
 """Characters of a stranger's text that are shown."""
-
-SHARES = ("success_rate", "collision_rate", "timeout_rate", "intimate_zone")
-"""The metrics that are shown in per cent."""
-
-DIGITS = {"navigation_time": 2, "sct": 3, "minimum_gap": 2, "max_velocity_change": 2, "jerk": 2}
-"""Decimal places of the other metrics; those in per cent have one."""
-
-METRICS = {
-    "success_rate": "success, %",
-    "collision_rate": "collisions, %",
-    "timeout_rate": "time-outs, %",
-    "navigation_time": "time, s",
-    "sct": "SCT",
-    "minimum_gap": "smallest gap, m",
-    "intimate_zone": "intimate zone, %",
-    "max_velocity_change": "largest change of velocity, m/s",
-    "jerk": "jerk, m/s³",
-    "imposed_delay": "imposed delay, s",
-}
-"""How the metrics are called, with their units."""
 
 _ARXIV = re.compile(r"(?:arXiv:)?(\d{4}\.\d{4,5}(?:v\d+)?)", re.IGNORECASE)
 _DOI = re.compile(r"(?:doi:)?(10\.\d{4,9}/[^\s<>\"]+)", re.IGNORECASE)
@@ -63,8 +41,8 @@ def metric(value: float | None, name: str) -> str:
         value: The value; None and NaN are undefined.
         name: The metric's name.
     """
-    if value is None or name not in SHARES:
-        return number(value, DIGITS.get(name, 2))
+    if value is None or not METRIC_TITLES[name].endswith("%"):
+        return number(value, 3 if name == "sct" else 2)
     return number(100.0 * value, 1)
 
 
@@ -115,41 +93,5 @@ def options_text(options: Mapping[str, Any]) -> str:
     return json.dumps(options, sort_keys=True, ensure_ascii=False)
 
 
-REASONS = {
-    "not ranked": "This board has no ranks: it shows how planners drive.",
-    "privileged": "It uses what no vehicle can see, such as the pedestrians' true next velocities.",
-    "ablation": "Its authors say that it is a variant made for comparison.",
-    "reported only": "Nobody has verified it in this season: the figures are its authors', of the public cases.",
-}
-"""What the reasons mean for which an entry has no rank."""
-
-
-def why_unranked(standing: Standing, bounds: FlagsSpec) -> str:
-    """Why an entry has no rank, in a sentence.
-
-    Args:
-        standing: The entry.
-        bounds: The bounds of its board.
-    """
-    if standing.reason in REASONS:
-        return REASONS[standing.reason]
-    if standing.reason.startswith("of version "):
-        return "It was made for other rules of this board than the present ones."
-    if standing.reason.startswith("more than "):
-        return "Other entries of its submitter are ranked here."
-    if standing.verification is not None and standing.verification.verdict != Verdict.RERUN:
-        return standing.verification.reason
-    return " ".join(beyond(flag, bounds) for flag in standing.flags)
-
-
-def beyond(flag: str, bounds: FlagsSpec) -> str:
-    """What a flag means on a board, in a sentence.
-
-    Args:
-        flag: `intrusive` or `jerky`.
-        bounds: The board's bounds, beyond which entries are flagged.
-    """
-    if flag == "intrusive":
-        delays = f", or costs pedestrians more than {bounds.imposed_delay:g} s" if bounds.imposed_delay else ""
-        return f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody{delays}."
-    return f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."
+FILTERS = number, metric, milliseconds, p_text, sortable, shorten, web_address, options_text
+"""What the templates apply to values, each by its own name."""
