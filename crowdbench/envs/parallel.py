@@ -31,7 +31,6 @@ VEHICLE = "vehicle"
 
 # As numbers, because access to members of an enumeration is slow, and trainings call `step` most of the time.
 _RUNNING, _SUCCESS, _TIMEOUT = (int(o) for o in (Outcome.RUNNING, Outcome.SUCCESS, Outcome.TIMEOUT))
-_LABELS = stepping.LABELS
 
 Observations = dict[str, Float[np.ndarray, "features"]]
 Infos = dict[str, dict[str, Any]]
@@ -190,21 +189,23 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         rewards = self._rewards(before, moved, outcomes, gaps)
         self._world = finish_step(moved, check, self.scenario.renewal)
         observations = self._observe()
-        outcome, gap_of, case = outcomes.tolist(), gaps.tolist(), self._case
+        outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
         columns = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        here = self._world.present[0].tolist()
-        goes_on = self.scenario.crowd.arrival in GOES_ON
-        terminations = {agent: over or not here[c] or (outcome[c] == _SUCCESS and not goes_on) for agent, c in columns}
+        leaves = self.scenario.crowd.arrival not in GOES_ON
+        terminations = {a: over or not present[c] or (outcome[c] == _SUCCESS and leaves) for a, c in columns}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
-        self._renderer.show(self._world, case)
+        self._renderer.show(self._world, self._case)
         return (
             observations,
             {agent: rewards[c] for agent, c in columns},
             terminations,
             dict.fromkeys(agents, truncated),
-            {agent: {"outcome": _LABELS[outcome[c]], "gap": gap_of[c], "case": case} for agent, c in columns},
+            {
+                agent: {"outcome": stepping.LABELS[outcome[c]], "gap": gap[c], "case": self._case}
+                for agent, c in columns
+            },
         )
 
     def render(self) -> np.ndarray | None:
@@ -231,24 +232,18 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         return self._ego[1]
 
     def _observe(self) -> Observations:
-        is_flat = self.view.observation == "flat"
-        views = flatten_everybody(self._world)[0] if is_flat else self._in_frames()
+        if self.view.observation == "flat":
+            views = flatten_everybody(self._world)[0]
+        else:
+            views = self.view.observe(self._ego_views(self._world))
+            if not self._world.rules.sensor.sees_all:  # only the vehicle's sight can be limited
+                views[0] = self.view.observe(self._world)[0]
         return {agent: views[self._column[agent]] for agent in self.agents}
-
-    def _in_frames(self) -> Float[np.ndarray, "agent features"]:
-        """What each agent sees in the frame of its goal; only the vehicle's sight can be limited."""
-        views: Float[np.ndarray, "agent features"] = self.view.observe(self._ego_views(self._world))
-        if not self._world.rules.sensor.sees_all:
-            views[0] = self.view.observe(self._world)[0]
-        return views
 
     def _decide(
         self, actions: Mapping[str, np.ndarray | None]
     ) -> tuple[World, Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
         """What is done in a step.
-
-        Args:
-            actions: The actions by agent.
 
         Returns:
             The world with the policies' memories after their decision, the vehicle's command, and the pedestrians'
@@ -262,13 +257,13 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 f"there are actions for {', '.join(given) or 'no agent'}, but there must be one for the vehicle, and "
                 f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
             )
-        asked = stepping.check_actions(list(given.values()), (len(given), 2))
+        chosen = stepping.check_actions(list(given.values()), (len(given), 2))
         columns, world = [self._column[agent] for agent in given], self._world
         if self.view.action == "goal_frame":
-            asked = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], asked)
+            chosen = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], chosen)
         velocity = np.zeros(world.velocity.shape)
         # A policy with a memory sees every step, also those in which nobody follows it.
         if len(given) < self._bodies or any(world.memory.values()):
             velocity[:, 1:], world = crowd_decisions(world, self.scenario.policies)
-        velocity[0, columns] = asked
+        velocity[0, columns] = chosen
         return world, self.view.to_command(world, velocity[:, 0]), velocity[:, 1:]

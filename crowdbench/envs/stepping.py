@@ -17,6 +17,7 @@ from crowdbench.envs.rewards import Step
 from crowdbench.envs.views import View
 from crowdbench.scenario.cases import parse_case
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.utils.errors import InputError
 
@@ -79,14 +80,14 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
 
 def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
     """Actions as float64. Raises InputError where they are not finite numbers in that shape."""
-    asked = np.asarray(actions, np.float64)
+    checked = np.asarray(actions, np.float64)
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
-    if asked.shape != shape or not (math.isfinite(asked.sum()) or np.isfinite(asked).all()):
+    if checked.shape != shape or not (math.isfinite(checked.sum()) or np.isfinite(checked).all()):
         raise InputError(
             "an action is a finite velocity (vx, vy) in m/s, or a finite command where actions are native, "
             f"but these are {actions!r}"
         )
-    return asked
+    return checked
 
 
 def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> Step:
@@ -97,7 +98,8 @@ def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> S
         before: The worlds.
         actions: The vehicles' actions, checked.
     """
-    command = view.vehicle_commands(before, actions)
+    velocity = view.commands(before.position[:, 0], goals_on_way(before)[:, 0], actions)
+    command = view.to_command(before, velocity)
     crowd, before = crowd_decisions(before, view.scenario.policies)
     after, (outcome, gap, _) = step(before, command, crowd, view.scenario.renewal)
     return Step(before, after, outcome, gap)
