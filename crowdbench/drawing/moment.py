@@ -181,6 +181,13 @@ def extent(
     return np.stack([np.nanmin(points, axis=0) - margin, np.nanmax(points, axis=0) + margin])
 
 
+def same_agents(person: Int[np.ndarray, "time pedestrian"]) -> Bool[np.ndarray, "step agent"]:
+    """Whether each agent is the same one after each step: somebody else can take the place of a pedestrian."""
+    stayed = np.ones((len(person) - 1, 1 + person.shape[1]), bool)
+    stayed[:, 1:] = np.diff(person, axis=0) == 0
+    return stayed
+
+
 def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
     """The paths in metres of all who had the place of one agent, each in a line; `same` tells who stayed in a step."""
     parts = np.split(position, np.flatnonzero(~same) + 1)
@@ -207,8 +214,7 @@ def draw_moment(moment: Moment, corner: Float[np.ndarray, "2"], palette: Palette
     trails = [palette.vehicle] + [palette.walked] * len(moment.seen)
     for agent in moment.hit:
         colors[agent] = trails[agent] = palette.failure
-    stayed = np.ones((len(moment.step) - 1, len(colors)), bool)
-    stayed[:, 1:] = np.diff(moment.person, axis=0) == 0
+    stayed = same_agents(moment.person)
     # The vehicle is drawn last, so that nothing hides it.
     for agent in reversed(range(len(colors))) if len(colors) <= CROWD else ():
         for path in paths(moment.position[:, agent], stayed[:, agent]):

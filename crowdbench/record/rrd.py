@@ -81,6 +81,10 @@ def moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
     return [rr.TimeColumn("time", duration=steps * dt)]
 
 
+width = rr.Radius.ui_points
+"""The widths of lines, or the radii of points, in points of the screen, whatever is enlarged."""
+
+
 def still(entity: str, *archetypes: rr.AsComponents) -> Chunk:
     """A chunk of what an entity shows at all times."""
     batches = [batch for archetype in archetypes for batch in archetype.as_component_batches()]
