@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.drawing.palette import DARK, MUTED, SUCCESS
 from crowdbench.record import rrd
+from crowdbench.record.blueprint import axis_between, plot, style_of
 from crowdbench.utils.files import whole
 
 
@@ -71,21 +72,12 @@ def _view(
     name: str, along: Int[np.ndarray, "time"], values: Float[np.ndarray, "time curve"], *, has_interval: bool
 ) -> rrb.TimeSeriesView:
     """The view of a quantity, whose axes have the ranges of its values."""
-    start, end = (rrb.TimeRangeBoundary.absolute(seq=int(at)) for at in (along[0], along[-1]))
+    axis = axis_between(*(rrb.TimeRangeBoundary.absolute(seq=int(at)) for at in (along[0], along[-1])))
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     margin = 0.05 * (high - low) or 0.5
-    said = "grey: 95 % interval, " if has_interval else ""
-    line = rr.SeriesLines(
-        names=[name, *(["low", "high"] if has_interval else [])],
-        colors=[DARK.vehicle, *([MUTED, MUTED] if has_interval else [])],
-        widths=[2.5, *([1.0, 1.0] if has_interval else [])],
-    )
+    names, colors, key = [name], [DARK.vehicle], ""
+    if has_interval:
+        names, colors, key = [name, "low", "high"], [DARK.vehicle, MUTED, MUTED], "grey: 95 % interval, "
     mark = rr.SeriesPoints(names="kept", colors=SUCCESS, markers="circle", marker_sizes=6.0)
-    return rrb.TimeSeriesView(
-        name=f"{name.replace('_', ' ')} ({said}green: kept)",
-        origin=f"/{name}",
-        axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end)),
-        axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
-        plot_legend=rrb.PlotLegend(visible=False),
-        overrides={f"/{name}": line, f"/{name}/kept": mark},
-    )
+    styles = {f"/{name}": style_of(names, colors), f"/{name}/kept": mark}
+    return plot(f"{name.replace('_', ' ')} ({key}green: kept)", styles, (low - margin, high + margin), axis)
