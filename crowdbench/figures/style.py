@@ -46,18 +46,17 @@ _STYLE = {
 
 
 @contextlib.contextmanager
-def axes(out: Path, width: float = WIDTH, height: float = HEIGHT) -> Iterator[Axes]:
+def axes(out: Path, height: float = HEIGHT) -> Iterator[Axes]:
     """Axes to draw on. The figure is written when the `with` statement ends without an error.
 
     Args:
         out: The file, whose ending says its format.
-        width: In inches.
         height: In inches.
 
     Raises:
         InputError: The ending is another one, the folder does not exist, or Matplotlib is not installed.
     """
-    with canvas(out, width, height) as figure:
+    with canvas(out, WIDTH, height) as figure:
         yield figure.add_subplot()
 
 

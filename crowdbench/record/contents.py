@@ -90,6 +90,22 @@ class Recording:
     cases: int
 
 
+class RecordedEpisode(NamedTuple):
+    """An episode as it is in a file.
+
+    Attributes:
+        entry: What the file calls it.
+        chunks: All its chunks.
+        trace: The episode.
+        planner: The planner's name with its options.
+    """
+
+    entry: StoreEntry
+    chunks: list[Chunk]
+    trace: Trace
+    planner: str
+
+
 def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     """One episode as Rerun chunks: those of the agents, and that of `/exact/episode`.
 
@@ -107,26 +123,25 @@ def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]
     # The position always changes, or else agents could have no columns.
     still = {name: array[:1] for name, array in arrays.items() if name != "position" and (array == array[:1]).all()}
     moving = {name: _pad_start(array, steps + 1) for name, array in arrays.items() if name not in still}
-    timeline = {each.timeline_name(): each.as_arrow_array() for each in rrd.moments(np.arange(steps + 1), dt)}
+    [time] = rrd.moments(np.arange(steps + 1), dt)
     agents = range(trace.position.shape[2])
     for agent in agents:
-        columns = dict(timeline)
+        columns = {"time": time.as_arrow_array()}
         for name, array in moving.items():
             of = QUANTITIES[name].of
             if agent in agents[of]:
                 columns[name] = _to_lists(array if of == VEHICLE else array[:, agent - of.start])
-        yield from Chunk.from_record_batch(
-            pa.record_batch(columns), index=[*timeline], entity_path=f"/exact/{_agent_name(agent)}"
-        )
-    still["preferred_speed"] = trace.preferred_speed[row : row + 1]
+        entity = f"/exact/{_agent_name(agent)}"
+        yield from Chunk.from_record_batch(pa.record_batch(columns), index=["time"], entity_path=entity)
+    one = slice(row, row + 1)
+    still["preferred_speed"] = trace.preferred_speed[one]
     still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
     if trace.block is not None:
-        still["block"] = trace.block[row : row + 1]
+        still["block"] = trace.block[one]
     if trace.route.shape[1]:
-        still["route"] = trace.route[row : row + 1]
+        still["route"] = trace.route[one]
     if trace.obstacles.shape[1]:
-        still["obstacles"] = trace.obstacles[row : row + 1]
-        still["corners"] = np.array([[trace.obstacles.shape[2]]])
+        still |= {"obstacles": trace.obstacles[one], "corners": np.array([[trace.obstacles.shape[2]]])}
     facts = {**run, "format": FORMAT, "split": trace.split, "rules": trace.rules.to_table()}
     fields = {name: _to_lists(array) for name, array in still.items()} | {"facts": pa.array([[json.dumps(facts)]])}
     # In one column, because each column needs one or two kilobytes in the file's index.
@@ -163,16 +178,13 @@ def read(path: Path) -> Recording:
     return Recording(trace, **{name: facts[name] for name in ("planner", "scenario", "scenario_digest", "cases")})
 
 
-def read_episode(path: Path, reader: RrdReader, entry: StoreEntry) -> tuple[list[Chunk], Trace, str]:
-    """Read one of the recordings in a file: all its chunks, its episode, and the planner's name with its options.
-
-    Raises InputError as `read` does.
-    """
+def read_episode(path: Path, reader: RrdReader, entry: StoreEntry) -> RecordedEpisode:
+    """Read one of the recordings in a file. Raises InputError as `read` does."""
     with rrd.opening(path):
         chunks = rrd.chunks_of(reader, entry, "/**")
         episode = _to_episode(chunks)
     trace, facts = _to_trace(path, [episode])
-    return chunks, trace, facts["planner"]
+    return RecordedEpisode(entry, chunks, trace, facts["planner"])
 
 
 def _to_episode(chunks: Sequence[Chunk]) -> Episode:

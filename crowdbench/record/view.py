@@ -6,13 +6,12 @@ import re
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader, StoreEntry
 
-from crowdbench.core.types import Outcome, Trace
+from crowdbench.core.types import Outcome
 from crowdbench.record import contents, rrd, viewer
 from crowdbench.record.blueprint import blueprint, side_by_side
 from crowdbench.record.drawing import extent
@@ -79,16 +78,7 @@ def _entries(path: Path) -> tuple[RrdReader, dict[int, StoreEntry]]:
     return reader, entries
 
 
-class _Recorded(NamedTuple):
-    """A recorded episode: its chunks, what they are of, and what the file calls the run and the episode."""
-
-    chunks: list[Chunk]
-    trace: Trace
-    planner: str
-    entry: StoreEntry
-
-
-def _episode(path: Path, case: int) -> _Recorded:
+def _episode(path: Path, case: int) -> contents.RecordedEpisode:
     """One case of a recording. Raises InputError where it cannot be read, or has no such case."""
     reader, entries = _entries(path)
     if case not in entries:
@@ -96,7 +86,7 @@ def _episode(path: Path, case: int) -> _Recorded:
         raise InputError(
             f"case {case} is not recorded in {path}: recorded near it are {_ranges(near)} (all are with --record all)"
         )
-    return _Recorded(*contents.read_episode(path, reader, entries[case]), entries[case])
+    return contents.read_episode(path, reader, entries[case])
 
 
 def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
@@ -113,10 +103,8 @@ def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: b
     found = [_episode(path, case) for path in paths]
     first, *others = (one.trace for one in found)
     for path, other in zip(paths[1:], others, strict=True):
-        there = other.split, other.rules.dt, other.position[:, 0].shape
-        if there != (first.split, first.rules.dt, first.position[:, 0].shape) or not np.array_equal(
-            other.position[:, 0], first.position[:, 0], equal_nan=True
-        ):
+        same_start = np.array_equal(other.position[:, 0], first.position[:, 0], equal_nan=True)
+        if not same_start or (other.split, other.rules.dt) != (first.split, first.rules.dt):
             raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
     chunks = [
         chunk.with_entity_path(f"/{n}{chunk.entity_path}")
