@@ -100,35 +100,20 @@ class Moment:
     def of_trace(cls, trace: Trace, row: int, state: int) -> Moment:
         """A state of the episode in a row of a trace."""
         until, now = (row, slice(state + 1)), (row, state)
-        return cls(
-            np.arange(state + 1),
-            trace.position[until],
-            trace.velocity[until],
-            trace.heading[until],
-            trace.person[until],
-            trace.goal[now],
-            trace.radius[now],
-            trace.seen[now],
-            trace.obstacles[row],
-            trace.rules,
-        )
+        motion = trace.position[until], trace.velocity[until], trace.heading[until], trace.person[until]
+        here = trace.goal[now], trace.radius[now], trace.seen[now]
+        return cls(np.arange(state + 1), *motion, *here, trace.obstacles[row], trace.rules)
 
     @classmethod
-    def of_worlds(cls, shown: Sequence[World]) -> Moment:
+    def of_worlds(cls, worlds: Sequence[World]) -> Moment:
         """The last of several worlds, which are states of one episode, each a batch of one."""
-        now = shown[-1]
-        return cls(
-            np.concatenate([one.step for one in shown]),
-            np.concatenate([np.where(one.present[..., None], one.position, np.nan) for one in shown]),
-            np.concatenate([one.velocity for one in shown]),
-            np.concatenate([one.heading for one in shown]),
-            np.concatenate([one.person for one in shown]),
-            now.goal[0],
-            now.radius[0],
-            now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:],
-            now.obstacles[0],
-            now.rules,
-        )
+        now = worlds[-1]
+        position = np.concatenate([np.where(one.present[..., None], one.position, np.nan) for one in worlds])
+        names = ("step", "velocity", "heading", "person")
+        step, velocity, heading, person = (np.concatenate([getattr(one, name) for one in worlds]) for name in names)
+        seen = now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:]
+        motion = position, velocity, heading, person
+        return cls(step, *motion, now.goal[0], now.radius[0], seen, now.obstacles[0], now.rules)
 
     @functools.cached_property
     def hit(self) -> list[int]:
@@ -143,18 +128,18 @@ class Moment:
         gaps = np.full(len(self.seen), np.inf)
         if len(self.step) < 2 or self.step[-1] - self.step[-2] != 1:
             return gaps
-        there = np.isfinite(self.position[-2:, :, 0]).all(axis=0)
         (before, now), rules = self.position[-2:], self.rules
         motion = np.empty(now.shape)
         fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion)
-        place, motion = np.nan_to_num(before), np.nan_to_num(motion)
-        drive = self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn(*self.heading[-2:]) / rules.dt, rules.dt
-        for agent in range(1, len(there)):
-            pair = Discs(place, motion, self.radius, there & (np.arange(len(there)) == agent))
+        turn_rate = turn(*self.heading[-2:]) / rules.dt
+        arc = rules.numbers.body, self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn_rate, rules.dt
+        for pedestrian in np.flatnonzero(np.isfinite(self.position[-2:, 1:, 0]).all(axis=0)).tolist():
+            pair = [0, 1 + pedestrian]
+            discs = Discs(before[pair], motion[pair], self.radius[pair], np.ones(2, bool))
             if isinstance(rules.dynamics, Holonomic):
-                gaps[agent - 1], _ = nearest_in_step(0, pair)
+                gaps[pedestrian], _ = nearest_in_step(0, discs)
             else:
-                gaps[agent - 1], _ = gaps_on_arc(rules.numbers.body, *drive, pair, np.empty((0, 0, 2)))
+                gaps[pedestrian], _ = gaps_on_arc(*arc, discs, np.empty((0, 0, 2)))
         return gaps
 
 

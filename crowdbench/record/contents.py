@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Shaped
+from jaxtyping import Float, Shaped
 from rerun.chunk import Chunk, RrdReader, StoreEntry
 
 from crowdbench.core.types import Rules, Trace
@@ -136,12 +136,10 @@ def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]
     one = slice(row, row + 1)
     still["preferred_speed"] = trace.preferred_speed[one]
     still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
-    if trace.block is not None:
-        still["block"] = trace.block[one]
-    if trace.route.shape[1]:
-        still["route"] = trace.route[one]
-    if trace.obstacles.shape[1]:
-        still |= {"obstacles": trace.obstacles[one], "corners": np.array([[trace.obstacles.shape[2]]])}
+    more = {"block": trace.block, "route": trace.route, "obstacles": trace.obstacles}
+    still |= {name: array[one] for name, array in more.items() if array is not None and array[one].size}
+    if "obstacles" in still:
+        still["corners"] = np.array([[trace.obstacles.shape[2]]])
     facts = {**run, "format": FORMAT, "split": trace.split, "rules": trace.rules.to_table()}
     fields = {name: _to_lists(array) for name, array in still.items()} | {"facts": pa.array([[json.dumps(facts)]])}
     # In one column, because each column needs one or two kilobytes in the file's index.
@@ -242,37 +240,40 @@ def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str,
     for name, quantity in QUANTITIES.items():
         if name not in episodes[0]:
             continue
-        each = [_in_time(episode, name) for episode in episodes]
         times = rules.max_steps if quantity.is_of_steps else rules.max_steps + 1
-        padded = _pad(each, (times, len(range(agents)[quantity.of]), *quantity.shape), quantity.padding)
-        for row, values in enumerate(each if quantity.is_held else ()):
-            padded[row, len(values) :] = padded[row, len(values) - 1]
+        each = [_in_time(episode, name, times) for episode in episodes]
+        padded = _pad(each, quantity.padding, (times, len(range(agents)[quantity.of]), *quantity.shape))
         arrays[name] = padded[:, :, 0] if quantity.of == VEHICLE else padded
-    arrays["preferred_speed"] = _pad([episode["preferred_speed"] for episode in episodes], (agents,), 1.0)
-    routes = [episode.get("route", np.empty(0)).reshape(-1, 2) for episode in episodes]
-    obstacles = [np.empty((0, 0, 2))] * len(episodes)
-    if "obstacles" in episodes[0]:
-        obstacles = [episode["obstacles"].reshape(-1, int(episode["corners"][0]), 2) for episode in episodes]
-    for name, each in (("route", routes), ("obstacles", obstacles)):
-        arrays[name] = _pad(each, tuple(np.max([one.shape for one in each], axis=0).tolist()), np.nan)
+    arrays["preferred_speed"] = _pad([episode["preferred_speed"] for episode in episodes], 1.0)
+    arrays["route"] = _pad([episode.get("route", np.empty(0)).reshape(-1, 2) for episode in episodes], np.nan)
+    arrays["obstacles"] = _pad([_obstacles(episode) for episode in episodes], np.nan)
     if "block" in episodes[0]:
         arrays["block"] = np.array([int(episode["block"][0]) for episode in episodes])
     return Trace(split=facts["split"], case=case, outcome=outcome, steps=steps, rules=rules, **arrays), facts
 
 
-def _in_time(episode: Episode, name: str) -> Shaped[np.ndarray, "time agent *values"]:
-    """An array of an episode in its shape, which was stored once, or once per state."""
+def _in_time(episode: Episode, name: str, times: int) -> Shaped[np.ndarray, "time agent *values"]:
+    """An array of an episode in its shape, which was stored once, or once per state; held for so many times."""
     quantity, flat = QUANTITIES[name], episode[name]
     agents, steps = len(episode["preferred_speed"]), int(episode["case_outcome_steps"][2])
     shape = len(range(agents)[quantity.of]), *quantity.shape
     per_row, length = math.prod(shape), steps if quantity.is_of_steps else steps + 1
     rows = flat.reshape(len(flat) // per_row if per_row else steps + 1, *shape)
-    return rows.repeat(length, axis=0) if len(rows) == 1 else rows[len(rows) - length :]
+    rows = rows.repeat(length, axis=0) if len(rows) == 1 else rows[len(rows) - length :]
+    return rows[np.minimum(np.arange(times), length - 1)] if quantity.is_held else rows
 
 
-def _pad(each: Sequence[np.ndarray], shape: tuple[int, ...], padding: float) -> Shaped[np.ndarray, "row *shape"]:
-    """Arrays in the corners of larger ones, in rows."""
-    padded = np.full((len(each), *shape), padding)
+def _obstacles(episode: Episode) -> Float[np.ndarray, "polygon corner 2"]:
+    if "obstacles" not in episode:
+        return np.empty((0, 0, 2))
+    return episode["obstacles"].reshape(-1, int(episode["corners"][0]), 2)
+
+
+def _pad(
+    each: Sequence[np.ndarray], padding: float, shape: tuple[int, ...] | None = None
+) -> Shaped[np.ndarray, "row *shape"]:
+    """Arrays in the corners of larger ones, in rows; these are of the given shape, or just large enough."""
+    padded = np.full((len(each), *(shape or np.max([one.shape for one in each], axis=0))), padding)
     for row, values in enumerate(each):
         corner: tuple[int | slice, ...] = (row, *(slice(n) for n in values.shape))
         padded[corner] = values
