@@ -104,7 +104,7 @@ def view(
     web: Annotated[bool, typer.Option("--web", help="Open it in a browser.")] = False,
 ) -> None:
     """Open a recording in the Rerun viewer, or the same case of several."""
-    from crowdbench.record import view as viewer
+    from crowdbench.record import viewer
 
     paths = [recording_of(run) for run in runs]
     if worst is not None:
