@@ -17,8 +17,8 @@ from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.observations import ego_views, flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
-from crowdbench.envs.render import RENDER_MODES, Renderer
-from crowdbench.envs.rewards import Reward, Step, crowdnav, load_reward
+from crowdbench.envs.render import RENDER_MODES
+from crowdbench.envs.rewards import Reward, Step, crowdnav
 from crowdbench.envs.views import NEAREST, View, pedestrian_action_space
 from crowdbench.scenario.population import GOES_ON
 from crowdbench.scenario.scenario import Scenario
@@ -61,7 +61,7 @@ def parallel_env(
     return CrowdParallelEnv(loaded, render_mode, reward, View(loaded, observation, action, nearest))
 
 
-class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
+class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
     """One world of a scenario as a PettingZoo `ParallelEnv`. Make it with `parallel_env`.
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
@@ -102,13 +102,8 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     def __init__(self, scenario: Scenario, render_mode: str | None, reward: str | Reward, view: View) -> None:
         if view.observation == "dict":
             raise InputError("observation is 'dict', but agents of this environment see flat or goal_frame")
-        self.scenario = scenario
-        self.view = view
-        self.reward = load_reward(reward)
+        super().__init__(scenario, render_mode, reward, view)
         self._refuse_thousands()
-        self.render_mode = render_mode
-        fps = round(1 / self.scenario.rules.dt)
-        self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
         # Recorded people come and go at their own times, and are no agents.
         pedestrians = 0 if scenario.tracks else scenario.max_agents - 1
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
@@ -117,11 +112,8 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self.action_spaces = {agent: pedestrian_action_space(scenario) for agent in self.possible_agents}
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
-        self._renderer = Renderer(render_mode)
         self._generator: np.random.Generator | None = None
         self._bodies = 0
-        self._case = ""
-        self._world: World
         self._ego: tuple[World, World] | None = None
 
     def _refuse_thousands(self) -> None:
@@ -160,11 +152,9 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         case = stepping.check_options(given, "case").get("case")
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._case = stepping.choose_case(case, self._generator)
-        self._world = stepping.start(self.scenario, [self._case])
+        self._start(case, self._generator)
         self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
-        self._renderer.show(self._world, self._case)
         return self._observe(), {agent: {"case": self._case} for agent in self.agents}
 
     def step(
@@ -187,7 +177,7 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         moved, check = move(*self._decide(actions))
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         rewards = self._rewards(before, moved, outcomes, gaps)
-        self._world = finish_step(moved, check, self.scenario.renewal)
+        self._enter(finish_step(moved, check, self.scenario.renewal))
         observations = self._observe()
         outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
         columns = [(agent, self._column[agent]) for agent in agents]
@@ -196,26 +186,9 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         leaves = self.scenario.crowd.arrival not in GOES_ON
         terminations = {a: over or not present[c] or (outcome[c] == _SUCCESS and leaves) for a, c in columns}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
-        self._renderer.show(self._world, self._case)
-        return (
-            observations,
-            {agent: rewards[c] for agent, c in columns},
-            terminations,
-            dict.fromkeys(agents, truncated),
-            {
-                agent: {"outcome": stepping.LABELS[outcome[c]], "gap": gap[c], "case": self._case}
-                for agent, c in columns
-            },
-        )
-
-    def render(self) -> np.ndarray | None:
-        """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
-        stepping.require_reset(self._case)
-        return self._renderer.frame(self._world, self._case)
-
-    def close(self) -> None:
-        """Close the window of mode `human`."""
-        self._renderer.close()
+        infos = {a: {"outcome": stepping.LABELS[outcome[c]], "gap": gap[c], "case": self._case} for a, c in columns}
+        given = {agent: rewards[c] for agent, c in columns}
+        return observations, given, terminations, dict.fromkeys(agents, truncated), infos
 
     def _rewards(
         self, before: World, after: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]
