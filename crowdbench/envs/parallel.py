@@ -187,8 +187,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         terminations = {a: over or not present[c] or (outcome[c] == _SUCCESS and leaves) for a, c in columns}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
         infos = {a: {"outcome": stepping.LABELS[outcome[c]], "gap": gap[c], "case": self._case} for a, c in columns}
-        given = {agent: rewards[c] for agent, c in columns}
-        return observations, given, terminations, dict.fromkeys(agents, truncated), infos
+        of_agents = {agent: rewards[c] for agent, c in columns}
+        return observations, of_agents, terminations, dict.fromkeys(agents, truncated), infos
 
     def _rewards(
         self, before: World, after: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]

@@ -103,9 +103,9 @@ def film(trace: Trace, row: int, out: Path) -> None:
         pictures = io.BytesIO()
         for frame in _frames(trace, row, FILMS[out.suffix]):
             frame.save(pictures, format="PNG")
-        ended = subprocess.run(command, input=pictures.getvalue(), capture_output=True)
-        if ended.returncode:
-            raise InputError(f"ffmpeg could not make {out}: {ended.stderr.decode(errors='replace').strip()[-200:]}")
+        process = subprocess.run(command, input=pictures.getvalue(), capture_output=True)
+        if process.returncode:
+            raise InputError(f"ffmpeg could not make {out}: {process.stderr.decode(errors='replace').strip()[-200:]}")
 
 
 def _frames(trace: Trace, row: int, dpi: int) -> Iterator[Image]:

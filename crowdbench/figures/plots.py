@@ -37,7 +37,7 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     """
     found = runs(directories)
     _check_few(len(found))
-    with axes(out) as drawn:
+    with axes(out) as ax:
         for number, (label, run) in enumerate(found.items()):
             dt, limit = (float(run.result["scenario"][key]) for key in ("dt", "time_limit"))
             episodes, line = run.episodes, _line(number)
@@ -47,10 +47,10 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
             low, high = ([100 * getattr(one, end) for one in each] for end in ("low", "high"))
             times = np.unique(np.append(solved[np.isfinite(solved)], (0.0, limit)))
             share = [100 * float((solved <= time).mean()) for time in times]
-            drawn.fill_between(moments, low, high, color=line["color"], alpha=0.15, linewidth=0)
-            drawn.plot(times, share, drawstyle="steps-post", label=label, **line)
-        drawn.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, None))
-        drawn.legend()
+            ax.fill_between(moments, low, high, color=line["color"], alpha=0.15, linewidth=0)
+            ax.plot(times, share, drawstyle="steps-post", label=label, **line)
+        ax.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, None))
+        ax.legend()
 
 
 def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
@@ -67,10 +67,10 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     found = runs(directories)
     values = [_values(label, run, metric) for label, run in found.items()]
     unit = unit_of(METRICS[metric]).translate(_POWERS) if metric in METRICS else ""
-    with axes(out, height=0.7 + 0.35 * len(found)) as drawn:
+    with axes(out, height=0.7 + 0.35 * len(found)) as ax:
         places = list(range(len(found), 0, -1))
         box = {"color": COLOURS[0]}
-        drawn.boxplot(
+        ax.boxplot(
             [each[np.isfinite(each)] for each in values],
             positions=places,
             orientation="horizontal",
@@ -85,10 +85,10 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
         for place, each, run in zip(places, values, found.values(), strict=True):
             mean = bootstrap(each, np.ones(len(each)), run.episodes.block)
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
-            drawn.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
-        drawn.set_yticks(places, [*found])
-        drawn.set(xlabel=metric.replace("_", " ") + (f", {unit}" if unit else ""))
-        drawn.grid(visible=False, axis="y")
+            ax.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
+        ax.set_yticks(places, [*found])
+        ax.set(xlabel=metric.replace("_", " ") + (f", {unit}" if unit else ""))
+        ax.grid(visible=False, axis="y")
 
 
 def success_over_density(directories: Sequence[Path], out: Path) -> None:
@@ -103,7 +103,7 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
     """
     groups = by_planner(directories)
     _check_few(len(groups))
-    with axes(out) as drawn:
+    with axes(out) as ax:
         from matplotlib.ticker import MaxNLocator
 
         for number, (label, each) in enumerate(groups.items()):
@@ -117,10 +117,10 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
             low, mean, high = (np.array([getattr(one, end) for one in found]) for end in ("low", "mean", "high"))
             look = {"ms": 3.5, "capsize": 2, "marker": MARKERS[number], **_line(number)}
             ends = 100 * np.stack([mean - low, high - mean])
-            drawn.errorbar(np.array(counts)[order], 100 * mean, yerr=ends, label=label, **look)
-        drawn.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
-        drawn.xaxis.set_major_locator(MaxNLocator(integer=True))
-        drawn.legend()
+            ax.errorbar(np.array(counts)[order], 100 * mean, yerr=ends, label=label, **look)
+        ax.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.legend()
 
 
 def learning_curves(directories: Sequence[Path], out: Path) -> None:
@@ -135,7 +135,7 @@ def learning_curves(directories: Sequence[Path], out: Path) -> None:
     """
     groups = trainings(directories)
     _check_few(len(groups))
-    with axes(out) as drawn:
+    with axes(out) as ax:
         from matplotlib.ticker import EngFormatter
 
         for number, (label, curves) in enumerate(groups.items()):
@@ -144,17 +144,17 @@ def learning_curves(directories: Sequence[Path], out: Path) -> None:
             along = np.linspace(0.0, end, 100)
             mean = np.mean([np.interp(along, curve[axis], 100 * curve["success"]) for curve in curves], axis=0)
             for curve in curves if len(curves) > 1 else []:
-                drawn.plot(curve[axis], 100 * curve["success"], lw=0.5, alpha=0.5, color=COLOURS[number])
+                ax.plot(curve[axis], 100 * curve["success"], lw=0.5, alpha=0.5, color=COLOURS[number])
             seeds = f", {len(curves)} seeds" if len(curves) > 1 else ""
-            drawn.plot(along, mean, label=label + seeds, **_line(number))
-            drawn.set_xlabel(axis)
-        drawn.xaxis.set_major_formatter(EngFormatter(sep=""))
-        drawn.set(ylabel="success on validation cases, %", ylim=(0, 102), xlim=(0, None))
-        drawn.legend(loc="lower right")
+            ax.plot(along, mean, label=label + seeds, **_line(number))
+            ax.set_xlabel(axis)
+        ax.xaxis.set_major_formatter(EngFormatter(sep=""))
+        ax.set(ylabel="success on validation cases, %", ylim=(0, 102), xlim=(0, None))
+        ax.legend(loc="lower right")
 
 
 def _line(number: int) -> dict[str, Any]:
-    """How the line of a series is drawn."""
+    """How the line of a series is ax."""
     return {"color": COLOURS[number], "linestyle": DASHES[number % len(DASHES)]}
 
 

@@ -75,16 +75,16 @@ def canvas(out: Path | None, width: float, height: float) -> Iterator[Figure]:
     if out is not None:
         check_file(out, SUFFIXES)
     try:
+        import matplotlib.figure
         import matplotlib.style
-        from matplotlib.figure import Figure as Drawn
     except ImportError:
         raise InputError("figures need Matplotlib: pip install 'crowdbench[plot]'") from None
     with matplotlib.style.context(["default", _STYLE]):
-        drawn = Drawn(figsize=(width, height), layout="constrained")
-        yield drawn
+        figure = matplotlib.figure.Figure(figsize=(width, height), layout="constrained")
+        yield figure
         if out is not None:
             with files.whole(out) as partial:
-                write(drawn, partial, out.suffix[1:])
+                write(figure, partial, out.suffix[1:])
 
 
 def write(figure: Figure, file: Path | BinaryIO, kind: str, dpi: float = 300.0) -> None:

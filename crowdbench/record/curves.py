@@ -21,7 +21,7 @@ def write(
     title: str,
     points: Sequence[Mapping[str, float]],
     *,
-    kept: int,
+    best: int,
     intervals: Mapping[str, Sequence[tuple[float, float]]],
 ) -> None:
     """Write training curves.
@@ -30,7 +30,7 @@ def write(
         path: The file to write.
         title: Name of the recording.
         points: Quantities by name, at several times. The first quantity is the horizontal axis of the others.
-        kept: The point whose network was kept, which is marked.
+        best: The point with the best network, which is marked as kept.
         intervals: Low and high ends of the quantities that have an interval, at the same times.
 
     Raises:
@@ -38,13 +38,13 @@ def write(
         OSError: The file cannot be written.
     """
     with rrd.errors_as(f"{path} cannot be recorded: does the environment variable RERUN switch Rerun off?"):
-        content = _recording(title, points, kept, intervals)
+        content = _recording(title, points, best, intervals)
     with whole(path) as partial:
         partial.write_bytes(content)
 
 
 def _recording(
-    title: str, points: Sequence[Mapping[str, float]], kept: int, intervals: Mapping[str, Sequence[tuple[float, float]]]
+    title: str, points: Sequence[Mapping[str, float]], best: int, intervals: Mapping[str, Sequence[tuple[float, float]]]
 ) -> bytes:
     """The content of the file. In memory, because Rerun waits for ever where it cannot write to the disk."""
     axis, *names = points[0]
@@ -58,8 +58,8 @@ def _recording(
             values = np.concatenate([values, np.array(intervals[name])], axis=1)
         columns = rr.Scalars.columns(scalars=values.ravel()).partition([values.shape[1]] * len(values))
         recording.send_columns(name, [rr.TimeColumn(axis, sequence=along)], columns)
-        mark = rr.Scalars.columns(scalars=[values[kept, 0]])
-        recording.send_columns(f"{name}/kept", [rr.TimeColumn(axis, sequence=along[[kept]])], mark)
+        mark = rr.Scalars.columns(scalars=[values[best, 0]])
+        recording.send_columns(f"{name}/kept", [rr.TimeColumn(axis, sequence=along[[best]])], mark)
         views.append(_view(name, along, values, has_interval=name in intervals))
     panel = rrb.TimePanel(timeline=axis, play_state="following", state="collapsed")
     recording.send_blueprint(rrb.Blueprint(rrb.Grid(*views), panel, collapse_panels=True))

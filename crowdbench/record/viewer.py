@@ -71,19 +71,19 @@ def view(
         raise InputError(f"a picture shows one case (--case 37) and goes to a .png file in a folder, not {screenshot}")
     if seconds is not None and (case is None or web):
         raise InputError("--time shows a moment of one case (--case 37), in a window or a picture, not with --web")
+    if case is None and len(paths) > 1:
+        raise InputError("several runs are shown side by side in one case: give --case 37 or --worst METRIC")
     with tempfile.TemporaryDirectory() as folder:
-        if case is not None:
-            write = _write_case if len(paths) == 1 else _write_beside
-            shown = write(paths, case, Path(folder), has_menu=screenshot is None)
-        elif len(paths) == 1:
+        file = paths[0].resolve()
+        if case is None:
             _entries(paths[0])
-            shown = paths[0].resolve()
         else:
-            raise InputError("several runs are shown side by side in one case: give --case 37 or --worst METRIC")
+            write = _write_case if len(paths) == 1 else _write_beside
+            file = write(paths, case, Path(folder), has_menu=screenshot is None)
         if screenshot is None:
-            show(shown, seconds, web=web)
+            show(file, seconds, web=web)
         else:
-            picture(shown, screenshot, seconds)
+            picture(file, screenshot, seconds)
 
 
 def recorded_cases(path: Path) -> list[int]:
@@ -115,36 +115,33 @@ def _episode(path: Path, case: int) -> contents.RecordedEpisode:
 
 def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
     """Write a file of a case of one recording, with its own blueprint; a picture of it needs no menu."""
-    found = _episode(paths[0], case)
-    fastest = float(found.trace.preferred_speed[0, 0])
-    layout = blueprint([extent(found.trace, 0)], logged_curves(found.chunks), fastest, has_menu=has_menu)
-    entry = found.entry
-    return _write(found.chunks, folder, application=entry.application_id, recording=entry.recording_id, layout=layout)
+    entry, chunks, trace, _ = _episode(paths[0], case)
+    layout = blueprint([extent(trace, 0)], logged_curves(chunks), float(trace.preferred_speed[0, 0]), has_menu=has_menu)
+    return _write(chunks, folder, entry.application_id, entry.recording_id, layout)
 
 
 def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
     """Write a file with the same case of several recordings. Raises InputError where it does not start alike."""
-    found = [_episode(path, case) for path in paths]
-    first, *others = (one.trace for one in found)
+    episodes = [_episode(path, case) for path in paths]
+    first, *others = (one.trace for one in episodes)
     for path, other in zip(paths[1:], others, strict=True):
         same_start = np.array_equal(other.position[:, 0], first.position[:, 0], equal_nan=True)
         if not same_start or (other.split, other.rules.dt) != (first.split, first.rules.dt):
             raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
     chunks = [
         chunk.with_entity_path(f"/{n}{chunk.entity_path}")
-        for n, one in enumerate(found)
+        for n, one in enumerate(episodes)
         for chunk in one.chunks
         if chunk.entity_path.startswith(("/world", "/plots"))
     ]
-    names = [f"{one.planner}: {Outcome(int(one.trace.outcome[0])).label}" for one in found]
-    fastest = max(float(one.trace.preferred_speed[0, 0]) for one in found)
-    longest = first.rules.dt * max(int(one.trace.steps[0]) for one in found)
-    layout = side_by_side(names, [extent(one.trace, 0) for one in found], fastest, longest, has_menu=has_menu)
-    name = f"case {case} of {len(paths)} planners"
-    return _write(chunks, folder, application=name, recording=f"{first.split}-{case:04d}", layout=layout)
+    names = [f"{one.planner}: {Outcome(int(one.trace.outcome[0])).label}" for one in episodes]
+    fastest = max(float(one.trace.preferred_speed[0, 0]) for one in episodes)
+    longest = first.rules.dt * max(int(one.trace.steps[0]) for one in episodes)
+    layout = side_by_side(names, [extent(one.trace, 0) for one in episodes], fastest, longest, has_menu=has_menu)
+    return _write(chunks, folder, f"case {case} of {len(paths)} planners", f"{first.split}-{case:04d}", layout)
 
 
-def _write(chunks: Sequence[Chunk], folder: Path, *, application: str, recording: str, layout: rrb.Blueprint) -> Path:
+def _write(chunks: Sequence[Chunk], folder: Path, application: str, recording: str, layout: rrb.Blueprint) -> Path:
     """Write a file of one recording: its chunks, the names of file and recording in the viewer, and its layout."""
     with rrd.writing(f"a copy of the case in {folder}"):
         LazyChunkStream.from_iter(chunks).write_rrd(

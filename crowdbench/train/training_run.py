@@ -164,8 +164,8 @@ class TrainingRun:
             ranges = [wilson(np.arange(training.validated_on) < count) for count in solved]
             intervals["success"] = [(one.low, one.high) for one in ranges]
         points = [dataclasses.asdict(point) for point in curve]
-        kept = curve.index(training.best_point())
-        curves.write(self.directory / RECORDING, self.request.command, points, kept=kept, intervals=intervals)
+        best = curve.index(training.best_point())
+        curves.write(self.directory / RECORDING, self.request.command, points, best=best, intervals=intervals)
 
     def _save(self) -> None:
         """Write a checkpoint, and the curve where it has points."""
