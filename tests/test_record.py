@@ -12,8 +12,7 @@ from rerun.chunk import RrdReader
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome
-from crowdbench.drawing.moment import pedestrian_hit
-from crowdbench.drawing.palette import SCALE
+from crowdbench.drawing import SCALE, pedestrian_hit
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.record import contents, rrd, viewer

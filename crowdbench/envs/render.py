@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from crowdbench.core.types import World
-from crowdbench.drawing.moment import CROWD, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
-from crowdbench.drawing.palette import LIGHT
+from crowdbench.drawing import CROWD, LIGHT, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
 from crowdbench.utils.errors import InputError
 
 RENDER_MODES = ["human", "rgb_array"]

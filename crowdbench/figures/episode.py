@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.types import Trace
-from crowdbench.drawing.moment import Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
-from crowdbench.drawing.palette import LIGHT, Color
+from crowdbench.drawing import LIGHT, Color, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
 from crowdbench.figures.style import canvas, check_file, write
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError

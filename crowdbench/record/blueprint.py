@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from crowdbench.core.types import DISCOMFORT_GAP
-from crowdbench.drawing.palette import CURVES, DARK, MUTED, Color
+from crowdbench.drawing import CURVES, DARK, MUTED, Color
 from crowdbench.record.plots import PLANNER_PLOTS
 
 
@@ -40,12 +40,7 @@ def blueprint(
 
 
 def side_by_side(
-    names: Sequence[str],
-    extents: Sequence[Float[np.ndarray, "2 2"]],
-    fastest: float,
-    longest: float,
-    *,
-    has_menu: bool,
+    names: Sequence[str], extents: Sequence[Float[np.ndarray, "2 2"]], fastest: float, longest: float, *, has_menu: bool
 ) -> rrb.Blueprint:
     """The viewer's layout for the same case of several planners, whose entities are under `/0`, `/1`, ...
 

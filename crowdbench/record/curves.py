@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float, Int
 
-from crowdbench.drawing.palette import DARK, MUTED, SUCCESS
+from crowdbench.drawing import DARK, MUTED, SUCCESS
 from crowdbench.record import rrd
 from crowdbench.record.blueprint import axis_between, plot, style_of
 from crowdbench.utils.files import whole

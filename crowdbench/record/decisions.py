@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, UInt8
 from rerun.chunk import Chunk
 
 from crowdbench.core.types import Trace
-from crowdbench.drawing.palette import ATTENTION, DARK, MUTED, REMEMBERED, SCALE
+from crowdbench.drawing import ATTENTION, DARK, MUTED, REMEMBERED, SCALE
 from crowdbench.record.rrd import moments, moving, still, width
 
 ATTENTION_LOG = "attention"

@@ -15,11 +15,11 @@ import rerun as rr
 from jaxtyping import Float
 from rerun.chunk import Chunk
 
+from crowdbench import drawing
 from crowdbench.core.dynamics import Holonomic, nose, outline, reach
 from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.drawing import moment
-from crowdbench.drawing.palette import CURVES, DARK, GRID, SUCCESS, Color
+from crowdbench.drawing import CURVES, DARK, GRID, SUCCESS, Color
 from crowdbench.record.decisions import draw_decisions
 from crowdbench.record.marks import draw_approach, draw_sensor
 from crowdbench.record.plots import draw_logs, draw_plots, is_curve, metrics_text, summary_text
@@ -56,7 +56,7 @@ class _Agents:
         self.number = np.flatnonzero(trace.present[row, states].any(axis=0))
         arrays = (trace.position, trace.velocity, trace.goal, trace.radius)
         self.position, self.velocity, self.goal, self.radius = (each[row, states][:, self.number] for each in arrays)
-        self.stayed = moment.same_agents(trace.person[row, states])[:, self.number]
+        self.stayed = drawing.same_agents(trace.person[row, states])[:, self.number]
         self.timeline = moments(np.arange(states.stop), trace.rules.dt)
         self.low, self.high = extent(trace, row)
         self.label = 0.035 * float((self.high - self.low).max())
@@ -107,7 +107,7 @@ def extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
     states = slice(trace.steps[row] + 1)
     present = trace.present[row, states]
     agents = trace.position[row, states][present], trace.goal[row, states][present]
-    low, high = moment.extent(*agents, trace.obstacles[row], 0.5 + reach(trace.rules.body))
+    low, high = drawing.extent(*agents, trace.obstacles[row], 0.5 + reach(trace.rules.body))
     return np.stack([np.floor(low), np.ceil(high)])
 
 
@@ -119,7 +119,7 @@ def _draw_ground(agents: _Agents) -> Chunk:
     grid = [_back_and_forth(low, high), _back_and_forth(low[::-1], high[::-1])[:, ::-1]]
     route = trace.route[row][~np.isnan(trace.route[row][:, 0])]
     paths = [np.concatenate([position[:1, 0], route, goal[None]])]
-    paths += [path for agent, own in enumerate(agents.stayed.T) for path in moment.paths(position[:, agent], own)]
+    paths += [path for agent, own in enumerate(agents.stayed.T) for path in drawing.paths(position[:, agent], own)]
     near = trace.rules.goal_tolerance
     lines = [*grid, *paths, goal + float(agents.radius[0, 0] if near is None else near) * CIRCLE]
     colors = [GRID] * len(grid) + [DARK.faint] * len(paths) + [DARK.vehicle]
@@ -251,7 +251,7 @@ def _draw_ending(agents: _Agents) -> tuple[str, Chunk]:
     sentences = {Outcome.TIMEOUT: "runs out of time", Outcome.WALL_COLLISION: "hits an obstacle"}
     sentence, involved = sentences.get(outcome, "reaches its goal"), [0]
     if outcome is Outcome.COLLISION:
-        hit = moment.pedestrian_hit(trace, row)
+        hit = drawing.pedestrian_hit(trace, row)
         sentence, involved = f"hits pedestrian {hit}", [0, hit + 1]
     centers, ring = trace.position[row, steps, involved], 3.0 * trace.radius[row, 0, 0]
     middle = centers.mean(0)

@@ -12,7 +12,7 @@ from rerun.chunk import Chunk
 
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.drawing.palette import DARK, MUTED, REMEMBERED
+from crowdbench.drawing import DARK, MUTED, REMEMBERED
 from crowdbench.record.rrd import moments, moving, still, width
 from crowdbench.sim.lines_of_sight import measure_all_beams
 

@@ -1,7 +1,7 @@
 """The one drawing of an episode seen from above: who is where, as shapes in metres that any library can draw.
 
-`figures.episode` draws them with Matplotlib, `envs.render` with pygame. (A recording shows the same in Rerun, which
-draws in its own way: `record.drawing`.)
+`figures.episode` draws the shapes with Matplotlib, for figures, films and the pages of boards; `envs.render` draws them
+with pygame. A recording holds all states at once: `record.drawing` has the same ways, bodies, colours and extent.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.dynamics import Holonomic, nose, outline
 from crowdbench.core.geometry import Discs, nearest_in_step, polygons, turn
 from crowdbench.core.types import Rules, Trace, World
-from crowdbench.drawing.palette import LIGHT, Color, Palette
 from crowdbench.sim.episode import fill_motion
 from crowdbench.sim.swept import gaps_on_arc
 
@@ -26,6 +25,61 @@ CROWD = 100
 
 _ANGLES = np.arange(10) * np.pi / 5.0 + np.pi / 2.0
 _STAR = np.resize([0.2, 0.08], 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+
+Color = tuple[int, int, int]
+
+
+class Palette(NamedTuple):
+    """The colours of an episode. Vehicle, pedestrians and failures can be told apart by colour-blind readers too."""
+
+    vehicle: Color
+    pedestrian: Color
+    walked: Color
+    hidden: Color
+    failure: Color
+    faint: Color
+    wall: Color
+    text: Color
+    background: Color
+
+
+LIGHT = Palette(
+    vehicle=(222, 122, 0),
+    pedestrian=(38, 104, 178),
+    walked=(146, 179, 216),
+    hidden=(160, 188, 218),
+    failure=(214, 39, 40),
+    faint=(228, 228, 222),
+    wall=(154, 154, 148),
+    text=(70, 70, 70),
+    background=(255, 255, 255),
+)
+"""On paper and in windows."""
+
+DARK = Palette(
+    vehicle=(255, 194, 10),
+    pedestrian=(94, 169, 255),
+    walked=(43, 84, 136),
+    hidden=(32, 54, 86),
+    failure=(255, 77, 84),
+    faint=(72, 78, 90),
+    wall=(150, 156, 168),
+    text=(255, 255, 255),
+    background=(17, 19, 24),
+)
+"""In recordings, which also have the colours below."""
+
+SUCCESS: Color = (70, 210, 140)
+REMEMBERED: Color = (140, 107, 10)
+MUTED: Color = (140, 146, 158)
+GRID: Color = (33, 36, 43)
+ATTENTION: Color = (204, 121, 167)
+
+SCALE: tuple[Color, ...] = ((62, 44, 112), (38, 118, 142), (160, 228, 130))
+"""From small to large values, dark to light."""
+
+CURVES: tuple[Color, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0))
+"""Colours of a planner's own curves, which colour-blind readers can tell apart (Okabe and Ito 2008)."""
 
 
 class Line(NamedTuple):
