@@ -12,7 +12,7 @@ from safetensors.torch import save_file
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Outcome
-from crowdbench.drawing.palette import LIGHT
+from crowdbench.drawing import LIGHT
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.envs.vehicle import VehicleEnv
 from crowdbench.plugins.load import load_module

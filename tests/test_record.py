@@ -12,11 +12,10 @@ from rerun.chunk import RrdReader
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome
-from crowdbench.drawing.moment import pedestrian_hit
-from crowdbench.drawing.palette import SCALE
+from crowdbench.drawing import SCALE, pedestrian_hit
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.record import contents, rrd, view, viewer
+from crowdbench.record import contents, rrd, viewer
 from crowdbench.record.contents import Recording, read
 from crowdbench.record.decisions import draw_decisions, shades
 from crowdbench.record.drawing import draw_episode, extent
@@ -236,15 +235,15 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
     run = subprocess.run
     monkeypatch.setattr(viewer.subprocess, "run", started)
     monkeypatch.setenv("DISPLAY", ":0")
-    view.view([recorded], 7)
-    view.view([recorded])
+    viewer.view([recorded], 7)
+    viewer.view([recorded])
     assert shown == [[7], list(range(12))]
 
 
 def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_path):
     path = write(tmp_path / "run.rrd", driven, rows=np.array([0, 1, 2, 5]))
     with pytest.raises(InputError, match=r"case 3 is not recorded in .*: recorded near it are 0-2, 5 "):
-        view.view([path], 3)
+        viewer.view([path], 3)
 
 
 class Drawing:
@@ -267,7 +266,7 @@ class Drawing:
 def test_a_picture_is_taken_when_nothing_in_it_changes_any_more(recorded, tmp_path, monkeypatch):
     client = Drawing()
     monkeypatch.setattr(viewer, "_connected", lambda *_: contextlib.nullcontext((None, client)))
-    view.view([recorded], 7, tmp_path / "a.png", seconds=2.5)
+    viewer.view([recorded], 7, tmp_path / "a.png", seconds=2.5)
     assert (tmp_path / "a.png").read_bytes() == b"whole"
     assert client.asked == [("time", 2.5, "paused")]
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
@@ -276,7 +275,7 @@ def test_a_picture_is_taken_when_nothing_in_it_changes_any_more(recorded, tmp_pa
 def test_a_viewer_that_does_not_start_is_told_in_a_sentence(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(viewer, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit(1)"])
     with pytest.raises(InputError, match=r"a Vulkan driver \(Debian: mesa-vulkan-drivers\)"):
-        view.view([recorded], 7, tmp_path / "a.png")
+        viewer.view([recorded], 7, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
 
 
@@ -291,10 +290,10 @@ def test_without_a_display_a_picture_is_offered(recorded, tmp_path, monkeypatch)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(InputError, match="no display"):
-        view.view([recorded])
+        viewer.view([recorded])
     for case, picture in ((None, "a.png"), (7, "a.jpg"), (7, "nowhere/a.png")):
         with pytest.raises(InputError, match="a picture shows one case"):
-            view.view([recorded], case, tmp_path / picture)
+            viewer.view([recorded], case, tmp_path / picture)
 
 
 def test_a_table_of_many_recordings_shows_what_each_is_of(driven, tmp_path):
@@ -342,7 +341,7 @@ def test_decisions_are_kept_of_failures_and_where_they_were_asked_for(driven, tm
             assert ("/world/planner/commands" in paths) == (everything or not entry.recording_id.endswith("success"))
 
 
-@pytest.mark.parametrize("read_it", [read, lambda path: view.view([path], 3)])
+@pytest.mark.parametrize("read_it", [read, lambda path: viewer.view([path], 3)])
 def test_a_recording_of_another_format_is_refused(recorded, monkeypatch, read_it):
     monkeypatch.setattr(contents, "FORMAT", 5)
     with pytest.raises(InputError, match=r"is a recording of format 4, but this version of crowdbench reads format 5"):

@@ -6,7 +6,7 @@ from rerun.chunk import RrdReader
 from typer.testing import CliRunner
 
 from crowdbench.cli import app
-from crowdbench.record import rrd, view, viewer
+from crowdbench.record import rrd, viewer
 from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.utils.errors import InputError
 
@@ -23,14 +23,14 @@ def run(tmp_path_factory):
 def shown(monkeypatch):
     """The cases and times that the viewer is asked to show."""
     asked = []
-    monkeypatch.setattr(view, "view", lambda path, case, screenshot, **more: asked.append((case, more)))
+    monkeypatch.setattr(viewer, "view", lambda path, case, screenshot, **more: asked.append((case, more)))
     return asked
 
 
 @pytest.mark.parametrize(("metric", "sign"), [("jerk", 1.0), ("minimum_gap", -1.0), ("navigation_time", 1.0)])
 def test_the_worst_recorded_case_is_shown(metric, sign, run, shown):
     assert CliRunner().invoke(app, ["view", str(run), "--worst", metric, "--time", "2"]).exit_code == 0
-    recorded = view.recorded_cases(run / "run.rrd")
+    recorded = viewer.recorded_cases(run / "run.rrd")
     assert 10 <= len(recorded) < 20
     values = sign * Episodes.read(run / EPISODES).columns[metric][recorded]
     assert shown == [(recorded[int(np.nanargmax(values))], {"seconds": 2.0, "web": False})]

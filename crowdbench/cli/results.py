@@ -103,7 +103,7 @@ def view(
         screenshot: Write a picture of the case to this .png file; no window opens.
         web: Open it in a browser.
     """
-    from crowdbench.record import view as viewer
+    from crowdbench.record import viewer
 
     paths = [recording_of(run) for run in runs]
     if worst is not None:

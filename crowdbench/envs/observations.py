@@ -15,10 +15,10 @@ observes the nearest others only (`Sensor.nearest`).
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple, no_type_check
+from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from crowdbench.core.dynamics import hull
 from crowdbench.core.types import PERFECT, Observation, World
@@ -34,24 +34,12 @@ AGENT_FEATURES = 6
 _OF_AGENTS = ("position", "velocity", "origin", "goal", "route", "waypoint", "radius", "preferred_speed")
 
 
-class _Agents(NamedTuple):
-    """What observations are made of. Positions and goals are in metres, velocities in m/s, as in a `World`."""
-
-    position: Float[np.ndarray, "world agent 2"]
-    velocity: Float[np.ndarray, "world agent 2"]
-    radius: Float[np.ndarray, "world agent"]
-    goal: Float[np.ndarray, "world agent 2"]
-    preferred_speed: Float[np.ndarray, "world agent"]
-    present: Bool[np.ndarray, "world agent"]  # who observes
-    seen: Bool[np.ndarray, "world agent"]  # whom pedestrians see
-
-
 def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
     """What a planner sees, as the vector that the environments return for the vehicle."""
     vehicle, crowd = obs.vehicle, obs.pedestrians
     centre, radius = hull(vehicle.body, vehicle.position, vehicle.heading, vehicle.radius)
-    out = np.zeros((len(obs), AGENT_FEATURES * (1 + crowd.radius.shape[1])))
     own = centre, vehicle.velocity, radius, vehicle.local_goal, vehicle.preferred_speed
+    out = np.zeros((len(obs), AGENT_FEATURES * (1 + crowd.radius.shape[1])))
     _flatten_vehicle(*own, crowd.position, crowd.velocity, crowd.radius, crowd.seen, out)
     return out
 
@@ -63,19 +51,17 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
     is not visible. Where each agent sees the nearest others only, these are in their order.
     """
     worlds, agents = world.radius.shape
-    shown, sensor = with_bounding_disc(world), world.rules.sensor
-    seen = world.present
-    if not world.rules.visible:
-        seen = seen.copy()
-        seen[:, 0] = False
+    bounded, sensor = with_bounding_disc(world), world.rules.sensor
+    seen = world.present.copy()
+    seen[:, 0] &= world.rules.visible
     own = goals_on_way(world), world.preferred_speed
-    everybody = shown.position, world.velocity, shown.radius, *own, world.present, seen
+    states = bounded.position, world.velocity, bounded.radius, *own, world.present, seen
     number = min(sensor.nearest or agents, agents - 1)
     out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + number)))
     if number < agents - 1:
-        _flatten_nearest(*everybody, cells_of(shown.position, seen), number, out)
+        _flatten_nearest(*states, cells_of(bounded.position, seen), number, out)
     else:
-        _flatten(*everybody, out)
+        _flatten(*states, out)
     if number < agents - 1 or not sensor.sees_all:
         out[:, 0] = flatten(observe(world))
     return out
@@ -105,46 +91,51 @@ def ego_views(world: World) -> World:
 def _flatten_vehicle(position, velocity, radius, goal, preferred_speed, positions, velocities, radii, seen, out):
     """Write the observations of vehicles `[world, features]`: their own arrays first, then those of pedestrians."""
     for w in range(len(out)):
-        x, y = position[w, 0], position[w, 1]
-        _write_viewer(out[w], x, y, goal[w], velocity[w], radius[w], preferred_speed[w])
+        row, here = out[w], position[w]
+        _write(row, 0, here, goal[w], velocity[w], radius[w], preferred_speed[w])
         for p in range(radii.shape[1]):
             if seen[w, p]:
-                _write_other(out[w], 1 + p, x, y, positions[w, p], velocities[w, p], radii[w, p])
+                _write(row, 1 + p, here, positions[w, p], velocities[w, p], radii[w, p], 1.0)
 
 
 @no_type_check
 @njit
 def _flatten(position, velocity, radius, goal, preferred_speed, present, seen, out):
-    """Write the observations `[world, agent, features]` of all `_Agents`, which are zeros before."""
-    # Put together here, because numba takes longer to look at a tuple of arrays than at the arrays.
-    agents = _Agents(position, velocity, radius, goal, preferred_speed, present, seen)
+    """Write the observations `[world, agent, features]`, which are zeros before.
+
+    Args:
+        position: `[world, agent, 2]`, in metres.
+        velocity: `[world, agent, 2]`, in m/s.
+        radius: `[world, agent]`, in metres.
+        goal: `[world, agent, 2]`, in metres.
+        preferred_speed: `[world, agent]`, in m/s.
+        present: `[world, agent]`, who observes.
+        seen: `[world, agent]`, whom pedestrians see.
+        out: Filled.
+    """
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):
-            if not agents.present[w, i]:
+            if not present[w, i]:
                 continue
-            x, y = _write_agent(out[w, i], agents, w, i)
-            slot = 0
-            for j in range(out.shape[1]):
-                if j == i:
-                    continue
-                slot += 1
-                if agents.seen[w, j]:
-                    _write_other(
-                        out[w, i], slot, x, y, agents.position[w, j], agents.velocity[w, j], agents.radius[w, j]
-                    )
+            row, here = out[w, i], position[w, i]
+            _write(row, 0, here, goal[w, i], velocity[w, i], radius[w, i], preferred_speed[w, i])
+            for j in range(position.shape[1]):
+                if j != i and seen[w, j]:
+                    slot = j + 1 if j < i else j
+                    _write(row, slot, here, position[w, j], velocity[w, j], radius[w, j], 1.0)
 
 
 @no_type_check
 @njit
 def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present, seen, cells, number, out):
     """As `_flatten`, where each agent sees so many others, the nearest; `cells` are `Cells` of those seen, or None."""
-    agents = _Agents(position, velocity, radius, goal, preferred_speed, present, seen)
     neighbor, distance, no_walls = np.empty(number, np.int64), np.empty(number), np.empty((0, 0, 2))
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):
-            if not agents.present[w, i]:
+            if not present[w, i]:
                 continue
-            x, y = _write_agent(out[w, i], agents, w, i)
+            row, here = out[w, i], position[w, i]
+            _write(row, 0, here, goal[w, i], velocity[w, i], radius[w, i], preferred_speed[w, i])
             if cells is None:  # noqa: SIM114  # see `orca`
                 n = nearest_of_all(w, i, position, seen, np.inf, number, False, no_walls, neighbor, distance)
             elif cells.size[w, 0] < 0:
@@ -154,34 +145,14 @@ def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present,
             neighbor[:n].sort()
             for k in range(n):
                 j = neighbor[k]
-                _write_other(out[w, i], 1 + k, x, y, position[w, j], agents.velocity[w, j], agents.radius[w, j])
+                _write(row, 1 + k, here, position[w, j], velocity[w, j], radius[w, j], 1.0)
 
 
 @no_type_check
 @njit
-def _write_agent(row, agents, w, i):
-    """Write the first numbers of the observation of agent i in world w, and return where it is."""
-    x, y = agents.position[w, i, 0], agents.position[w, i, 1]
-    _write_viewer(
-        row, x, y, agents.goal[w, i], agents.velocity[w, i], agents.radius[w, i], agents.preferred_speed[w, i]
-    )
-    return x, y
-
-
-@no_type_check
-@njit
-def _write_viewer(row, x, y, goal, velocity, radius, preferred_speed):
-    """Write the first numbers of an observation, those of the agent at (x, y) that observes."""
-    row[0], row[1] = goal[0] - x, goal[1] - y
-    row[2], row[3] = velocity[0], velocity[1]
-    row[4], row[5] = radius, preferred_speed
-
-
-@no_type_check
-@njit
-def _write_other(row, slot, x, y, position, velocity, radius):
-    """Write the numbers of another agent into a slot of the observation of the agent at (x, y)."""
+def _write(row, slot, here, point, velocity, radius, last):
+    """Write the six numbers of one agent into a slot of the observation of the agent that is `here`."""
     k = AGENT_FEATURES * slot
-    row[k], row[k + 1] = position[0] - x, position[1] - y
+    row[k], row[k + 1] = point[0] - here[0], point[1] - here[1]
     row[k + 2], row[k + 3] = velocity[0], velocity[1]
-    row[k + 4], row[k + 5] = radius, 1.0
+    row[k + 4], row[k + 5] = radius, last

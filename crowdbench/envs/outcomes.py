@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, no_type_check
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,16 +21,6 @@ _MOST = 64
 
 _SLACK = 1e-6
 """By how much the reach is larger than it must be, in metres, because of rounding."""
-
-
-class _Drive(NamedTuple):
-    """How a vehicle on wheels drives in the step, see `gaps_on_arc`."""
-
-    body: Float[np.ndarray, "disc"]
-    heading: float
-    speed: float
-    turn_rate: float
-    dt: float
 
 
 def outcomes_of_agents(
@@ -55,36 +45,27 @@ def outcomes_of_agents(
     on_wheels = rules.dynamics.code != HOLONOMIC
     counts = before.present.copy()
     counts[:, 0] &= rules.visible and not on_wheels
-    drive = None
+    arc = None
     if on_wheels and rules.visible and before.present[0, 0]:
         speed, turn_rate = math.hypot(*after.velocity[0, 0]), float(after.angular_speed[0])
-        drive = _Drive(rules.numbers.body, float(before.heading[0]), speed, turn_rate, rules.dt)
-    moved = before.position, after.position, before.goal, before.radius, counts
-    _check_pedestrians(*moved, drive, cells_of(before.position, counts), outcomes, gaps)
+        arc = rules.numbers.body, float(before.heading[0]), speed, turn_rate, rules.dt
+    states = before.position, after.position, before.goal, before.radius, counts
+    _check_pedestrians(*states, arc, cells_of(before.position, counts), outcomes, gaps)
     return outcomes, gaps
 
 
 @no_type_check
 @njit
-def _buffers(number):
-    """Room for an agent and so many others, who all count; and for the neighbours, and their distances."""
-    agents = number + 1
-    discs = Discs(np.empty((agents, 2)), np.empty((agents, 2)), np.empty(agents), np.ones(agents, np.bool_))
-    return discs, np.empty(number, np.int64), np.empty(number)
+def _chosen(i, others, agents):
+    """Agent i and then the other ones of some indices, as `Discs` of which all count."""
+    index = np.empty(len(others) + 1, np.int64)
+    index[0], index[1:] = i, others
+    return Discs(agents.position[index], agents.motion[index], agents.radius[index], np.ones(len(index), np.bool_))
 
 
 @no_type_check
 @njit
-def _put(discs, slot, i, everybody):
-    """Write agent i into a slot of other `Discs`."""
-    for axis in range(2):
-        discs.position[slot, axis], discs.motion[slot, axis] = everybody.position[i, axis], everybody.motion[i, axis]
-    discs.radius[slot] = everybody.radius[i]
-
-
-@no_type_check
-@njit
-def _gap_in_cells(i, position, everybody, cells, widest, fastest, buffers):
+def _gap_in_cells(i, position, agents, cells, widest, fastest):
     """`nearest_in_step` by cells: the same gap, to the last bit.
 
     The gap to the others cannot be less than their distance before the step, less both radii and both motions. So only
@@ -93,36 +74,27 @@ def _gap_in_cells(i, position, everybody, cells, widest, fastest, buffers):
     Args:
         i: The agent's index.
         position: `[world, agent, 2]`, before the step, in metres.
-        everybody: The same agents as `Discs`.
+        agents: The same agents as `Discs`.
         cells: `Cells` of those who count.
         widest: The largest of their radii in metres.
         fastest: The longest of their displacements in metres.
-        buffers: `_buffers`, overwritten.
 
     Returns:
         gap: In metres; infinite where no agent counts.
     """
-    near, neighbor, distance = buffers
-    _put(near, 0, i, everybody)
-    reach, limit, no_walls = np.inf, 1, np.empty((0, 0, 2))
-    gap = np.inf
-    for _ in range(2):
-        n = nearest_in_cells(0, i, position, cells, reach, limit, False, no_walls, neighbor, distance)
-        if limit > 1 and n == limit:
-            gap, _ = nearest_in_step(i, everybody)
-            return gap
-        for k in range(n):
-            _put(near, 1 + k, neighbor[k], everybody)
-        here = Discs(near.position[: n + 1], near.motion[: n + 1], near.radius[: n + 1], near.counts[: n + 1])
-        gap, _ = nearest_in_step(0, here)
-        own = everybody.radius[i] + math.hypot(everybody.motion[i, 0], everybody.motion[i, 1])
-        reach, limit = gap + own + widest + fastest + _SLACK, len(neighbor)
+    neighbor, distance, no_walls = np.empty(_MOST, np.int64), np.empty(_MOST), np.empty((0, 0, 2))
+    n = nearest_in_cells(0, i, position, cells, np.inf, 1, False, no_walls, neighbor, distance)
+    gap, _ = nearest_in_step(0, _chosen(i, neighbor[:n], agents))
+    own = agents.radius[i] + math.hypot(agents.motion[i, 0], agents.motion[i, 1])
+    reach = gap + own + widest + fastest + _SLACK
+    n = nearest_in_cells(0, i, position, cells, reach, _MOST, False, no_walls, neighbor, distance)
+    gap, _ = nearest_in_step(i, agents) if n == _MOST else nearest_in_step(0, _chosen(i, neighbor[:n], agents))
     return gap
 
 
 @no_type_check
 @njit
-def _check_pedestrians(position, end, goal, radius, counts, drive, cells, outcomes, gaps):
+def _check_pedestrians(position, end, goal, radius, counts, arc, cells, outcomes, gaps):
     """Check a step for the pedestrians of one world.
 
     Args:
@@ -131,32 +103,28 @@ def _check_pedestrians(position, end, goal, radius, counts, drive, cells, outcom
         goal: `[1, agent, 2]`.
         radius: `[1, agent]`.
         counts: `[1, agent]`, whom pedestrians see and who moves straight: a vehicle on wheels does not.
-        drive: `_Drive` of a vehicle on wheels that pedestrians see, or None.
+        arc: How a vehicle on wheels that pedestrians see drives, the first arguments of `gaps_on_arc`; or None.
         cells: `Cells` of the agents that count, or None.
         outcomes: `[agent]`, filled but for the vehicle's: an `Outcome`.
         gaps: `[agent]`, filled but for the vehicle's, in metres.
     """
-    motion = np.empty(end[0].shape)
+    motion = end[0] - position[0]
     widest, fastest = 0.0, 0.0
     for i in range(len(motion)):
-        for axis in range(2):
-            motion[i, axis] = end[0, i, axis] - position[0, i, axis]
         if counts[0, i]:
             widest, fastest = max(widest, radius[0, i]), max(fastest, math.hypot(motion[i, 0], motion[i, 1]))
-    everybody, near, (pair, _, _) = Discs(position[0], motion, radius[0], counts[0]), _buffers(_MOST), _buffers(1)
+    agents, is_last = Discs(position[0], motion, radius[0], counts[0]), outcomes[0] == Outcome.TIMEOUT.value
     for i in range(1, len(motion)):
         if cells is None:  # noqa: SIM114  # see `orca`
-            gaps[i], _ = nearest_in_step(i, everybody)
+            gaps[i], _ = nearest_in_step(i, agents)
         elif cells.size[0, 0] < 0:
-            gaps[i], _ = nearest_in_step(i, everybody)
+            gaps[i], _ = nearest_in_step(i, agents)
         else:
-            gaps[i] = _gap_in_cells(i, position, everybody, cells, widest, fastest, near)
-        if drive is not None:
-            _put(pair, 0, 0, everybody)
-            _put(pair, 1, i, everybody)
-            body, heading, speed, turn_rate, dt = drive
+            gaps[i] = _gap_in_cells(i, position, agents, cells, widest, fastest)
+        if arc is not None:
+            body, heading, speed, turn_rate, dt = arc
+            pair = _chosen(0, np.full(1, i), agents)
             passed, _ = gaps_on_arc(body, heading, speed, turn_rate, dt, pair, np.empty((0, 0, 2)))
             gaps[i] = min(gaps[i], passed)
-        is_last = outcomes[0] == Outcome.TIMEOUT.value
         dx, dy = goal[0, i, 0] - end[0, i, 0], goal[0, i, 1] - end[0, i, 1]
         outcomes[i] = step_outcome(gaps[i], np.inf, dx, dy, radius[0, i], is_last)

@@ -17,8 +17,8 @@ from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
 from crowdbench.envs.observations import ego_views, flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
-from crowdbench.envs.render import RENDER_MODES, Renderer
-from crowdbench.envs.rewards import Reward, Step, crowdnav, load_reward
+from crowdbench.envs.render import RENDER_MODES
+from crowdbench.envs.rewards import Reward, Step, crowdnav
 from crowdbench.envs.views import NEAREST, View, pedestrian_action_space
 from crowdbench.scenario.population import GOES_ON
 from crowdbench.scenario.scenario import Scenario
@@ -31,7 +31,6 @@ VEHICLE = "vehicle"
 
 # As numbers, because access to members of an enumeration is slow, and trainings call `step` most of the time.
 _RUNNING, _SUCCESS, _TIMEOUT = (int(o) for o in (Outcome.RUNNING, Outcome.SUCCESS, Outcome.TIMEOUT))
-_LABELS = stepping.LABELS
 
 Observations = dict[str, Float[np.ndarray, "features"]]
 Infos = dict[str, dict[str, Any]]
@@ -62,7 +61,7 @@ def parallel_env(
     return CrowdParallelEnv(loaded, render_mode, reward, View(loaded, observation, action, nearest))
 
 
-class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
+class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignore[misc]  # pettingzoo is untyped
     """One world of a scenario as a PettingZoo `ParallelEnv`. Make it with `parallel_env`.
 
     - Agents: `vehicle`, and `pedestrian_0`, `pedestrian_1`, ... for the pedestrians of the case. In a scenario with
@@ -103,13 +102,8 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
     def __init__(self, scenario: Scenario, render_mode: str | None, reward: str | Reward, view: View) -> None:
         if view.observation == "dict":
             raise InputError("observation is 'dict', but agents of this environment see flat or goal_frame")
-        self.scenario = scenario
-        self.view = view
-        self.reward = load_reward(reward)
+        super().__init__(scenario, render_mode, reward, view)
         self._refuse_thousands()
-        self.render_mode = render_mode
-        fps = round(1 / self.scenario.rules.dt)
-        self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
         # Recorded people come and go at their own times, and are no agents.
         pedestrians = 0 if scenario.tracks else scenario.max_agents - 1
         self.possible_agents = [VEHICLE, *(f"pedestrian_{p}" for p in range(pedestrians))]
@@ -118,11 +112,8 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         self.action_spaces = {agent: pedestrian_action_space(scenario) for agent in self.possible_agents}
         self.action_spaces[VEHICLE] = view.action_space
         self._column = {agent: column for column, agent in enumerate(self.possible_agents)}
-        self._renderer = Renderer(render_mode)
         self._generator: np.random.Generator | None = None
         self._bodies = 0
-        self._case = ""
-        self._world: World
         self._ego: tuple[World, World] | None = None
 
     def _refuse_thousands(self) -> None:
@@ -161,11 +152,9 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         case = stepping.check_options(given, "case").get("case")
         if seed is not None or self._generator is None:
             self._generator, _ = seeding.np_random(seed)
-        self._case = stepping.choose_case(case, self._generator)
-        self._world = stepping.start(self.scenario, [self._case])
+        self._start(case, self._generator)
         self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
-        self._renderer.show(self._world, self._case)
         return self._observe(), {agent: {"case": self._case} for agent in self.agents}
 
     def step(
@@ -188,33 +177,18 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         moved, check = move(*self._decide(actions))
         outcomes, gaps = outcomes_of_agents(before, moved, check)
         rewards = self._rewards(before, moved, outcomes, gaps)
-        self._world = finish_step(moved, check, self.scenario.renewal)
+        self._enter(finish_step(moved, check, self.scenario.renewal))
         observations = self._observe()
-        outcome, gap_of, case = outcomes.tolist(), gaps.tolist(), self._case
+        outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
         columns = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
-        here = self._world.present[0].tolist()
-        goes_on = self.scenario.crowd.arrival in GOES_ON
-        terminations = {agent: over or not here[c] or (outcome[c] == _SUCCESS and not goes_on) for agent, c in columns}
+        leaves = self.scenario.crowd.arrival not in GOES_ON
+        terminations = {a: over or not present[c] or (outcome[c] == _SUCCESS and leaves) for a, c in columns}
         self.agents = [] if truncated else [agent for agent in agents if not terminations[agent]]
-        self._renderer.show(self._world, case)
-        return (
-            observations,
-            {agent: rewards[c] for agent, c in columns},
-            terminations,
-            dict.fromkeys(agents, truncated),
-            {agent: {"outcome": _LABELS[outcome[c]], "gap": gap_of[c], "case": case} for agent, c in columns},
-        )
-
-    def render(self) -> np.ndarray | None:
-        """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
-        stepping.require_reset(self._case)
-        return self._renderer.frame(self._world, self._case)
-
-    def close(self) -> None:
-        """Close the window of mode `human`."""
-        self._renderer.close()
+        infos = {a: {"outcome": stepping.LABELS[outcome[c]], "gap": gap[c], "case": self._case} for a, c in columns}
+        of_agents = {agent: rewards[c] for agent, c in columns}
+        return observations, of_agents, terminations, dict.fromkeys(agents, truncated), infos
 
     def _rewards(
         self, before: World, after: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]
@@ -231,24 +205,18 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
         return self._ego[1]
 
     def _observe(self) -> Observations:
-        is_flat = self.view.observation == "flat"
-        views = flatten_everybody(self._world)[0] if is_flat else self._in_frames()
+        if self.view.observation == "flat":
+            views = flatten_everybody(self._world)[0]
+        else:
+            views = self.view.observe(self._ego_views(self._world))
+            if not self._world.rules.sensor.sees_all:  # only the vehicle's sight can be limited
+                views[0] = self.view.observe(self._world)[0]
         return {agent: views[self._column[agent]] for agent in self.agents}
-
-    def _in_frames(self) -> Float[np.ndarray, "agent features"]:
-        """What each agent sees in the frame of its goal; only the vehicle's sight can be limited."""
-        views: Float[np.ndarray, "agent features"] = self.view.observe(self._ego_views(self._world))
-        if not self._world.rules.sensor.sees_all:
-            views[0] = self.view.observe(self._world)[0]
-        return views
 
     def _decide(
         self, actions: Mapping[str, np.ndarray | None]
     ) -> tuple[World, Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
         """What is done in a step.
-
-        Args:
-            actions: The actions by agent.
 
         Returns:
             The world with the policies' memories after their decision, the vehicle's command, and the pedestrians'
@@ -262,13 +230,13 @@ class CrowdParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):  # type: ignor
                 f"there are actions for {', '.join(given) or 'no agent'}, but there must be one for the vehicle, and "
                 f"there may be others for {', '.join(self.agents[1:]) or 'no other agent'}"
             )
-        asked = stepping.check_actions(list(given.values()), (len(given), 2))
+        chosen = stepping.check_actions(list(given.values()), (len(given), 2))
         columns, world = [self._column[agent] for agent in given], self._world
         if self.view.action == "goal_frame":
-            asked = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], asked)
+            chosen = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], chosen)
         velocity = np.zeros(world.velocity.shape)
         # A policy with a memory sees every step, also those in which nobody follows it.
         if len(given) < self._bodies or any(world.memory.values()):
             velocity[:, 1:], world = crowd_decisions(world, self.scenario.policies)
-        velocity[0, columns] = asked
+        velocity[0, columns] = chosen
         return world, self.view.to_command(world, velocity[:, 0]), velocity[:, 1:]

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from crowdbench.core.types import World
-from crowdbench.drawing.moment import CROWD, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
-from crowdbench.drawing.palette import LIGHT
+from crowdbench.drawing import CROWD, LIGHT, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
 from crowdbench.utils.errors import InputError
 
 RENDER_MODES = ["human", "rgb_array"]
@@ -47,7 +46,7 @@ class Renderer:
         self._window: Any = None
         self._clock: Any = None
         self._corner, self._width = np.zeros(2), 1.0
-        self._shown: list[World] = []
+        self._states: list[World] = []
 
     def show(self, world: World, case: str) -> None:
         """In mode `human`, draw the world in a window and wait for the time of a step.
@@ -56,9 +55,8 @@ class Renderer:
             world: One world. The first state of an episode sets the scale of the picture.
             case: The name of the case, shown as text.
         """
-        if self.mode is None:
-            return
-        self._remember(world)
+        if self.mode is not None:
+            self._remember(world)
         if self.mode != "human":
             return
         pygame = importlib.import_module("pygame")
@@ -81,8 +79,10 @@ class Renderer:
         """
         if self.mode is None:
             gymnasium.logger.warn("render() shows nothing, because the environment was made without a render_mode")
-        if self.mode != "rgb_array":
-            return None
+        return self.picture(world, case) if self.mode == "rgb_array" else None
+
+    def picture(self, world: World, case: str) -> UInt8[np.ndarray, "height width 3"]:
+        """The picture of a world, see `frame`."""
         self._remember(world)
         pygame = importlib.import_module("pygame")
         return np.ascontiguousarray(pygame.surfarray.array3d(self._draw(case)).swapaxes(0, 1))
@@ -94,24 +94,24 @@ class Renderer:
             self._window = None
 
     def _remember(self, world: World) -> None:
-        """Keep the states of an episode that were shown; the first one sets the scale."""
+        """Keep the states of an episode; the first one sets the scale."""
         if int(world.step[0]) == 0:
-            self._shown.clear()
+            self._states.clear()
             agents = np.stack([world.position[0], world.goal[0]])[:, world.present[0]]
             low, high = extent(agents, np.zeros((1, 2)), world.obstacles[0], MARGIN)
             self._width = float((high - low).max())
             self._corner = (low + high - self._width) / 2.0
-        if not self._shown or int(world.step[0]) > int(self._shown[-1].step[0]):
-            self._shown.append(world)
+        if not self._states or int(world.step[0]) > int(self._states[-1].step[0]):
+            self._states.append(world)
 
     def _draw(self, case: str) -> Any:
         """The picture of the last state."""
-        world = self._shown[-1]
+        world = self._states[-1]
         agents = np.flatnonzero(world.present[0])
         pedestrians = agents[1:].tolist() if len(agents) <= CROWD else []
         goals = [Disc(world.goal[0, one], float(world.radius[0, one]), None, LIGHT.hidden) for one in pedestrians]
         numbers = [Text(world.position[0, one], str(one - 1), LIGHT.background, 5.0) for one in pedestrians]
-        shapes = [*goals, *draw_moment(Moment.of_worlds(self._shown), self._corner), *numbers]
+        shapes = [*goals, *draw_moment(Moment.of_worlds(self._states), self._corner), *numbers]
         title = f"{case}   {float(world.step[0]) * world.rules.dt:.2f} s"
         at = self._corner + self._width * np.array([0.02, 0.97])
         shapes.append(Text(at, title, LIGHT.text, 7.0, is_left=True))

@@ -82,8 +82,7 @@ def progress(step: Step) -> Float[np.ndarray, "world"]:
 
     CrowdNav's reward says nothing until the goal is reached, which a policy that begins at random never does.
     """
-    paid = np.where(step.collided, COLLISION, crowdnav(step))
-    return paid + PROGRESS * step.progress
+    return np.where(step.collided, COLLISION, crowdnav(step)) + PROGRESS * step.progress
 
 
 REWARDS = Kind("reward", "reward", {"crowdnav": crowdnav, "progress": progress})

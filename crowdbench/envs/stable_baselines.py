@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import error
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from stable_baselines3.common.vec_env import VecEnv
 
 from crowdbench.core.types import Outcome, World
@@ -107,7 +107,14 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if done.any():
             rows = np.flatnonzero(done)
-            self._tell(infos, rows, worlds, outcome)
+            last = self.view.observe(worlds.take(rows))
+            for index, row in enumerate(rows.tolist()):
+                infos[row] = {
+                    "terminal_observation": row_of(last, index),
+                    "TimeLimit.truncated": bool(outcome[row] == Outcome.TIMEOUT),
+                    "outcome": stepping.LABELS[outcome[row]],
+                    "episode": {"r": float(self._return[row]), "l": int(self._length[row])},
+                }
             worlds = worlds.put(rows, self._fresh(len(rows)))
             self._return[rows], self._length[rows] = 0.0, 0
         self._worlds = worlds
@@ -116,23 +123,6 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
     def _fresh(self, number: int) -> World:
         assert self._starts is not None  # drawn by the first reset
         return self._starts.take(self._order.integers(len(self._starts), size=number))
-
-    def _tell(
-        self,
-        infos: list[dict[str, Any]],
-        rows: Int[np.ndarray, "row"],
-        worlds: World,
-        outcome: Int[np.ndarray, "world"],
-    ) -> None:
-        """Fill the infos of the worlds in some rows, whose episodes are over."""
-        last = self.view.observe(worlds.take(rows))
-        for index, row in enumerate(rows.tolist()):
-            infos[row] |= {
-                "terminal_observation": row_of(last, index),
-                "TimeLimit.truncated": bool(outcome[row] == Outcome.TIMEOUT),
-                "outcome": stepping.LABELS[outcome[row]],
-                "episode": {"r": float(self._return[row]), "l": int(self._length[row])},
-            }
 
     def close(self) -> None:
         """Nothing is left open."""

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.error import ResetNeeded
+from gymnasium import error
 from jaxtyping import Float
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome, World
-from crowdbench.envs.rewards import Step
+from crowdbench.envs.render import Renderer
+from crowdbench.envs.rewards import Reward, Step, load_reward
 from crowdbench.envs.views import View
 from crowdbench.scenario.cases import parse_case
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.utils.errors import InputError
 
@@ -49,12 +51,6 @@ def choose_case(case: object, generator: np.random.Generator) -> str:
     return f"train:{generator.integers(TRAINING_CASES)}" if case is None else str(case)
 
 
-def require_reset(case: str) -> None:
-    """Raise Gymnasium's `ResetNeeded` if the environment was never reset, so that its case is empty."""
-    if not case:
-        raise ResetNeeded("call reset() first")
-
-
 def start(scenario: Scenario, cases: Sequence[str]) -> World:
     """The starting states of cases.
 
@@ -77,16 +73,63 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
     return worlds
 
 
+class OneWorld:
+    """What the environments of one world share: its scenario, its case, its state and its picture.
+
+    Args:
+        scenario: The scenario.
+        render_mode: `human`, `rgb_array` or None.
+        reward: The name of a reward, `./mine.py`, or a function of a step.
+        view: What a policy sees, and what its actions mean.
+
+    Raises:
+        InputError: Render mode or reward do not exist.
+    """
+
+    metadata: ClassVar[dict[str, Any]]
+
+    def __init__(self, scenario: Scenario, render_mode: str | None, reward: str | Reward, view: View) -> None:
+        self.scenario, self.view, self.reward = scenario, view, load_reward(reward)
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1 / scenario.rules.dt)}  # type: ignore[misc]
+        self._renderer = Renderer(render_mode)
+        self._case = ""
+        self._world: World
+
+    def _start(self, case: object, generator: np.random.Generator) -> None:
+        """Start a case, or else a drawn one."""
+        self._case = choose_case(case, generator)
+        self._enter(start(self.scenario, [self._case]))
+
+    def _enter(self, world: World) -> None:
+        """Go on with a world, and draw it where there is a window."""
+        self._world = world
+        self._renderer.show(world, self._case)
+
+    def _check_reset(self) -> None:
+        if not self._case:
+            raise error.ResetNeeded("call reset() first")
+
+    def render(self) -> np.ndarray | None:
+        """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
+        self._check_reset()
+        return self._renderer.frame(self._world, self._case)
+
+    def close(self) -> None:
+        """Close the window of mode `human`."""
+        self._renderer.close()
+
+
 def check_actions(actions: object, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
     """Actions as float64. Raises InputError where they are not finite numbers in that shape."""
-    asked = np.asarray(actions, np.float64)
+    checked = np.asarray(actions, np.float64)
     # A sum is finite only if all its terms are, and takes half the time of a test of each.
-    if asked.shape != shape or not (math.isfinite(asked.sum()) or np.isfinite(asked).all()):
+    if checked.shape != shape or not (math.isfinite(checked.sum()) or np.isfinite(checked).all()):
         raise InputError(
             "an action is a finite velocity (vx, vy) in m/s, or a finite command where actions are native, "
             f"but these are {actions!r}"
         )
-    return asked
+    return checked
 
 
 def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> Step:
@@ -97,7 +140,8 @@ def drive(view: View, before: World, actions: Float[np.ndarray, "world 2"]) -> S
         before: The worlds.
         actions: The vehicles' actions, checked.
     """
-    command = view.vehicle_commands(before, actions)
+    velocity = view.commands(before.position[:, 0], goals_on_way(before)[:, 0], actions)
+    command = view.to_command(before, velocity)
     crowd, before = crowd_decisions(before, view.scenario.policies)
     after, (outcome, gap, _) = step(before, command, crowd, view.scenario.renewal)
     return Step(before, after, outcome, gap)

@@ -26,6 +26,8 @@ LABELS = np.array(stepping.LABELS, object)
 MODES = ["rgb_array"]
 """The render modes: there is no window for many worlds."""
 
+_Flags = Bool[np.ndarray, "world"]
+
 
 class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
     """The vehicle in many worlds of a scenario, `crowdbench/Vehicle-v0` for `gymnasium.make_vec`.
@@ -97,29 +99,20 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         """
         given = stepping.check_options(options, "case", "reset_mask")
         mask = self._mask(given.get("reset_mask"))
-        seeds = self._one_each(
-            "seed", [int(seed) + w for w in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
-        )
+        if isinstance(seed, int | np.integer):
+            seed = [int(seed) + row for row in range(self.num_envs)]
         case = given.get("case")
         cases = self._one_each("case", [case] * self.num_envs if isinstance(case, str) else case)
-        for row in np.flatnonzero(mask).tolist():
-            if seeds[row] is not None:
-                self._generators[row], _ = seeding.np_random(seeds[row])
-        self._worlds = self._restarted(self._worlds, mask, cases)
+        for row, own in enumerate(self._one_each("seed", seed)):
+            if mask[row] and own is not None:
+                self._generators[row], _ = seeding.np_random(own)
+        self._worlds = self._restart(self._worlds, mask, cases)
         self._over[mask] = False
         infos: dict[str, Any] = {}
-        _tell(infos, mask, case=self._cases)
+        _add(infos, mask, case=self._cases)
         return self.view.observe(self._worlds), infos
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[
-        Observed,
-        Float[np.ndarray, "world"],
-        Bool[np.ndarray, "world"],
-        Bool[np.ndarray, "world"],
-        dict[str, Any],
-    ]:
+    def step(self, actions: np.ndarray) -> tuple[Observed, Float[np.ndarray, "world"], _Flags, _Flags, dict[str, Any]]:
         """Simulate one step in all worlds.
 
         Args:
@@ -137,22 +130,22 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             raise error.ResetNeeded("call reset() first, for all worlds or for those whose episode is over")
         step = stepping.drive(self.view, self._worlds, stepping.check_actions(actions, (self.num_envs, 2)))
         worlds, outcome, gap = step.after, step.outcome, step.gap
-        anew = self._over
+        restarted = self._over
         rewards = self._rewards(step)
-        if anew.any():
+        if restarted.any():
             # NEXT_STEP: this step is the reset of these worlds. They were simulated with the rest, for nothing.
-            worlds = self._restarted(worlds, anew)
-            outcome[anew], gap[anew] = Outcome.RUNNING, np.inf
+            worlds = self._restart(worlds, restarted)
+            outcome[restarted], gap[restarted] = Outcome.RUNNING, np.inf
         truncated = outcome == Outcome.TIMEOUT
         terminated = (outcome != Outcome.RUNNING) & ~truncated
         self._over = terminated | truncated
         infos: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
-            anew, self._over = self._over, np.zeros(self.num_envs, bool)
-            infos = self._final(worlds, anew, outcome, gap)
-            worlds = self._restarted(worlds, anew)
-        _tell(infos, ~anew, outcome=LABELS[outcome], gap=gap)
-        _tell(infos, np.ones(self.num_envs, bool), case=self._cases)
+            restarted, self._over = self._over, np.zeros(self.num_envs, bool)
+            infos = self._final(step, restarted)
+            worlds = self._restart(worlds, restarted)
+        _add(infos, ~restarted, outcome=LABELS[outcome], gap=gap)
+        _add(infos, np.ones(self.num_envs, bool), case=self._cases)
         self._worlds = worlds
         return self.view.observe(worlds), rewards, terminated, truncated, infos
 
@@ -162,11 +155,8 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             raise error.ResetNeeded("call reset() first")
         if self.render_mode is None:
             return None
-        frames = [
-            renderer.frame(self._worlds.take(np.array([row])), self._cases[row])
-            for row, renderer in enumerate(self._renderers)
-        ]
-        return tuple(frame for frame in frames if frame is not None)
+        rows = (self._worlds.take(np.array([row])) for row in range(self.num_envs))
+        return tuple(map(Renderer.picture, self._renderers, rows, self._cases))
 
     def _rewards(self, step: Step) -> Float[np.ndarray, "world"]:
         """The rewards of a step, 0 in worlds whose episode was over before it."""
@@ -177,12 +167,13 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
             rewards[rows] = self.reward(step.take(rows))
         return rewards
 
-    def _restarted(
-        self, worlds: World | None, mask: Bool[np.ndarray, "world"], cases: Sequence[str | None] | None = None
-    ) -> World:
+    def _restart(self, worlds: World | None, mask: _Flags, cases: Sequence[str | None] | None = None) -> World:
         """All worlds, with new episodes where the mask says so: of the cases that are given, or else of drawn ones."""
         rows = np.flatnonzero(mask)
-        names = [self._case(row, cases[row] if cases else None) for row in rows.tolist()]
+        names = []
+        for row in rows.tolist():
+            generator = self._generators[row] = self._generators[row] or seeding.np_random()[0]
+            names.append(stepping.choose_case(cases[row] if cases else None, generator))
         fresh = stepping.start(self.scenario, names)
         self._cases[rows] = names
         if self.render_mode is not None:
@@ -190,25 +181,17 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
                 self._renderers[row].show(fresh.take(np.array([index])), names[index])
         return fresh if worlds is None or mask.all() else worlds.put(rows, fresh)
 
-    def _case(self, row: int, case: str | None) -> str:
-        generator = self._generators[row]
-        if generator is None:
-            generator = self._generators[row] = seeding.np_random()[0]
-        return stepping.choose_case(case, generator)
-
-    def _final(
-        self, worlds: World, ended: Bool[np.ndarray, "world"], outcome: np.ndarray, gap: Float[np.ndarray, "world"]
-    ) -> dict[str, Any]:
+    def _final(self, step: Step, ended: _Flags) -> dict[str, Any]:
         """The infos about episodes that ended in this step, before their worlds are reset."""
         final_obs = np.full(self.num_envs, None, object)
-        seen = self.view.observe(worlds.take(ended))
+        seen = self.view.observe(step.after.take(ended))
         for index, row in enumerate(np.flatnonzero(ended)):
             final_obs[row] = row_of(seen, index)
         final_info: dict[str, Any] = {}
-        _tell(final_info, ended, outcome=LABELS[outcome], gap=gap, case=self._cases)
+        _add(final_info, ended, outcome=LABELS[step.outcome], gap=step.gap, case=self._cases)
         return {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
 
-    def _mask(self, mask: object) -> Bool[np.ndarray, "world"]:
+    def _mask(self, mask: object) -> _Flags:
         if mask is None:
             return np.ones(self.num_envs, bool)
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
@@ -225,7 +208,7 @@ class VehicleVectorEnv(VectorEnv[Observed, np.ndarray, np.ndarray]):
         return values
 
 
-def _tell(infos: dict[str, Any], mask: Bool[np.ndarray, "world"], **values: np.ndarray) -> None:
+def _add(infos: dict[str, Any], mask: _Flags, **values: np.ndarray) -> None:
     """Add values of some worlds to infos in Gymnasium's form, each with a mask `_name`; the others get 0 or None."""
     if mask.any():
         for name, value in values.items():

@@ -8,15 +8,15 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from crowdbench.core.types import Outcome, World
+from crowdbench.core.types import Outcome
 from crowdbench.envs import stepping
-from crowdbench.envs.render import RENDER_MODES, Renderer
-from crowdbench.envs.rewards import Reward, load_reward
+from crowdbench.envs.render import RENDER_MODES
+from crowdbench.envs.rewards import Reward
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
 
 
-class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
+class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
     """The vehicle in one world of a scenario, `crowdbench/Vehicle-v0`.
 
     - Observation: see `crowdbench.envs.views`.
@@ -51,17 +51,9 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         action: str = "world",
         nearest: int = NEAREST,
     ) -> None:
-        self.scenario = stepping.as_scenario(scenario)
-        self.render_mode = render_mode
-        fps = round(1 / self.scenario.rules.dt)
-        self.metadata = {**self.metadata, "render_fps": fps}  # type: ignore[misc]  # read of each environment
-        self.view = View(self.scenario, observation, action, nearest)
-        self.reward = load_reward(reward)
-        self.observation_space = self.view.observation_space
-        self.action_space = self.view.action_space
-        self._renderer = Renderer(render_mode)
-        self._case = ""
-        self._world: World
+        loaded = stepping.as_scenario(scenario)
+        super().__init__(loaded, render_mode, reward, View(loaded, observation, action, nearest))
+        self.observation_space, self.action_space = self.view.observation_space, self.view.action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -80,9 +72,7 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         """
         case = stepping.check_options(options, "case").get("case")
         super().reset(seed=seed)
-        self._case = stepping.choose_case(case, self.np_random)
-        self._world = stepping.start(self.scenario, [self._case])
-        self._renderer.show(self._world, self._case)
+        self._start(case, self.np_random)
         return self._observation(), {"case": self._case}
 
     def step(self, action: np.ndarray) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
@@ -97,10 +87,9 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
         Raises:
             InputError: The action is not a finite velocity.
         """
-        stepping.require_reset(self._case)
+        self._check_reset()
         step = stepping.drive(self.view, self._world, stepping.check_actions(action, (2,))[None])
-        self._world = step.after
-        self._renderer.show(self._world, self._case)
+        self._enter(step.after)
         outcome, gap = int(step.outcome[0]), float(step.gap[0])
         return (
             self._observation(),
@@ -112,12 +101,3 @@ class VehicleEnv(gymnasium.Env[Observed, np.ndarray]):
 
     def _observation(self) -> Observed:
         return row_of(self.view.observe(self._world), 0)
-
-    def render(self) -> np.ndarray | None:
-        """The picture `[height, width, 3]`, uint8, in mode `rgb_array`; None in other modes."""
-        stepping.require_reset(self._case)
-        return self._renderer.frame(self._world, self._case)
-
-    def close(self) -> None:
-        """Close the window of mode `human`."""
-        self._renderer.close()

@@ -43,7 +43,6 @@ from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.placement import EXTENT
 from crowdbench.scenario.population import Quantity
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError, is_number
 
@@ -77,11 +76,8 @@ class View:
     nearest: int = NEAREST
 
     def __post_init__(self) -> None:
-        for name, value, known in (
-            ("observation", self.observation, OBSERVATIONS),
-            ("action", self.action, ACTIONS),
-        ):
-            if value not in known:
+        for name, known in (("observation", OBSERVATIONS), ("action", ACTIONS)):
+            if (value := getattr(self, name)) not in known:
                 raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}")
         if not (isinstance(self.nearest, int) and self.nearest >= 1):
             raise InputError(f"nearest is {self.nearest!r}, but must be a whole number of pedestrians, 1 or more")
@@ -149,25 +145,11 @@ class View:
         return to_world(action, direction(position, goal)) if self.action == "goal_frame" else action
 
     def to_command(self, worlds: World, velocity: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
-        """The commands of vehicles that are asked for velocities, or for commands where actions are native.
-
-        Args:
-            worlds: The worlds before the step.
-            velocity: Velocities in m/s, or native commands.
-        """
+        """The commands that drive the vehicles of worlds at velocities in m/s; native commands as they are."""
         if self.action == "native":
             return velocity
         state = State(worlds.position[:, 0], worlds.velocity[:, 0], worlds.heading, worlds.angular_speed)
         return worlds.rules.dynamics.follow(state, velocity, worlds.preferred_speed[:, 0], worlds.rules.dt)
-
-    def vehicle_commands(self, worlds: World, action: Float[np.ndarray, "world 2"]) -> Float[np.ndarray, "world 2"]:
-        """The commands of vehicles whose actions are given.
-
-        Args:
-            worlds: The worlds before the step.
-            action: The actions.
-        """
-        return self.to_command(worlds, self.commands(worlds.position[:, 0], goals_on_way(worlds)[:, 0], action))
 
 
 def row_of(seen: Observed, index: int) -> Observed:

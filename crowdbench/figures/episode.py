@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.types import Trace
-from crowdbench.drawing.moment import Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
-from crowdbench.drawing.palette import LIGHT, Color
+from crowdbench.drawing import LIGHT, Color, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
 from crowdbench.figures.style import canvas, check_file, write
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -103,9 +102,9 @@ def film(trace: Trace, row: int, out: Path) -> None:
         pictures = io.BytesIO()
         for frame in _frames(trace, row, FILMS[out.suffix]):
             frame.save(pictures, format="PNG")
-        ended = subprocess.run(command, input=pictures.getvalue(), capture_output=True)
-        if ended.returncode:
-            raise InputError(f"ffmpeg could not make {out}: {ended.stderr.decode(errors='replace').strip()[-200:]}")
+        process = subprocess.run(command, input=pictures.getvalue(), capture_output=True)
+        if process.returncode:
+            raise InputError(f"ffmpeg could not make {out}: {process.stderr.decode(errors='replace').strip()[-200:]}")
 
 
 def _frames(trace: Trace, row: int, dpi: int) -> Iterator[Image]:

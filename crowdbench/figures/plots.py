@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from crowdbench.core.types import Outcome
-from crowdbench.figures.series import Labelled, by_planner, runs, trainings
+from crowdbench.figures.series import by_planner, runs, trainings
 from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
 from crowdbench.metrics import METRICS, unit_of
 from crowdbench.metrics.summary import bootstrap, rate
+from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 
 MOST = len(COLOURS)
@@ -33,23 +35,22 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     Raises:
         InputError: One of them is not a run, they are too many, or the file cannot be written.
     """
-    shown = runs(directories)
-    _check_few(len(shown))
-    with axes(out) as drawn:
-        for number, one in enumerate(shown):
-            dt, limit = (float(one.run.result["scenario"][key]) for key in ("dt", "time_limit"))
-            episodes = one.run.episodes
+    found = runs(directories)
+    _check_few(len(found))
+    with axes(out) as ax:
+        for number, (label, run) in enumerate(found.items()):
+            dt, limit = (float(run.result["scenario"][key]) for key in ("dt", "time_limit"))
+            episodes, line = run.episodes, _line(number)
             solved = np.where(episodes.outcome == Outcome.SUCCESS, episodes.steps * dt, np.inf)
             moments = np.linspace(0.0, limit, MOMENTS + 1)
             each = [rate(solved <= moment, episodes.block) for moment in moments]
-            low, high = ([100 * getattr(found, end) for found in each] for end in ("low", "high"))
+            low, high = ([100 * getattr(one, end) for one in each] for end in ("low", "high"))
             times = np.unique(np.append(solved[np.isfinite(solved)], (0.0, limit)))
             share = [100 * float((solved <= time).mean()) for time in times]
-            colour, dash = COLOURS[number], DASHES[number % len(DASHES)]
-            drawn.fill_between(moments, low, high, color=colour, alpha=0.15, linewidth=0)
-            drawn.plot(times, share, drawstyle="steps-post", color=colour, linestyle=dash, label=one.label)
-        drawn.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, None))
-        drawn.legend()
+            ax.fill_between(moments, low, high, color=line["color"], alpha=0.15, linewidth=0)
+            ax.plot(times, share, drawstyle="steps-post", label=label, **line)
+        ax.set(xlabel="time, s", ylabel="cases solved, %", ylim=(0, 102), xlim=(0, None))
+        ax.legend()
 
 
 def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
@@ -63,13 +64,13 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     Raises:
         InputError: One of them is not a run, or has no such metric, or the file cannot be written.
     """
-    shown = runs(directories)
-    values = [_values(one, metric) for one in shown]
+    found = runs(directories)
+    values = [_values(label, run, metric) for label, run in found.items()]
     unit = unit_of(METRICS[metric]).translate(_POWERS) if metric in METRICS else ""
-    with axes(out, height=0.7 + 0.35 * len(shown)) as drawn:
-        places = list(range(len(shown), 0, -1))
+    with axes(out, height=0.7 + 0.35 * len(found)) as ax:
+        places = list(range(len(found), 0, -1))
         box = {"color": COLOURS[0]}
-        drawn.boxplot(
+        ax.boxplot(
             [each[np.isfinite(each)] for each in values],
             positions=places,
             orientation="horizontal",
@@ -81,13 +82,13 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
             capprops=box,
             medianprops={"color": "#000000"},
         )
-        for place, each, one in zip(places, values, shown, strict=True):
-            mean = bootstrap(each, np.ones(len(each)), one.run.episodes.block)
+        for place, each, run in zip(places, values, found.values(), strict=True):
+            mean = bootstrap(each, np.ones(len(each)), run.episodes.block)
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
-            drawn.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
-        drawn.set_yticks(places, [one.label for one in shown])
-        drawn.set(xlabel=metric.replace("_", " ") + (f", {unit}" if unit else ""))
-        drawn.grid(visible=False, axis="y")
+            ax.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
+        ax.set_yticks(places, [*found])
+        ax.set(xlabel=metric.replace("_", " ") + (f", {unit}" if unit else ""))
+        ax.grid(visible=False, axis="y")
 
 
 def success_over_density(directories: Sequence[Path], out: Path) -> None:
@@ -102,7 +103,7 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
     """
     groups = by_planner(directories)
     _check_few(len(groups))
-    with axes(out) as drawn:
+    with axes(out) as ax:
         from matplotlib.ticker import MaxNLocator
 
         for number, (label, each) in enumerate(groups.items()):
@@ -113,22 +114,13 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
                 raise InputError(f"two runs of {label} have as many pedestrians: give runs that differ in their number")
             order = np.argsort(counts, kind="stable")
             found = [rate(each[i].episodes.outcome == Outcome.SUCCESS, each[i].episodes.block) for i in order]
-            means = [100 * one.mean for one in found]
-            ends = [[100 * (one.mean - one.low) for one in found], [100 * (one.high - one.mean) for one in found]]
-            drawn.errorbar(
-                np.array(counts)[order],
-                means,
-                yerr=ends,
-                ms=3.5,
-                capsize=2,
-                label=label,
-                color=COLOURS[number],
-                marker=MARKERS[number],
-                linestyle=DASHES[number % len(DASHES)],
-            )
-        drawn.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
-        drawn.xaxis.set_major_locator(MaxNLocator(integer=True))
-        drawn.legend()
+            low, mean, high = (np.array([getattr(one, end) for one in found]) for end in ("low", "mean", "high"))
+            look = {"ms": 3.5, "capsize": 2, "marker": MARKERS[number], **_line(number)}
+            ends = 100 * np.stack([mean - low, high - mean])
+            ax.errorbar(np.array(counts)[order], 100 * mean, yerr=ends, label=label, **look)
+        ax.set(xlabel="pedestrians", ylabel="success, %", ylim=(0, 102))
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.legend()
 
 
 def learning_curves(directories: Sequence[Path], out: Path) -> None:
@@ -143,7 +135,7 @@ def learning_curves(directories: Sequence[Path], out: Path) -> None:
     """
     groups = trainings(directories)
     _check_few(len(groups))
-    with axes(out) as drawn:
+    with axes(out) as ax:
         from matplotlib.ticker import EngFormatter
 
         for number, (label, curves) in enumerate(groups.items()):
@@ -152,23 +144,28 @@ def learning_curves(directories: Sequence[Path], out: Path) -> None:
             along = np.linspace(0.0, end, 100)
             mean = np.mean([np.interp(along, curve[axis], 100 * curve["success"]) for curve in curves], axis=0)
             for curve in curves if len(curves) > 1 else []:
-                drawn.plot(curve[axis], 100 * curve["success"], lw=0.5, alpha=0.5, color=COLOURS[number])
+                ax.plot(curve[axis], 100 * curve["success"], lw=0.5, alpha=0.5, color=COLOURS[number])
             seeds = f", {len(curves)} seeds" if len(curves) > 1 else ""
-            drawn.plot(along, mean, label=label + seeds, color=COLOURS[number], linestyle=DASHES[number % len(DASHES)])
-            drawn.set_xlabel(axis)
-        drawn.xaxis.set_major_formatter(EngFormatter(sep=""))
-        drawn.set(ylabel="success on validation cases, %", ylim=(0, 102), xlim=(0, None))
-        drawn.legend(loc="lower right")
+            ax.plot(along, mean, label=label + seeds, **_line(number))
+            ax.set_xlabel(axis)
+        ax.xaxis.set_major_formatter(EngFormatter(sep=""))
+        ax.set(ylabel="success on validation cases, %", ylim=(0, 102), xlim=(0, None))
+        ax.legend(loc="lower right")
 
 
-def _values(one: Labelled, metric: str) -> np.ndarray:
+def _line(number: int) -> dict[str, Any]:
+    """How the line of a series is ax."""
+    return {"color": COLOURS[number], "linestyle": DASHES[number % len(DASHES)]}
+
+
+def _values(label: str, run: RunResult, metric: str) -> np.ndarray:
     """The values of a metric in the cases of a run. Raises InputError where it has none."""
-    columns = one.run.episodes.columns
+    columns = run.episodes.columns
     if metric not in columns:
-        raise InputError(f"the run of {one.label} has no metric {metric}; it has {', '.join(columns)}")
+        raise InputError(f"the run of {label} has no metric {metric}; it has {', '.join(columns)}")
     values = columns[metric].astype(float)
     if not np.isfinite(values).any():
-        raise InputError(f"{metric} is not defined in any case of the run of {one.label}")
+        raise InputError(f"{metric} is not defined in any case of the run of {label}")
     return values
 
 

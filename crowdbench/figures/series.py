@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.runs.results import result_label
 from crowdbench.runs.store import RunResult
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -18,30 +15,25 @@ from crowdbench.utils.errors import InputError
 CURVE, CARD = "curve.csv", "weights.json"
 
 
-@dataclass(frozen=True)
-class Labelled:
-    """A run and what it is called in a figure."""
-
-    label: str
-    run: RunResult
-
-
-def runs(directories: Sequence[Path]) -> list[Labelled]:
+def runs(directories: Sequence[Path]) -> dict[str, RunResult]:
     """Read runs. Each is called by its planner, and by its scenario too where these differ.
 
     Args:
         directories: Their directories.
 
+    Returns:
+        The runs by label.
+
     Raises:
         InputError: One of them is not a run, or two of them have the same label.
     """
-    kept = [RunResult.read(directory) for directory in directories]
-    names = {run.result["scenario"]["name"] for run in kept}
-    labels = [_label(run.result, with_scenario=len(names) > 1) for run in kept]
+    results = [RunResult.read(directory) for directory in directories]
+    has_scenario = len({run.result["scenario"]["name"] for run in results}) > 1
+    labels = [run.label + (f", {run.result['scenario']['name']}" if has_scenario else "") for run in results]
     for directory, label in zip(directories, labels, strict=True):
         if labels.count(label) > 1:
             raise InputError(f"{directory} and another run are both of {label}: a figure cannot tell them apart")
-    return [Labelled(label, run) for label, run in zip(labels, kept, strict=True)]
+    return dict(zip(labels, results, strict=True))
 
 
 def by_planner(directories: Sequence[Path]) -> dict[str, list[RunResult]]:
@@ -54,15 +46,9 @@ def by_planner(directories: Sequence[Path]) -> dict[str, list[RunResult]]:
         InputError: One of them is not a run.
     """
     found: dict[str, list[RunResult]] = {}
-    for directory in directories:
-        run = RunResult.read(directory)
-        found.setdefault(_label(run.result, with_scenario=False), []).append(run)
+    for run in map(RunResult.read, directories):
+        found.setdefault(run.label, []).append(run)
     return found
-
-
-def _label(result: Mapping[str, Any], *, with_scenario: bool) -> str:
-    planner = result_label(result)
-    return f"{planner}, {result['scenario']['name']}" if with_scenario else planner
 
 
 def trainings(directories: Sequence[Path]) -> dict[str, list[Mapping[str, Float[np.ndarray, "validation"]]]]:

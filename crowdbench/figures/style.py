@@ -46,18 +46,17 @@ _STYLE = {
 
 
 @contextlib.contextmanager
-def axes(out: Path, width: float = WIDTH, height: float = HEIGHT) -> Iterator[Axes]:
+def axes(out: Path, height: float = HEIGHT) -> Iterator[Axes]:
     """Axes to draw on. The figure is written when the `with` statement ends without an error.
 
     Args:
         out: The file, whose ending says its format.
-        width: In inches.
         height: In inches.
 
     Raises:
         InputError: The ending is another one, the folder does not exist, or Matplotlib is not installed.
     """
-    with canvas(out, width, height) as figure:
+    with canvas(out, WIDTH, height) as figure:
         yield figure.add_subplot()
 
 
@@ -76,16 +75,16 @@ def canvas(out: Path | None, width: float, height: float) -> Iterator[Figure]:
     if out is not None:
         check_file(out, SUFFIXES)
     try:
+        import matplotlib.figure
         import matplotlib.style
-        from matplotlib.figure import Figure as Drawn
     except ImportError:
         raise InputError("figures need Matplotlib: pip install 'crowdbench[plot]'") from None
     with matplotlib.style.context(["default", _STYLE]):
-        drawn = Drawn(figsize=(width, height), layout="constrained")
-        yield drawn
+        figure = matplotlib.figure.Figure(figsize=(width, height), layout="constrained")
+        yield figure
         if out is not None:
             with files.whole(out) as partial:
-                write(drawn, partial, out.suffix[1:])
+                write(figure, partial, out.suffix[1:])
 
 
 def write(figure: Figure, file: Path | BinaryIO, kind: str, dpi: float = 300.0) -> None:

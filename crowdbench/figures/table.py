@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from crowdbench.figures.series import Labelled, runs
+from crowdbench.figures.series import runs
 from crowdbench.metrics import heading
 from crowdbench.metrics.summary import Estimate
 from crowdbench.runs.compare import Comparison, MetricDifference
+from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
 
@@ -27,10 +28,10 @@ def table(directories: Sequence[Path], metrics: Sequence[str]) -> Grid:
     Raises:
         InputError: One of them is not a run, or has no such metric.
     """
-    shown = runs(directories)
+    found = runs(directories)
     names = list(metrics or DEFAULT)
-    rows = {one.label: _row(one, names) for one in shown}
-    rates = {name for name in names if all(name in one.run.episodes.rates for one in shown)}
+    rows = {label: _row(label, run, names) for label, run in found.items()}
+    rates = {name for name in names if all(name in run.episodes.rates for run in found.values())}
     return Grid(
         "runs",
         ["planner", *(heading(name, name in rates) for name in names)],
@@ -68,27 +69,28 @@ def comparison(found: Sequence[Comparison], metrics: Sequence[str]) -> Grid:
 
 def _compared(row: MetricDifference, is_rate: bool) -> list[str]:
     """Both means, the difference with its interval, and the p-value."""
-    factor, digits = (100.0, 1) if is_rate else (1.0, 3)
-    values = (row.a, row.b, row.difference.mean, row.difference.low, row.difference.high)
-    a, b, mean, low, high = (f"{factor * value:.{digits}f}" for value in values)
     if not row.difference.n:
         return ["", "", "", ""]
-    return [a, b, f"{mean} ({low} to {high})", "" if row.p is None else f"{row.p:.2g}"]
+    factor, digits = (100.0, 1) if is_rate else (1.0, 3)
+    means = [f"{factor * value:.{digits}f}" for value in (row.a, row.b)]
+    return [*means, _interval(row.difference, factor, digits), "" if row.p is None else f"{row.p:.2g}"]
 
 
-def _row(one: Labelled, names: Sequence[str]) -> dict[str, Estimate]:
+def _interval(estimate: Estimate, factor: float, digits: int) -> str:
+    """A mean with its interval."""
+    mean, low, high = (f"{factor * value:.{digits}f}" for value in (estimate.mean, estimate.low, estimate.high))
+    return f"{mean} ({low} to {high})"
+
+
+def _row(label: str, run: RunResult, names: Sequence[str]) -> dict[str, Estimate]:
     """The estimates of a run. Raises InputError where it lacks a metric."""
-    found = one.run.episodes.summary()
+    found = run.episodes.summary()
     if lacking := [name for name in names if name not in found]:
-        raise InputError(f"the run of {one.label} has no metric {lacking[0]}; it has {', '.join(found)}")
+        raise InputError(f"the run of {label} has no metric {lacking[0]}; it has {', '.join(found)}")
     return {name: found[name] for name in names}
 
 
 def _cells(row: Mapping[str, Estimate], rates: set[str]) -> list[str]:
     """The cells of a row."""
-    cells = []
-    for name, one in row.items():
-        factor, digits = (100.0, 1) if name in rates else (1.0, 2)
-        mean, low, high = (f"{factor * value:.{digits}f}" for value in (one.mean, one.low, one.high))
-        cells.append("" if math.isnan(one.mean) else f"{mean} ({low} to {high})")
-    return cells
+    formats = {name: (100.0, 1) if name in rates else (1.0, 2) for name in row}
+    return ["" if math.isnan(one.mean) else _interval(one, *formats[name]) for name, one in row.items()]

@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from crowdbench.core.types import DISCOMFORT_GAP
-from crowdbench.drawing.palette import CURVES, DARK, MUTED, Color
+from crowdbench.drawing import CURVES, DARK, MUTED, Color
 from crowdbench.record.plots import PLANNER_PLOTS
 
 
@@ -27,7 +27,7 @@ def blueprint(
         fastest: The largest speed in m/s at which a vehicle of these episodes may drive.
         has_menu: Whether the viewer's menu is shown.
     """
-    plots = [*_plots(fastest), *(_of_planner(name, count) for name, count in plotted.items())]
+    plots = [*_plots(fastest), *(_plot_of_planner(name, count) for name, count in plotted.items())]
     texts = rrb.Tabs(
         rrb.TextDocumentView(name="episode", origin="/summary"),
         rrb.TextDocumentView(name="metrics", origin="/metrics"),
@@ -40,12 +40,7 @@ def blueprint(
 
 
 def side_by_side(
-    names: Sequence[str],
-    extents: Sequence[Float[np.ndarray, "2 2"]],
-    fastest: float,
-    longest: float,
-    *,
-    has_menu: bool,
+    names: Sequence[str], extents: Sequence[Float[np.ndarray, "2 2"]], fastest: float, longest: float, *, has_menu: bool
 ) -> rrb.Blueprint:
     """The viewer's layout for the same case of several planners, whose entities are under `/0`, `/1`, ...
 
@@ -56,8 +51,7 @@ def side_by_side(
         longest: How long the longest of them takes, in seconds: the time that all plots show.
         has_menu: Whether the viewer's menu is shown.
     """
-    start, end = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in (0.0, longest))
-    axis = rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
+    axis = axis_between(rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=longest))
     columns = [
         rrb.Vertical(_plane(name, extents, f"/{n}"), *_plots(fastest, f"/{n}", axis), row_shares=[4.0, 1.0, 1.0])
         for n, name in enumerate(names)
@@ -80,52 +74,67 @@ def _panels(*, has_menu: bool, lists: bool) -> list[Any]:
 def _plane(name: str, extents: Sequence[Float[np.ndarray, "2 2"]], root: str = "") -> rrb.Spatial2DView:
     """The view of the plane, as large as the extents of all episodes, which are under the entity `root`."""
     low, high = np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]
-    so_far = rrb.VisibleTimeRange(
-        "time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
-    )
+    start, now = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
     return rrb.Spatial2DView(
         name=name,
         contents=f"{root}/world/**",
         background=[*DARK.background],
         visual_bounds=rrb.VisualBounds2D(x_range=[low[0], high[0]], y_range=[-high[1], -low[1]]),
-        overrides={f"{root}/world/trails": rrb.VisibleTimeRanges([so_far])},
+        overrides={f"{root}/world/trails": rrb.VisibleTimeRanges([rrb.VisibleTimeRange("time", start=start, end=now)])},
     )
 
 
 def _plots(fastest: float, root: str = "", axis: rrb.TimeAxis | None = None) -> list[rrb.TimeSeriesView]:
     """The views of the gap and the speed, see `side_by_side`; the axis is as long as the episode if None."""
-    gap = {"gap": DARK.vehicle, "discomfort": MUTED, "contact": DARK.failure}
-    speed = {"speed": DARK.vehicle, "preferred": MUTED}
+    gap = style_of(["gap", "discomfort", "contact"], [DARK.vehicle, MUTED, DARK.failure])
+    speed = style_of(["speed", "preferred"], [DARK.vehicle, MUTED])
     title = f"gap, m (grey: discomfort under {DISCOMFORT_GAP} m, red: contact)"
+    speeds = -0.1 * fastest, 1.5 * fastest
     return [
-        _plot(f"{root}/plots/gap", title, gap, (-0.2, 2.0), axis),
-        _plot(f"{root}/plots/speed", "speed, m/s (grey: preferred)", speed, (-0.1 * fastest, 1.5 * fastest), axis),
+        plot(title, {f"{root}/plots/gap": gap}, (-0.2, 2.0), axis),
+        plot("speed, m/s (grey: preferred)", {f"{root}/plots/speed": speed}, speeds, axis),
     ]
 
 
-def _of_planner(name: str, count: int) -> rrb.TimeSeriesView:
+def _plot_of_planner(name: str, count: int) -> rrb.TimeSeriesView:
     """A view with what the planner logged by a name. A value holds until the next one is logged."""
-    style = rr.SeriesLines(
+    lines = rr.SeriesLines(
         names=[f"{name} {n}" if count > 1 else name for n in range(count)],
         colors=list(itertools.islice(itertools.cycle(CURVES), count)),
         interpolation_mode=rr.components.InterpolationMode.StepAfter,
     )
-    origin = f"/{PLANNER_PLOTS}/{name}"
-    # Without a legend, which would cover the curves.
-    legend = rrb.PlotLegend(visible=False)
-    return rrb.TimeSeriesView(name=name.replace("_", " "), origin=origin, plot_legend=legend, overrides={origin: style})
+    return plot(name.replace("_", " "), {f"/{PLANNER_PLOTS}/{name}": lines})
 
 
-def _plot(
-    entity: str, title: str, curves: Mapping[str, Color], extent: tuple[float, float], axis: rrb.TimeAxis | None
+def style_of(names: Sequence[str], colors: Sequence[Color]) -> rr.SeriesLines:
+    """The style of the curves of an entity, the first one wide."""
+    return rr.SeriesLines(names=names, colors=colors, widths=[2.5] + [1.0] * (len(names) - 1))
+
+
+def plot(
+    title: str,
+    styles: Mapping[str, rr.AsComponents],
+    values: tuple[float, float] | None = None,
+    axis: rrb.TimeAxis | None = None,
 ) -> rrb.TimeSeriesView:
-    """A view with the curves of an entity, the first one wide. The title describes them: a legend would cover them."""
-    widths = [2.5] + [1.0] * (len(curves) - 1)
+    """A view with the curves of the first of some entities, in their styles.
+
+    Args:
+        title: Describes the curves: a legend would cover them.
+        styles: Styles by entity.
+        values: The range of values that is shown; all if None.
+        axis: The time that is shown; all if None.
+    """
     return rrb.TimeSeriesView(
         name=title,
-        origin=entity,
+        origin=next(iter(styles)),
         axis_x=axis,
-        axis_y=rrb.ScalarAxis(range=extent),
+        axis_y=None if values is None else rrb.ScalarAxis(range=values),
         plot_legend=rrb.PlotLegend(visible=False),
-        overrides={entity: rr.SeriesLines(names=list(curves), colors=list(curves.values()), widths=widths)},
+        overrides=dict(styles),
     )
+
+
+def axis_between(start: rrb.TimeRangeBoundary, end: rrb.TimeRangeBoundary) -> rrb.TimeAxis:
+    """An axis of time from one time to another."""
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Shaped
+from jaxtyping import Float, Shaped
 from rerun.chunk import Chunk, RrdReader, StoreEntry
 
 from crowdbench.core.types import Rules, Trace
@@ -90,6 +90,22 @@ class Recording:
     cases: int
 
 
+class RecordedEpisode(NamedTuple):
+    """An episode as it is in a file.
+
+    Attributes:
+        entry: What the file calls it.
+        chunks: All its chunks.
+        trace: The episode.
+        planner: The planner's name with its options.
+    """
+
+    entry: StoreEntry
+    chunks: list[Chunk]
+    trace: Trace
+    planner: str
+
+
 def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]:
     """One episode as Rerun chunks: those of the agents, and that of `/exact/episode`.
 
@@ -107,25 +123,22 @@ def to_chunks(trace: Trace, row: int, run: Mapping[str, Any]) -> Iterator[Chunk]
     # The position always changes, or else agents could have no columns.
     still = {name: array[:1] for name, array in arrays.items() if name != "position" and (array == array[:1]).all()}
     moving = {name: _pad_start(array, steps + 1) for name, array in arrays.items() if name not in still}
-    timeline = {each.timeline_name(): each.as_arrow_array() for each in rrd.moments(np.arange(steps + 1), dt)}
+    [time] = rrd.moments(np.arange(steps + 1), dt)
     agents = range(trace.position.shape[2])
     for agent in agents:
-        columns = dict(timeline)
+        columns = {"time": time.as_arrow_array()}
         for name, array in moving.items():
             of = QUANTITIES[name].of
             if agent in agents[of]:
                 columns[name] = _to_lists(array if of == VEHICLE else array[:, agent - of.start])
-        yield from Chunk.from_record_batch(
-            pa.record_batch(columns), index=[*timeline], entity_path=f"/exact/{_agent_name(agent)}"
-        )
-    still["preferred_speed"] = trace.preferred_speed[row : row + 1]
+        entity = f"/exact/{_agent_name(agent)}"
+        yield from Chunk.from_record_batch(pa.record_batch(columns), index=["time"], entity_path=entity)
+    one = slice(row, row + 1)
+    still["preferred_speed"] = trace.preferred_speed[one]
     still["case_outcome_steps"] = np.array([[trace.case[row], trace.outcome[row], trace.steps[row]]])
-    if trace.block is not None:
-        still["block"] = trace.block[row : row + 1]
-    if trace.route.shape[1]:
-        still["route"] = trace.route[row : row + 1]
-    if trace.obstacles.shape[1]:
-        still["obstacles"] = trace.obstacles[row : row + 1]
+    more = {"block": trace.block, "route": trace.route, "obstacles": trace.obstacles}
+    still |= {name: array[one] for name, array in more.items() if array is not None and array[one].size}
+    if "obstacles" in still:
         still["corners"] = np.array([[trace.obstacles.shape[2]]])
     facts = {**run, "format": FORMAT, "split": trace.split, "rules": trace.rules.to_table()}
     fields = {name: _to_lists(array) for name, array in still.items()} | {"facts": pa.array([[json.dumps(facts)]])}
@@ -163,16 +176,13 @@ def read(path: Path) -> Recording:
     return Recording(trace, **{name: facts[name] for name in ("planner", "scenario", "scenario_digest", "cases")})
 
 
-def read_episode(path: Path, reader: RrdReader, entry: StoreEntry) -> tuple[list[Chunk], Trace, str]:
-    """Read one of the recordings in a file: all its chunks, its episode, and the planner's name with its options.
-
-    Raises InputError as `read` does.
-    """
+def read_episode(path: Path, reader: RrdReader, entry: StoreEntry) -> RecordedEpisode:
+    """Read one of the recordings in a file. Raises InputError as `read` does."""
     with rrd.opening(path):
         chunks = rrd.chunks_of(reader, entry, "/**")
         episode = _to_episode(chunks)
     trace, facts = _to_trace(path, [episode])
-    return chunks, trace, facts["planner"]
+    return RecordedEpisode(entry, chunks, trace, facts["planner"])
 
 
 def _to_episode(chunks: Sequence[Chunk]) -> Episode:
@@ -230,37 +240,40 @@ def _to_trace(path: Path, episodes: Sequence[Episode]) -> tuple[Trace, dict[str,
     for name, quantity in QUANTITIES.items():
         if name not in episodes[0]:
             continue
-        each = [_in_time(episode, name) for episode in episodes]
         times = rules.max_steps if quantity.is_of_steps else rules.max_steps + 1
-        padded = _pad(each, (times, len(range(agents)[quantity.of]), *quantity.shape), quantity.padding)
-        for row, values in enumerate(each if quantity.is_held else ()):
-            padded[row, len(values) :] = padded[row, len(values) - 1]
+        each = [_in_time(episode, name, times) for episode in episodes]
+        padded = _pad(each, quantity.padding, (times, len(range(agents)[quantity.of]), *quantity.shape))
         arrays[name] = padded[:, :, 0] if quantity.of == VEHICLE else padded
-    arrays["preferred_speed"] = _pad([episode["preferred_speed"] for episode in episodes], (agents,), 1.0)
-    routes = [episode.get("route", np.empty(0)).reshape(-1, 2) for episode in episodes]
-    obstacles = [np.empty((0, 0, 2))] * len(episodes)
-    if "obstacles" in episodes[0]:
-        obstacles = [episode["obstacles"].reshape(-1, int(episode["corners"][0]), 2) for episode in episodes]
-    for name, each in (("route", routes), ("obstacles", obstacles)):
-        arrays[name] = _pad(each, tuple(np.max([one.shape for one in each], axis=0).tolist()), np.nan)
+    arrays["preferred_speed"] = _pad([episode["preferred_speed"] for episode in episodes], 1.0)
+    arrays["route"] = _pad([episode.get("route", np.empty(0)).reshape(-1, 2) for episode in episodes], np.nan)
+    arrays["obstacles"] = _pad([_obstacles(episode) for episode in episodes], np.nan)
     if "block" in episodes[0]:
         arrays["block"] = np.array([int(episode["block"][0]) for episode in episodes])
     return Trace(split=facts["split"], case=case, outcome=outcome, steps=steps, rules=rules, **arrays), facts
 
 
-def _in_time(episode: Episode, name: str) -> Shaped[np.ndarray, "time agent *values"]:
-    """An array of an episode in its shape, which was stored once, or once per state."""
+def _in_time(episode: Episode, name: str, times: int) -> Shaped[np.ndarray, "time agent *values"]:
+    """An array of an episode in its shape, which was stored once, or once per state; held for so many times."""
     quantity, flat = QUANTITIES[name], episode[name]
     agents, steps = len(episode["preferred_speed"]), int(episode["case_outcome_steps"][2])
     shape = len(range(agents)[quantity.of]), *quantity.shape
     per_row, length = math.prod(shape), steps if quantity.is_of_steps else steps + 1
     rows = flat.reshape(len(flat) // per_row if per_row else steps + 1, *shape)
-    return rows.repeat(length, axis=0) if len(rows) == 1 else rows[len(rows) - length :]
+    rows = rows.repeat(length, axis=0) if len(rows) == 1 else rows[len(rows) - length :]
+    return rows[np.minimum(np.arange(times), length - 1)] if quantity.is_held else rows
 
 
-def _pad(each: Sequence[np.ndarray], shape: tuple[int, ...], padding: float) -> Shaped[np.ndarray, "row *shape"]:
-    """Arrays in the corners of larger ones, in rows."""
-    padded = np.full((len(each), *shape), padding)
+def _obstacles(episode: Episode) -> Float[np.ndarray, "polygon corner 2"]:
+    if "obstacles" not in episode:
+        return np.empty((0, 0, 2))
+    return episode["obstacles"].reshape(-1, int(episode["corners"][0]), 2)
+
+
+def _pad(
+    each: Sequence[np.ndarray], padding: float, shape: tuple[int, ...] | None = None
+) -> Shaped[np.ndarray, "row *shape"]:
+    """Arrays in the corners of larger ones, in rows; these are of the given shape, or just large enough."""
+    padded = np.full((len(each), *(shape or np.max([one.shape for one in each], axis=0))), padding)
     for row, values in enumerate(each):
         corner: tuple[int | slice, ...] = (row, *(slice(n) for n in values.shape))
         padded[corner] = values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -12,14 +12,34 @@ from jaxtyping import Float, Int, UInt8
 from rerun.chunk import Chunk
 
 from crowdbench.core.types import Trace
-from crowdbench.drawing.palette import ATTENTION, DARK, MUTED, REMEMBERED, SCALE
-from crowdbench.record.rrd import moments, moving, still
+from crowdbench.drawing import ATTENTION, DARK, MUTED, REMEMBERED, SCALE
+from crowdbench.record.rrd import moments, moving, still, width
 
 ATTENTION_LOG = "attention"
 """The log `[world, pedestrian]` that is drawn as lines from the vehicle to the pedestrians, besides its curves."""
 
 _FADES = (255, 130, 60)
 """Opacity of the first, second and last third of a future."""
+
+
+class _Log(NamedTuple):
+    """What was logged by a name in an episode.
+
+    Attributes:
+        entity: Path of the entity that shows it.
+        steps: The steps of the decisions in which it was logged.
+        values: What was logged in each of them.
+        position: Where the agents were then, in metres.
+        end: The last step of the episode.
+        dt: Length of a step in seconds.
+    """
+
+    entity: str
+    steps: Int[np.ndarray, "decision"]
+    values: Float[np.ndarray, "decision *shape"]
+    position: Float[np.ndarray, "decision agent 2"]
+    end: int
+    dt: float
 
 
 def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
@@ -29,21 +49,20 @@ def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
     """
     end, dt = int(trace.steps[row]), trace.rules.dt
     for name, array in trace.logs.items():
-        entity = f"world/planner/{name}"
-        logged_at = steps_logged(trace, row, name)
-        logged = array[row, logged_at]
-        if not len(logged):
+        steps = steps_logged(trace, row, name)
+        log = _Log(f"world/planner/{name}", steps, array[row, steps], trace.position[row, steps], end, dt)
+        if not len(steps):
             continue
-        if name == ATTENTION_LOG and logged.shape[1:] == trace.position[row, 0, 1:, 0].shape:
-            yield from _draw_attention(trace, row, logged_at, logged)
-        if _is_fan(logged[0]):
-            yield from _draw_fan(entity, logged, trace.position[row, logged_at, 0], logged_at, dt)
-        elif logged.ndim == 3 and logged.shape[-1] == 2:
-            points = rr.Points2D.columns(positions=logged.reshape(-1, 2))
-            yield still(entity, rr.Points2D.from_fields(colors=[MUTED], radii=rr.Radius.ui_points(2)))
-            yield moving(entity, moments(logged_at, dt), [logged.shape[1]] * len(logged), points)
-        elif logged.ndim > 3:
-            yield from _draw_lines(entity, logged, logged_at, end, dt)
+        if name == ATTENTION_LOG and log.values.shape == log.position[:, 1:, 0].shape:
+            yield from _draw_attention(log)
+        if _is_fan(log.values[0]):
+            yield from _draw_fan(log)
+        elif log.values.ndim == 3 and log.values.shape[-1] == 2:
+            points = rr.Points2D.columns(positions=log.values.reshape(-1, 2))
+            yield still(log.entity, rr.Points2D.from_fields(colors=[MUTED], radii=width(2)))
+            yield moving(log.entity, moments(steps, dt), [log.values.shape[1]] * len(steps), points)
+        elif log.values.ndim > 3:
+            yield from _draw_lines(log)
 
 
 def steps_logged(trace: Trace, row: int, name: str) -> Int[np.ndarray, "decision"]:
@@ -80,94 +99,60 @@ def shades(value: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape 3"]:
     return np.stack(channels, axis=-1).astype(np.uint8)
 
 
-def _draw_fan(
-    entity: str,
-    logged: Float[np.ndarray, "decision command 3"],
-    origin: Float[np.ndarray, "decision 2"],
-    steps: Int[np.ndarray, "decision"],
-    dt: float,
-) -> Iterator[Chunk]:
+def _draw_fan(log: _Log) -> Iterator[Chunk]:
     """Commands as arrows as long as the way of one second, coloured by value; the best two are marked.
 
-    Args:
-        entity: Path of the entity.
-        logged: Velocities in m/s and a value each; what cannot be chosen has no finite value.
-        origin: Where the vehicle was, in metres.
-        steps: The steps of the decisions.
-        dt: Length of a step in seconds.
+    What cannot be chosen has no finite value.
     """
-    known = [each[np.isfinite(each[:, 2])] for each in logged]
-    vectors = [each[:, :2] for each in known]
-    colors = [shades(_to_shares(each[:, 2])) for each in known]
-    best = [each[np.argsort(each[:, 2], kind="stable")[-2:], :2] for each in known]
-    style = rr.Radius.ui_points(0.75)
-    yield still(entity, rr.Arrows2D.from_fields(radii=style, draw_order=20))
-    yield _draw_arrows(entity, origin, vectors, steps, dt, np.concatenate(colors))
-    marks = rr.Arrows2D.from_fields(radii=rr.Radius.ui_points(2.0), draw_order=45)
-    yield still(f"{entity}/best", marks)
+    known = [each[np.isfinite(each[:, 2])] for each in log.values]
+    yield still(log.entity, rr.Arrows2D.from_fields(radii=width(0.75), draw_order=20))
+    yield _draw_arrows(log, known, [shades(_to_shares(each[:, 2])) for each in known])
+    best = log._replace(entity=f"{log.entity}/best")
+    yield still(best.entity, rr.Arrows2D.from_fields(radii=width(2.0), draw_order=45))
+    ranked = [each[np.argsort(each[:, 2], kind="stable")[-2:]] for each in known]
     two = np.array([REMEMBERED, DARK.vehicle], np.uint8)
-    yield _draw_arrows(
-        f"{entity}/best", origin, best, steps, dt, np.concatenate([two[2 - len(each) :] for each in best])
-    )
+    yield _draw_arrows(best, ranked, [two[2 - len(each) :] for each in ranked])
 
 
-def _draw_arrows(
-    entity: str,
-    origin: Float[np.ndarray, "decision 2"],
-    vectors: list[np.ndarray],
-    steps: Int[np.ndarray, "decision"],
-    dt: float,
-    colors: UInt8[np.ndarray, "arrow 3"],
-) -> Chunk:
-    """Arrows from one point at each of several steps; `colors` are those of all arrows, one after the other."""
-    counts = [len(each) for each in vectors]
-    arrows = rr.Arrows2D.columns(vectors=np.concatenate(vectors), colors=colors)
+def _draw_arrows(log: _Log, commands: list[np.ndarray], colors: list[np.ndarray]) -> Chunk:
+    """Arrows from the vehicle in each decision: commands `[command, 3]` and their colours."""
+    counts = [len(each) for each in commands]
+    arrows = rr.Arrows2D.columns(vectors=np.concatenate(commands)[:, :2], colors=np.concatenate(colors))
     columns = [column.partition(counts) for column in arrows]
     # One origin stands for all arrows of a step.
-    columns += [column.partition([1] * len(origin)) for column in rr.Arrows2D.columns(origins=origin)]
-    return Chunk.from_columns(entity, moments(steps, dt), columns)
+    columns += [column.partition([1] * len(counts)) for column in rr.Arrows2D.columns(origins=log.position[:, 0])]
+    return Chunk.from_columns(log.entity, moments(log.steps, log.dt), columns)
 
 
-def _draw_lines(
-    entity: str,
-    logged: Float[np.ndarray, "decision *_ time line xy"],
-    steps: Int[np.ndarray, "decision"],
-    end: int,
-    dt: float,
-) -> Iterator[Chunk]:
+def _draw_lines(log: _Log) -> Iterator[Chunk]:
     """Lines over time that fade with the time ahead, in thirds. Each is shorter by a point a step, as time goes on.
 
-    Args:
-        entity: Path of the entity.
-        logged: Points in metres, from the step after the decision on; a third number is a weight of the line.
-        steps: The steps of the decisions.
-        end: The last step of the episode.
-        dt: Length of a step in seconds.
+    They are logged as `[..., time, line, 2]`, from the step after the decision on; a third number is a line's weight.
     """
-    length, lines = logged.shape[-3], logged[0, ..., 0, :, 0].size
-    until = np.append(steps[1:], end)
-    shown = [(i, k) for i, (a, b) in enumerate(zip(steps, until, strict=True)) for k in range(max(b - a, 1))]
-    timeline = moments(np.array([steps[i] + k for i, k in shown]), dt)
+    length, lines = log.values.shape[-3], log.values[0, ..., 0, :, 0].size
+    until = np.append(log.steps[1:], log.end)
+    shown = [(i, k) for i, (a, b) in enumerate(zip(log.steps, until, strict=True)) for k in range(max(b - a, 1))]
+    timeline = moments(np.array([log.steps[i] + k for i, k in shown]), log.dt)
     bounds = np.linspace(0, length - 1, len(_FADES) + 1).round().astype(int)
     for third, (low, high) in enumerate(itertools.pairwise(bounds.tolist())):
         strips: list[np.ndarray] = []
         for i, k in shown:
-            part = logged[i][..., max(low, k) : high + 1, :, :2]
+            part = log.values[i][..., max(low, k) : high + 1, :, :2]
             strips.append(part.swapaxes(-3, -2).reshape(lines, part.shape[-3], 2))
         counts = [len(each) if each.shape[1] > 1 else 0 for each in strips]
         flat = [line for each, count in zip(strips, counts, strict=True) for line in each[:count]]
         if not flat:
             continue
-        path = f"{entity}/{third}"
+        path = f"{log.entity}/{third}"
         changing: dict[str, Any] = {"strips": flat}
         always: dict[str, Any] = {}
-        if logged.shape[-1] == 3:
-            weights = [logged[i][..., 0, :, 2].ravel() for i, _ in shown]
+        if log.values.shape[-1] == 3:
+            weights = [log.values[i][..., 0, :, 2].ravel() for i, _ in shown]
             shares = [_to_shares(each)[:count] for each, count in zip(weights, counts, strict=True)]
             changing["colors"] = shades(np.concatenate(shares))
         else:
             always["colors"] = [(*MUTED, _FADES[third])]
-        yield still(path, rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(0.75), draw_order=15, **always))
+        yield still(path, rr.LineStrips2D.from_fields(radii=width(0.75), draw_order=15, **always))
         yield moving(path, timeline, counts, rr.LineStrips2D.columns(**changing))
 
 
@@ -177,19 +162,13 @@ def _to_shares(values: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:
     return (values - values.min()) / spread if spread > 0.0 else np.ones(len(values))
 
 
-def _draw_attention(
-    trace: Trace, row: int, steps: Int[np.ndarray, "decision"], logged: Float[np.ndarray, "decision pedestrian"]
-) -> Iterator[Chunk]:
+def _draw_attention(log: _Log) -> Iterator[Chunk]:
     """Lines from the vehicle to the pedestrians, the wider the more, from 0 to 1, it attends to them."""
-    position = trace.position[row, steps]
-    strips, widths, counts = [], [], []
-    for place, share in zip(position, logged, strict=True):
-        seen = np.flatnonzero(np.isfinite(place[1:, 0]) & (share > 0.02))
-        strips += [place[[0, 1 + one]] for one in seen]
-        widths += (6.0 * share[seen]).tolist()
-        counts.append(len(seen))
-    if not strips:
+    seen = np.isfinite(log.position[:, 1:, 0]) & (log.values > 0.02)
+    if not seen.any():
         return
-    lines = rr.LineStrips2D.columns(strips=strips, radii=rr.Radius.ui_points(widths))
-    yield still("world/planner/attention", rr.LineStrips2D.from_fields(colors=[ATTENTION], draw_order=12))
-    yield moving("world/planner/attention", moments(steps, trace.rules.dt), counts, lines)
+    decision, pedestrian = np.nonzero(seen)
+    strips = np.stack([log.position[decision, 0], log.position[decision, 1 + pedestrian]], axis=1)
+    lines = rr.LineStrips2D.columns(strips=strips, radii=width((6.0 * log.values[seen]).tolist()))
+    yield still(log.entity, rr.LineStrips2D.from_fields(colors=[ATTENTION], draw_order=12))
+    yield moving(log.entity, moments(log.steps, log.dt), seen.sum(axis=1), lines)

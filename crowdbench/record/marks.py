@@ -12,8 +12,8 @@ from rerun.chunk import Chunk
 
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.drawing.palette import DARK, MUTED, REMEMBERED
-from crowdbench.record.rrd import moments, moving, still
+from crowdbench.drawing import DARK, MUTED, REMEMBERED
+from crowdbench.record.rrd import moments, moving, still, width
 from crowdbench.sim.lines_of_sight import measure_all_beams
 
 MOST_BEAMS = 90
@@ -60,13 +60,10 @@ def _draw_perceived(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -
     assert trace.age is not None
     states = int(trace.steps[row]) + 1
     known, radius = np.isfinite(trace.age[row, :states]), trace.radius[row, :states, 1:]
-    seen = trace.seen[row, :states][known].tolist()
-    rings = rr.Ellipses2D.columns(
-        centers=trace.perceived[row, :states][known],
-        half_sizes=np.repeat(radius[known][:, None], 2, axis=1),
-        colors=[DARK.vehicle if each else REMEMBERED for each in seen],
-    )
-    yield still("world/sight", rr.Ellipses2D.from_fields(line_radii=rr.Radius.ui_points(1.5), draw_order=45))
+    colors = [DARK.vehicle if each else REMEMBERED for each in trace.seen[row, :states][known].tolist()]
+    sizes = np.repeat(radius[known][:, None], 2, axis=1)
+    rings = rr.Ellipses2D.columns(centers=trace.perceived[row, :states][known], half_sizes=sizes, colors=colors)
+    yield still("world/sight", rr.Ellipses2D.from_fields(line_radii=width(1.5), draw_order=45))
     yield moving("world/sight", timeline, known.sum(axis=1), rings)
 
 
@@ -82,9 +79,7 @@ def _draw_view(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Ite
     outline = position[:, None] + reach * np.stack([np.cos(angle), np.sin(angle)], axis=2)
     if sensor.field_of_view < 360.0:
         outline = np.concatenate([position[:, None], outline, position[:, None]], axis=1)
-    yield still(
-        "world/view", rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=rr.Radius.ui_points(1), draw_order=3)
-    )
+    yield still("world/view", rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=width(1), draw_order=3))
     yield moving("world/view", timeline, [1] * states, rr.LineStrips2D.columns(strips=outline))
 
 
@@ -100,12 +95,9 @@ def _draw_beams(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> It
     number = np.arange(0, lidar.beams, math.ceil(lidar.beams / MOST_BEAMS))
     angle = heading[:, None] + 2.0 * np.pi * number / lidar.beams
     way = distance[:, number, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
-    beams = position[:, :1, None] + np.stack([np.zeros_like(way), way], axis=2)
-    style = rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=rr.Radius.ui_points(0.75), draw_order=4)
-    yield still("world/lidar", style)
-    yield moving(
-        "world/lidar", timeline, [len(number)] * states, rr.LineStrips2D.columns(strips=beams.reshape(-1, 2, 2))
-    )
+    beams = (position[:, :1, None] + np.stack([np.zeros_like(way), way], axis=2)).reshape(-1, 2, 2)
+    yield still("world/lidar", rr.LineStrips2D.from_fields(colors=[DARK.faint], radii=width(0.75), draw_order=4))
+    yield moving("world/lidar", timeline, [len(number)] * states, rr.LineStrips2D.columns(strips=beams))
 
 
 def time_to_closest(
@@ -135,10 +127,8 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     if position.shape[1] == 1:
         return
     when = time_to_closest(position[:, 1:] - position[:, :1], velocity[:, 1:] - velocity[:, :1])
-    ahead = np.stack(
-        [position[:, :1] + velocity[:, :1] * when[..., None], position[:, 1:] + velocity[:, 1:] * when[..., None]]
-    )
-    gap = norm(ahead[1] - ahead[0]) - trace.radius[row, :states, 1:] - trace.radius[row, :states, :1]
+    vehicle, pedestrian = (position[:, own] + velocity[:, own] * when[..., None] for own in (slice(1), slice(1, None)))
+    gap = norm(pedestrian - vehicle) - trace.radius[row, :states, 1:] - trace.radius[row, :states, :1]
     gap = np.where(np.isfinite(gap) & (when > 0.0), gap, np.inf)
     state, who = np.arange(states), gap.argmin(axis=1)
     is_shown = gap[state, who] < NEAR
@@ -146,20 +136,14 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
         is_shown[-1] = False  # the mark of the collision is there
     if not is_shown.any():
         return
-    lines = ahead[:, state, who].swapaxes(0, 1)[is_shown]
-    labels = [f"{max(gap[t, who[t]], 0.0):.2f} m in {when[t, who[t]]:.1f} s" for t in np.flatnonzero(is_shown)]
-    colors = [DARK.failure if gap[t, who[t]] < 0.0 else MUTED for t in np.flatnonzero(is_shown)]
+    nearest = state[is_shown], who[is_shown]
+    lines = np.stack([vehicle[nearest], pedestrian[nearest]], axis=1)
+    labels = [f"{max(g, 0.0):.2f} m in {t:.1f} s" for g, t in zip(gap[nearest], when[nearest], strict=True)]
+    colors = [DARK.failure if each < 0.0 else MUTED for each in gap[nearest]]
     # The text stands over the pedestrian, away from the vehicle's name.
     above = lines[:, 1] + [0.0, trace.radius[row, 0, 0] + label]
-    yield still(
-        "world/approach",
-        rr.LineStrips2D.from_fields(radii=rr.Radius.ui_points(1.5), draw_order=46),
-        rr.Points2D.from_fields(radii=rr.Radius.ui_points(0)),
-    )
-    yield moving(
-        "world/approach",
-        moments(state, trace.rules.dt),
-        is_shown.astype(int).tolist(),
-        rr.LineStrips2D.columns(strips=lines, colors=colors),
-        rr.Points2D.columns(positions=above, labels=labels, colors=colors),
-    )
+    style = rr.LineStrips2D.from_fields(radii=width(1.5), draw_order=46)
+    yield still("world/approach", style, rr.Points2D.from_fields(radii=width(0)))
+    strips = rr.LineStrips2D.columns(strips=lines, colors=colors)
+    texts = rr.Points2D.columns(positions=above, labels=labels, colors=colors)
+    yield moving("world/approach", moments(state, trace.rules.dt), is_shown.astype(int), strips, texts)

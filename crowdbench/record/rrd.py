@@ -81,6 +81,10 @@ def moments(steps: Int[np.ndarray, "time"], dt: float) -> list[rr.TimeColumn]:
     return [rr.TimeColumn("time", duration=steps * dt)]
 
 
+width = rr.Radius.ui_points
+"""The widths of lines, or the radii of points, in points of the screen, whatever is enlarged."""
+
+
 def still(entity: str, *archetypes: rr.AsComponents) -> Chunk:
     """A chunk of what an entity shows at all times."""
     batches = [batch for archetype in archetypes for batch in archetype.as_component_batches()]
@@ -121,11 +125,13 @@ def join(folder: Path, parts: Sequence[str], application: str, blueprint: rrb.Bl
     # `rrd route` copies the messages as they are: it is faster than `rrd merge` and needs less memory.
     command = [sys.executable, "-m", "rerun_cli", "rrd", "route", "-o", "whole.rrd", "layout.rbl", *parts]
     # In a session of its own, because Ctrl-C in a terminal interrupts all processes of the session's group.
-    ended = subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
+    process = subprocess.run(command, cwd=folder, capture_output=True, start_new_session=True)
     whole = folder / "whole.rrd"
-    if ended.returncode:
-        said = ended.stderr.decode(errors="replace").strip().splitlines()
-        raise OSError(f"rerun rrd route ended with status {ended.returncode}: {said[-1] if said else 'no message'}")
+    if process.returncode:
+        messages = process.stderr.decode(errors="replace").strip().splitlines()
+        raise OSError(
+            f"rerun rrd route ended with status {process.returncode}: {messages[-1] if messages else 'no message'}"
+        )
     # On a full disk, rerun writes part of the file and exits with 0.
     if not _holds(whole, len(parts)):
         raise OSError(errno.ENOSPC, PARTLY)
@@ -148,7 +154,5 @@ def _switched_on() -> Iterator[None]:
     try:
         yield
     finally:
-        if before is None:
-            del os.environ["RERUN"]
-        else:
-            os.environ["RERUN"] = before
+        del os.environ["RERUN"]
+        os.environ |= {} if before is None else {"RERUN": before}

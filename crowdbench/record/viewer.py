@@ -1,20 +1,37 @@
-"""The Rerun viewer as a process: in a window, in a browser, or without either for a picture."""
+"""Shows a recording in the Rerun viewer: in a window, in a browser, or as a picture.
+
+`view` writes the file that is shown, one case or the same case of several recordings; `show` and `picture` start the
+viewer as a process.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+import rerun.blueprint as rrb
+from rerun.chunk import Chunk, LazyChunkStream, RrdReader, StoreEntry
 from rerun.experimental import ViewerClient
 
+from crowdbench.core.types import Outcome
+from crowdbench.record import contents, rrd
+from crowdbench.record.blueprint import blueprint, side_by_side
+from crowdbench.record.drawing import extent
+from crowdbench.record.plots import logged_curves
 from crowdbench.utils.errors import InputError
+
+NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+(-[0-9a-f]+)?")
+"""The name of an episode's recording in the viewer: split, case, outcome, and what tells the run from others."""
 
 PATIENCE = 60.0
 """Seconds after which a viewer that has not drawn its picture is given up."""
@@ -27,6 +44,118 @@ ENLARGED = 10
 
 _PAUSE = 0.2
 """Seconds between two looks at the viewer."""
+
+
+def view(
+    paths: Sequence[Path],
+    case: int | None = None,
+    screenshot: Path | None = None,
+    *,
+    seconds: float | None = None,
+    web: bool = False,
+) -> None:
+    """Open a recording, or the same case of several side by side, in the Rerun viewer and wait until it is closed.
+
+    Args:
+        paths: The recordings.
+        case: Number of the only case to show.
+        screenshot: Path of a .png file: write a picture of the case instead of opening a window.
+        seconds: The time in the case that is shown first; its end if None.
+        web: Whether to open it in a browser instead of a window.
+
+    Raises:
+        InputError: A file or the case does not exist, the case does not start alike in all recordings, the arguments
+            do not fit each other, or the viewer does not start.
+    """
+    if screenshot is not None and (case is None or screenshot.suffix != ".png" or not screenshot.parent.is_dir()):
+        raise InputError(f"a picture shows one case (--case 37) and goes to a .png file in a folder, not {screenshot}")
+    if seconds is not None and (case is None or web):
+        raise InputError("--time shows a moment of one case (--case 37), in a window or a picture, not with --web")
+    if case is None and len(paths) > 1:
+        raise InputError("several runs are shown side by side in one case: give --case 37 or --worst METRIC")
+    with tempfile.TemporaryDirectory() as folder:
+        file = paths[0].resolve()
+        if case is None:
+            _entries(paths[0])
+        else:
+            write = _write_case if len(paths) == 1 else _write_beside
+            file = write(paths, case, Path(folder), has_menu=screenshot is None)
+        if screenshot is None:
+            show(file, seconds, web=web)
+        else:
+            picture(file, screenshot, seconds)
+
+
+def recorded_cases(path: Path) -> list[int]:
+    """The numbers of the cases in a recording. Raises InputError where it cannot be read, or is none of crowdbench."""
+    return sorted(_entries(path)[1])
+
+
+def _entries(path: Path) -> tuple[RrdReader, dict[int, StoreEntry]]:
+    """A recording, and the recording of each case in it."""
+    with rrd.opening(path):
+        reader = RrdReader(path)
+        named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
+    entries = {int(match[1]): entry for match, entry in named if match}
+    if not entries:
+        raise rrd.foreign(path)
+    return reader, entries
+
+
+def _episode(path: Path, case: int) -> contents.RecordedEpisode:
+    """One case of a recording. Raises InputError where it cannot be read, or has no such case."""
+    reader, entries = _entries(path)
+    if case not in entries:
+        near = sorted(sorted(entries, key=lambda other: abs(other - case))[:10])
+        raise InputError(
+            f"case {case} is not recorded in {path}: recorded near it are {_ranges(near)} (all are with --record all)"
+        )
+    return contents.read_episode(path, reader, entries[case])
+
+
+def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
+    """Write a file of a case of one recording, with its own blueprint; a picture of it needs no menu."""
+    entry, chunks, trace, _ = _episode(paths[0], case)
+    layout = blueprint([extent(trace, 0)], logged_curves(chunks), float(trace.preferred_speed[0, 0]), has_menu=has_menu)
+    return _write(chunks, folder, entry.application_id, entry.recording_id, layout)
+
+
+def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
+    """Write a file with the same case of several recordings. Raises InputError where it does not start alike."""
+    episodes = [_episode(path, case) for path in paths]
+    first, *others = (one.trace for one in episodes)
+    for path, other in zip(paths[1:], others, strict=True):
+        same_start = np.array_equal(other.position[:, 0], first.position[:, 0], equal_nan=True)
+        if not same_start or (other.split, other.rules.dt) != (first.split, first.rules.dt):
+            raise InputError(f"case {case} starts otherwise in {path} than in {paths[0]}: give runs of one scenario")
+    chunks = [
+        chunk.with_entity_path(f"/{n}{chunk.entity_path}")
+        for n, one in enumerate(episodes)
+        for chunk in one.chunks
+        if chunk.entity_path.startswith(("/world", "/plots"))
+    ]
+    names = [f"{one.planner}: {Outcome(int(one.trace.outcome[0])).label}" for one in episodes]
+    fastest = max(float(one.trace.preferred_speed[0, 0]) for one in episodes)
+    longest = first.rules.dt * max(int(one.trace.steps[0]) for one in episodes)
+    layout = side_by_side(names, [extent(one.trace, 0) for one in episodes], fastest, longest, has_menu=has_menu)
+    return _write(chunks, folder, f"case {case} of {len(paths)} planners", f"{first.split}-{case:04d}", layout)
+
+
+def _write(chunks: Sequence[Chunk], folder: Path, application: str, recording: str, layout: rrb.Blueprint) -> Path:
+    """Write a file of one recording: its chunks, the names of file and recording in the viewer, and its layout."""
+    with rrd.writing(f"a copy of the case in {folder}"):
+        LazyChunkStream.from_iter(chunks).write_rrd(
+            folder / "case.rrd", application_id=application, recording_id=recording
+        )
+        return rrd.join(folder, ["case.rrd"], application, layout)
+
+
+def _ranges(numbers: Iterable[int]) -> str:
+    """Numbers as ranges, such as 0-9, 12, 17-18."""
+    known = set(numbers)
+    starts = sorted(n for n in known if n - 1 not in known)
+    ends = sorted(n for n in known if n + 1 not in known)
+    return ", ".join(f"{a}-{b}" if a < b else f"{a}" for a, b in zip(starts, ends, strict=True))
 
 
 def show(file: Path, seconds: float | None = None, *, web: bool = False) -> None:

@@ -12,6 +12,7 @@ import json
 import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -33,12 +34,13 @@ PROPERTIES = "crowdbench"
 """What the properties of a recording are called together."""
 
 
+@dataclass
 class Recorder:
     """Writes episodes into one file, in a `with` statement.
 
     The file appears when the statement ends. After an exception there is no file.
 
-    Args:
+    Attributes:
         path: The file.
         planner: The planner's name with its options.
         scenario: The scenario's name.
@@ -51,33 +53,27 @@ class Recorder:
         all_decisions: Whether what planners considered in each decision is kept of successes too, not of failures only.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        planner: str,
-        scenario: str,
-        scenario_digest: str,
-        cases: int,
-        options: Mapping[str, Any] | None = None,
-        units: Mapping[str, str] | None = None,
-        identity: str = "",
-        all_decisions: bool = True,
-    ) -> None:
-        self._path = path
-        self._options, self._units, self._all_decisions = options or {}, units or {}, all_decisions
-        self._version = importlib.metadata.version("crowdbench")
-        self._suffix = f"-{identity}" if identity else ""
-        self._run = {"planner": planner, "scenario": scenario, "scenario_digest": scenario_digest, "cases": cases}
-        # The viewer lists the file by this name, and warns of other characters.
-        self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{planner} on {scenario}")
-        self._extents: list[Float[np.ndarray, "2 2"]] = []
-        self._plotted: dict[str, int] = {}
-        self._fastest = 0.0
+    path: Path
+    _: dataclasses.KW_ONLY
+    planner: str
+    scenario: str
+    scenario_digest: str
+    cases: int
+    options: Mapping[str, Any] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    identity: str = ""
+    all_decisions: bool = True
 
     def __enter__(self) -> Recorder:
         # In the same folder, so that moving the finished file is a rename within one file system.
-        self._folder = tempfile.TemporaryDirectory(prefix=f".{self._path.name}.", dir=self._path.parent)
+        self._folder = tempfile.TemporaryDirectory(prefix=f".{self.path.name}.", dir=self.path.parent)
+        self._run = {name: getattr(self, name) for name in ("planner", "scenario", "scenario_digest", "cases")}
+        # The viewer lists the file by this name, and warns of other characters.
+        self._application = re.sub(r"[^A-Za-z0-9 _-]", "-", f"{self.planner} on {self.scenario}")
+        self._version = importlib.metadata.version("crowdbench")
+        self._extents: list[Float[np.ndarray, "2 2"]] = []
+        self._plotted: dict[str, int] = {}
+        self._fastest = 0.0
         return self
 
     def add(
@@ -95,19 +91,19 @@ class Recorder:
         """
         for row in rows.tolist():
             outcome = Outcome(int(trace.outcome[row]))
-            title = f"planner {self._run['planner']} · scenario {self._run['scenario']}"
+            title = f"planner {self.planner} · scenario {self.scenario}"
             measured = {name: column[row].item() for name, column in values.items()}
-            drawn = trace
-            if outcome is Outcome.SUCCESS and not self._all_decisions and not all(map(is_curve, trace.logs.values())):
-                kept = {name: logged for name, logged in trace.logs.items() if is_curve(logged)}
-                drawn, title = dataclasses.replace(trace, logs=kept), f"{title} · *its decisions: `--record all`*"
+            shown = trace
+            if outcome is Outcome.SUCCESS and not self.all_decisions and not all(map(is_curve, trace.logs.values())):
+                curves = {name: logged for name, logged in trace.logs.items() if is_curve(logged)}
+                shown, title = dataclasses.replace(trace, logs=curves), f"{title} · *its decisions: `--record all`*"
             chunks = [
                 *self._properties(trace, row, measured),
                 *contents.to_chunks(trace, row, self._run),
-                *draw_episode(drawn, row, title, self._with_units(measured)),
+                *draw_episode(shown, row, title, self._with_units(measured)),
             ]
-            name = f"{trace.split}-{trace.case[row]:04d}-{outcome.label}{self._suffix}"
-            self._keep(chunks, name, trace, row)
+            name = f"{trace.split}-{trace.case[row]:04d}-{outcome.label}"
+            self._keep(chunks, f"{name}-{self.identity}" if self.identity else name, trace, row)
         self._plot({name: logged[0, 0].size for name, logged in trace.logs.items() if is_curve(logged)})
 
     def _plot(self, curves: Mapping[str, int]) -> None:
@@ -121,17 +117,17 @@ class Recorder:
         # In one column, because each column needs one or two kilobytes in the file's index.
         metrics = pa.StructArray.from_arrays([pa.array([value]) for value in measured.values()], names=[*measured])
         about = {name: value for name, value in self._run.items() if name != "cases"}
-        about |= {"options": json.dumps(self._options), "split": trace.split, "case": case, "outcome": outcome}
+        about |= {"options": json.dumps(self.options), "split": trace.split, "case": case, "outcome": outcome}
         about |= {"version": self._version, "metrics": metrics}
         yield Chunk.from_property(PROPERTIES, rr.AnyValues(**about))
 
     def _with_units(self, measured: Mapping[str, float | bool]) -> dict[str, float | bool]:
         """Metrics by the names that people read, with units."""
-        units = self._units
-        return {
-            name.replace("_", " ") + (f", {units[name]}" if units.get(name) else ""): value
-            for name, value in measured.items()
-        }
+        named = {}
+        for name, value in measured.items():
+            unit = self.units.get(name)
+            named[name.replace("_", " ") + (f", {unit}" if unit else "")] = value
+        return named
 
     def copy(self, path: Path) -> int:
         """Record the episodes of another recording, one of a part of the same run.
@@ -149,9 +145,9 @@ class Recorder:
             reader = RrdReader(path)
             entries = reader.recordings()
         for entry in entries:
-            chunks, trace, _ = contents.read_episode(path, reader, entry)
-            self._keep(chunks, entry.recording_id, trace, 0)
-            self._plot(logged_curves(chunks))
+            episode = contents.read_episode(path, reader, entry)
+            self._keep(episode.chunks, entry.recording_id, episode.trace, 0)
+            self._plot(logged_curves(episode.chunks))
         return len(entries)
 
     def _keep(self, chunks: Sequence[Chunk], name: str, trace: Trace, row: int) -> None:
@@ -168,9 +164,9 @@ class Recorder:
         with self._folder as folder:
             if kind is None and self._extents:
                 parts = [f"{part}.rrd" for part in range(len(self._extents))]
-                shown = blueprint(self._extents, self._plotted, self._fastest)
+                layout = blueprint(self._extents, self._plotted, self._fastest)
                 with self._writing():
-                    rrd.join(Path(folder), parts, self._application, shown).replace(self._path)
+                    rrd.join(Path(folder), parts, self._application, layout).replace(self.path)
 
     def _writing(self) -> contextlib.AbstractContextManager[None]:
-        return rrd.writing(f"the recording {self._path.name}", " (--record none does without)")
+        return rrd.writing(f"the recording {self.path.name}", " (--record none does without)")

@@ -164,7 +164,7 @@ class TrainingRun:
             intervals["success"] = [(one.low, one.high) for one in ranges]
         points = [dataclasses.asdict(point) for point in curve]
         best = curve.index(training.best_point())
-        curves.write(self.directory / RECORDING, self.request.command, points, kept=best, intervals=intervals)
+        curves.write(self.directory / RECORDING, self.request.command, points, best=best, intervals=intervals)
 
     def _save(self) -> None:
         """Write a checkpoint, and the curve where it has points."""

@@ -21,8 +21,7 @@ from matplotlib.figure import Figure
 from crowdbench.boards.site.texts import shorten
 from crowdbench.boards.standings import Standing, Standings
 from crowdbench.core.types import Trace
-from crowdbench.drawing.moment import Disc, Moment, Shape, draw_moment, extent
-from crowdbench.drawing.palette import Color, Palette
+from crowdbench.drawing import Color, Disc, Moment, Palette, Shape, draw_moment, extent
 from crowdbench.figures.episode import draw
 
 _RGB: dict[str, Color] = {

@@ -1,7 +1,7 @@
 """The one drawing of an episode seen from above: who is where, as shapes in metres that any library can draw.
 
-`figures.episode` draws them with Matplotlib, `envs.render` with pygame. (A recording shows the same in Rerun, which
-draws in its own way: `record.drawing`.)
+`figures.episode` draws the shapes with Matplotlib, for figures, films and the pages of boards; `envs.render` draws them
+with pygame. A recording holds all states at once: `record.drawing` has the same ways, bodies, colours and extent.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core.dynamics import Holonomic, nose, outline
 from crowdbench.core.geometry import Discs, nearest_in_step, polygons, turn
 from crowdbench.core.types import Rules, Trace, World
-from crowdbench.drawing.palette import LIGHT, Color, Palette
 from crowdbench.sim.episode import fill_motion
 from crowdbench.sim.swept import gaps_on_arc
 
@@ -26,6 +25,61 @@ CROWD = 100
 
 _ANGLES = np.arange(10) * np.pi / 5.0 + np.pi / 2.0
 _STAR = np.resize([0.2, 0.08], 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+
+Color = tuple[int, int, int]
+
+
+class Palette(NamedTuple):
+    """The colours of an episode. Vehicle, pedestrians and failures can be told apart by colour-blind readers too."""
+
+    vehicle: Color
+    pedestrian: Color
+    walked: Color
+    hidden: Color
+    failure: Color
+    faint: Color
+    wall: Color
+    text: Color
+    background: Color
+
+
+LIGHT = Palette(
+    vehicle=(222, 122, 0),
+    pedestrian=(38, 104, 178),
+    walked=(146, 179, 216),
+    hidden=(160, 188, 218),
+    failure=(214, 39, 40),
+    faint=(228, 228, 222),
+    wall=(154, 154, 148),
+    text=(70, 70, 70),
+    background=(255, 255, 255),
+)
+"""On paper and in windows."""
+
+DARK = Palette(
+    vehicle=(255, 194, 10),
+    pedestrian=(94, 169, 255),
+    walked=(43, 84, 136),
+    hidden=(32, 54, 86),
+    failure=(255, 77, 84),
+    faint=(72, 78, 90),
+    wall=(150, 156, 168),
+    text=(255, 255, 255),
+    background=(17, 19, 24),
+)
+"""In recordings, which also have the colours below."""
+
+SUCCESS: Color = (70, 210, 140)
+REMEMBERED: Color = (140, 107, 10)
+MUTED: Color = (140, 146, 158)
+GRID: Color = (33, 36, 43)
+ATTENTION: Color = (204, 121, 167)
+
+SCALE: tuple[Color, ...] = ((62, 44, 112), (38, 118, 142), (160, 228, 130))
+"""From small to large values, dark to light."""
+
+CURVES: tuple[Color, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0))
+"""Colours of a planner's own curves, which colour-blind readers can tell apart (Okabe and Ito 2008)."""
 
 
 class Line(NamedTuple):
@@ -100,35 +154,20 @@ class Moment:
     def of_trace(cls, trace: Trace, row: int, state: int) -> Moment:
         """A state of the episode in a row of a trace."""
         until, now = (row, slice(state + 1)), (row, state)
-        return cls(
-            np.arange(state + 1),
-            trace.position[until],
-            trace.velocity[until],
-            trace.heading[until],
-            trace.person[until],
-            trace.goal[now],
-            trace.radius[now],
-            trace.seen[now],
-            trace.obstacles[row],
-            trace.rules,
-        )
+        motion = trace.position[until], trace.velocity[until], trace.heading[until], trace.person[until]
+        here = trace.goal[now], trace.radius[now], trace.seen[now]
+        return cls(np.arange(state + 1), *motion, *here, trace.obstacles[row], trace.rules)
 
     @classmethod
-    def of_worlds(cls, shown: Sequence[World]) -> Moment:
+    def of_worlds(cls, worlds: Sequence[World]) -> Moment:
         """The last of several worlds, which are states of one episode, each a batch of one."""
-        now = shown[-1]
-        return cls(
-            np.concatenate([one.step for one in shown]),
-            np.concatenate([np.where(one.present[..., None], one.position, np.nan) for one in shown]),
-            np.concatenate([one.velocity for one in shown]),
-            np.concatenate([one.heading for one in shown]),
-            np.concatenate([one.person for one in shown]),
-            now.goal[0],
-            now.radius[0],
-            now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:],
-            now.obstacles[0],
-            now.rules,
-        )
+        now = worlds[-1]
+        position = np.concatenate([np.where(one.present[..., None], one.position, np.nan) for one in worlds])
+        names = ("step", "velocity", "heading", "person")
+        step, velocity, heading, person = (np.concatenate([getattr(one, name) for one in worlds]) for name in names)
+        seen = now.sight["unseen"][0] == 0 if now.sight else now.present[0, 1:]
+        motion = position, velocity, heading, person
+        return cls(step, *motion, now.goal[0], now.radius[0], seen, now.obstacles[0], now.rules)
 
     @functools.cached_property
     def hit(self) -> list[int]:
@@ -143,18 +182,18 @@ class Moment:
         gaps = np.full(len(self.seen), np.inf)
         if len(self.step) < 2 or self.step[-1] - self.step[-2] != 1:
             return gaps
-        there = np.isfinite(self.position[-2:, :, 0]).all(axis=0)
         (before, now), rules = self.position[-2:], self.rules
         motion = np.empty(now.shape)
         fill_motion(before, now, self.velocity[-2], rules.numbers.collision, rules.dt, motion)
-        place, motion = np.nan_to_num(before), np.nan_to_num(motion)
-        drive = self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn(*self.heading[-2:]) / rules.dt, rules.dt
-        for agent in range(1, len(there)):
-            pair = Discs(place, motion, self.radius, there & (np.arange(len(there)) == agent))
+        turn_rate = turn(*self.heading[-2:]) / rules.dt
+        arc = rules.numbers.body, self.heading[-2], float(np.hypot(*self.velocity[-1, 0])), turn_rate, rules.dt
+        for pedestrian in np.flatnonzero(np.isfinite(self.position[-2:, 1:, 0]).all(axis=0)).tolist():
+            pair = [0, 1 + pedestrian]
+            discs = Discs(before[pair], motion[pair], self.radius[pair], np.ones(2, bool))
             if isinstance(rules.dynamics, Holonomic):
-                gaps[agent - 1], _ = nearest_in_step(0, pair)
+                gaps[pedestrian], _ = nearest_in_step(0, discs)
             else:
-                gaps[agent - 1], _ = gaps_on_arc(rules.numbers.body, *drive, pair, np.empty((0, 0, 2)))
+                gaps[pedestrian], _ = gaps_on_arc(*arc, discs, np.empty((0, 0, 2)))
         return gaps
 
 
@@ -179,6 +218,13 @@ def extent(
     """
     points = np.concatenate([position.reshape(-1, 2), goal.reshape(-1, 2), *polygons(obstacles)])
     return np.stack([np.nanmin(points, axis=0) - margin, np.nanmax(points, axis=0) + margin])
+
+
+def same_agents(person: Int[np.ndarray, "time pedestrian"]) -> Bool[np.ndarray, "step agent"]:
+    """Whether each agent is the same one after each step: somebody else can take the place of a pedestrian."""
+    stayed = np.ones((len(person) - 1, 1 + person.shape[1]), bool)
+    stayed[:, 1:] = np.diff(person, axis=0) == 0
+    return stayed
 
 
 def paths(position: Float[np.ndarray, "time 2"], same: Bool[np.ndarray, "step"]) -> list[Float[np.ndarray, "_ 2"]]:
@@ -207,8 +253,7 @@ def draw_moment(moment: Moment, corner: Float[np.ndarray, "2"], palette: Palette
     trails = [palette.vehicle] + [palette.walked] * len(moment.seen)
     for agent in moment.hit:
         colors[agent] = trails[agent] = palette.failure
-    stayed = np.ones((len(moment.step) - 1, len(colors)), bool)
-    stayed[:, 1:] = np.diff(moment.person, axis=0) == 0
+    stayed = same_agents(moment.person)
     # The vehicle is drawn last, so that nothing hides it.
     for agent in reversed(range(len(colors))) if len(colors) <= CROWD else ():
         for path in paths(moment.position[:, agent], stayed[:, agent]):
