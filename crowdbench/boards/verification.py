@@ -64,7 +64,7 @@ def count_cases(entry: Entry, board: Board, cases: Cases | None = None) -> int:
     """How many cases a verification replays and drives; `cases` are those of each scenario, if not a season's."""
     cases = cases or cases_of_season(entry, board)
     own = (len(cases) + board.spec.public_cases) * len(board.scenarios)
-    return own + len(method_networks(entry, board)) * len(method_cases(driven))
+    return own + len(method_networks(entry, board)) * len(method_cases(cases))
 
 
 def verify(

@@ -14,8 +14,7 @@ from jaxtyping import Bool, Float
 from crowdbench.core.dynamics.motion import HOLONOMIC, SPEED_TOLERANCE, Motion, drive
 from crowdbench.core.geometry import Numbers, Vectors
 from crowdbench.utils.compiled import njit
-from crowdbench.utils.errors import InputError
-from crowdbench.utils.numbers import is_number
+from crowdbench.utils.errors import InputError, is_number
 
 Choices = Float[np.ndarray, "world action 2"]
 """Several commands or velocities per vehicle."""
