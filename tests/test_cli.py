@@ -300,6 +300,16 @@ def test_weights_that_do_not_exist_are_refused_in_one_sentence(tmp_path):
             CliRunner().invoke(app, arguments, catch_exceptions=False)
 
 
+def test_commands_import_neither_numba_nor_torch_before_they_set_the_number_of_threads():
+    code = (
+        "import importlib, pkgutil, sys, crowdbench.cli\n"
+        "for module in pkgutil.iter_modules(crowdbench.cli.__path__, 'crowdbench.cli.'):\n"
+        "    importlib.import_module(module.name)\n"
+        "print([name for name in ('numba', 'torch', 'scipy') if name in sys.modules])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
+
+
 def test_the_weights_that_come_along_are_listed():
     listed = CliRunner().invoke(app, ["list", "weights"]).stdout
     for network in ("cadrl", "lstm_rl", "sarl", "sgan"):

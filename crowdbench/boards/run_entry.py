@@ -122,8 +122,7 @@ class EntryRun:
             except MachineFault:
                 raise
             except InputError as error:
-                # Without what is kept of other batches, of which nothing comes: this planner would fail again.
-                failed[scenario.name] = error.__cause__ if isinstance(error.__cause__, InputError) else error
+                failed[scenario.name] = error
         if len(failed) == len(self.board.scenarios):
             raise next(iter(failed.values()))
         return {name: str(error) for name, error in failed.items()}

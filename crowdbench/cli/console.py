@@ -145,7 +145,7 @@ def failure(error: BaseException) -> Failure | None:
     if isinstance(error, TyperException):
         return Failure(_one_line(error.format_message()), 2)
     if isinstance(error, InputError):
-        return Failure(_one_line(str(error)), 1)
+        return Failure(_one_line(with_notes(str(error), error)), 1)
     if isinstance(error, MemoryError):
         advice = "ask for fewer cases at once (--batch), fewer pedestrians or shorter episodes"
         return Failure(f"there is not enough memory: {advice}", 1)
@@ -156,6 +156,11 @@ def failure(error: BaseException) -> Failure | None:
         return Failure("the output cannot be written: a plug-in has closed it", 1)
     request = f"please report it, with the traceback that {DEBUG} shows"
     return Failure(_one_line(f"an error in crowdbench itself, {describe_error(error)}: {request}"), INTERNAL)
+
+
+def with_notes(sentence: str, error: BaseException) -> str:
+    """The sentence on an error with its notes, which say what it leaves behind."""
+    return ": ".join([sentence, *getattr(error, "__notes__", [])])
 
 
 def _one_line(text: str) -> str:
@@ -174,10 +179,10 @@ def exit_on_interrupt(message: str | Callable[[], str] = "") -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as error:
-        sentence = f"interrupted: {message if isinstance(message, str) else message()}" if message else str(error)
-        if not sentence:
+        if not (message or str(error) or hasattr(error, "__notes__")):
             raise
-        say(f"crowdbench: {sentence}")
+        said = message if isinstance(message, str) else message()
+        say(f"crowdbench: {f'interrupted: {said}' if said else with_notes(str(error) or 'interrupted', error)}")
         sys.exit(INTERRUPTED)
 
 

@@ -148,7 +148,8 @@ class Parts:
                 raise
             finished = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
             goes_on = f"the same command goes on with them, and `crowdbench merge {self.folder} --out DIR`"
-            raise type(error)(f"{str(error) or 'interrupted'}: {finished}; {goes_on} makes a run of them") from error
+            error.add_note(f"{finished}; {goes_on} makes a run of them")
+            raise
 
     def _close(self) -> None:
         is_empty = self.folder.exists() and not any(each.is_dir() for each in self.folder.iterdir())

@@ -6,11 +6,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, RECORD
 from crowdbench.utils.errors import InputError
+
+if TYPE_CHECKING:  # commands read this module before numba may be imported: see `cli.options.use_threads`
+    from crowdbench.scenario.cases import Cases
 
 LOOK_FIRST = 8
 """Positions that a planner sees before it gives several commands at once, where nothing else is asked for.
