@@ -12,7 +12,6 @@ from crowdbench.boards.skeleton import write_skeleton
 from crowdbench.boards.standings import read_entries
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
-from crowdbench.scenario.cases import Cases
 
 BOARD = """
 title = "Small"
@@ -74,7 +73,7 @@ def _make(folder: Path):
     submit(Submission(board, "orca", "orca", {}, [], folder / "card.toml", "crowdbench"), root, work)
     season = freeze_entries(board, root)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
+        patch.setattr("crowdbench.boards.decision_time.TIMED", 2)
         for entry in read_entries(board, root):
             verify(entry, board, by="the tests", work=work, season=season)
     assert not any(path.is_dir() for path in work.iterdir())

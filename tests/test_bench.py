@@ -22,7 +22,7 @@ from crowdbench.cli.tables import print_table
 from crowdbench.networks.value import SARL
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.decision_time import decision_seconds
+from crowdbench.runs.decision_time import decide_alone
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP
 from crowdbench.scenario.cases import Cases
@@ -309,9 +309,9 @@ def test_decisions_are_timed_in_one_world_alone_after_a_case_to_warm_up(monkeypa
     monkeypatch.setattr("crowdbench.runs.decision_time.time", clock)
     scenario = load_scenario("circle_crossing_5", {"time_limit": 3.0})
     told = []
-    arguments = Slower(clock), "slower", scenario, EVERY_STEP, Cases("val", 0, 3), told.append
+    arguments = Slower(clock), "slower", scenario, EVERY_STEP, Cases("val", 0, 3), None, told.append
     steps = scenario.rules.max_steps
-    assert decision_seconds(*arguments) == pytest.approx(1e-3 * np.arange(steps + 1, 3 * steps + 1))
+    assert decide_alone(*arguments).seconds == pytest.approx(1e-3 * np.arange(steps + 1, 3 * steps + 1))
     assert told == [1, 1]
 
 

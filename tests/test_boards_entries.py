@@ -8,13 +8,14 @@ import pytest
 from boards import BOARD, SEASON, card, verified_root, write_board
 
 from crowdbench.boards.board import find_board, read_board, read_boards
-from crowdbench.boards.entry import Verdict, read_entry
+from crowdbench.boards.entry import Entry, Verdict, read_entry
 from crowdbench.boards.markdown import section, write_readme
 from crowdbench.boards.planner_files import copy_named_files
+from crowdbench.boards.season import read_season
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
-from crowdbench.isolation.process import BUBBLEWRAP, isolation_level
+from crowdbench.isolation import sandbox
 from crowdbench.runs.manifest import MANIFEST
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, NotWritten
@@ -49,8 +50,8 @@ def made(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def _few_timed(monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
 
 
 @pytest.fixture
@@ -77,7 +78,7 @@ def seal_again(directory):
 
 def test_entries_are_verified_in_a_season_and_ranked(root):
     board = read_board(root / "small")
-    found = standings(board, read_entries(board, root), "first")
+    found = standings(board, read_entries(board, root), read_season(root))
     assert [one.verification.verdict for one in found.ranked] == [Verdict.RERUN, Verdict.RERUN]
     assert not found.others
     assert all(one.columns["sct"].shape == (1, 10) for one in found.ranked)
@@ -159,7 +160,7 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path):
     ],
 )
 def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path, monkeypatch, key, value, reason):
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table | {key: value}))
@@ -180,16 +181,32 @@ def test_an_entry_that_says_what_its_runs_do_not_is_not_reproduced(root, tmp_pat
     assert re.match(f"circle_crossing_5: (planner_)?{key} is ", found.reason)
 
 
-@pytest.mark.parametrize("named", ["{}/evil.py", "{}/evil.py:planner", "nonesuch"])
-def test_a_planner_outside_its_entry_is_never_loaded(root, tmp_path, named):
-    (tmp_path / "evil.py").write_text(f"open({str(tmp_path / 'loaded')!r}, 'w')\n")
+@pytest.mark.parametrize("key", ["planner", "options", "networks"])
+@pytest.mark.parametrize(
+    "path", ["{}/evil.py", "planner/../public/evil.py", "public/evil.py:planner", "evil.py/../evil.py"]
+)
+def test_a_file_that_is_not_frozen_with_its_entry_is_refused(root, tmp_path, key, path):
+    folder = root / "small" / "entries" / "careful"
+    for place in (tmp_path, folder, folder / "public"):
+        (place / "evil.py").write_text("")
+    value = path.format(tmp_path)
+    table = json.loads((folder / "entry.json").read_text())
+    changed = {"planner": value, "options": {"file": [value]}, "networks": [{"file": {"one": value}}]}
+    (folder / "entry.json").write_text(json.dumps(table | {key: changed[key]}))
+    with pytest.raises(
+        InputError, match=r"names the file .*, which does not lie in planner/|is not a file of this entry"
+    ):
+        read_entry(folder)
+
+
+def test_a_planner_that_nobody_has_is_refused(root, tmp_path):
+    named = "nonesuch"
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
-    (folder / "entry.json").write_text(json.dumps(table | {"planner": named.format(tmp_path)}))
+    (folder / "entry.json").write_text(json.dumps(table | {"planner": named}))
     found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
     assert found.reason.startswith("no planner that is built in or installed is called ")
-    assert not (tmp_path / "loaded").exists()
 
 
 def test_files_of_the_same_name_are_kept_apart(tmp_path):
@@ -215,7 +232,7 @@ TWO_SCENARIOS = BOARD.replace('"circle_crossing_5"', '"circle_crossing_10", "cir
 
 def test_a_scenario_that_a_planner_cannot_drive_is_told_and_counts_nothing(tmp_path, monkeypatch):
     monkeypatch.undo()  # decisions are timed in the scenario that it can drive
-    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
     board = write_board(tmp_path / "boards", text=TWO_SCENARIOS)
     (tmp_path / "cheat.py").write_text(
         CHEAT
@@ -269,7 +286,7 @@ def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(roo
     ):
         verify(entry_of(root), board, by="me", work=tmp_path)
     board = write_board(root, text=BOARD.replace("jerk =", "imposed_delay = 5.0\njerk ="))
-    found = standings(board, read_entries(board, root), "first")
+    found = standings(board, read_entries(board, root), read_season(root))
     assert [one.reason for one in found.others] == ["of version 1", "of version 1"]
     assert all(np.isnan(one.figures["imposed_delay"].mean) for one in found.others)
     assert "| careful, Ada |  |" in section(found)
@@ -281,7 +298,7 @@ def test_who_costs_pedestrians_more_time_than_the_bound_is_intrusive(bound, flag
     board = write_board(tmp_path, text=text.replace("jerk =", f"imposed_delay = {bound}\njerk ="))
     (tmp_path / "card.toml").write_text(card())
     submit(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path, tmp_path / "work")
-    (found,) = standings(board, read_entries(board, tmp_path), "first").others
+    (found,) = standings(board, read_entries(board, tmp_path), None).others
     assert 0.001 < found.figures["imposed_delay"].mean < 60.0
     assert list(found.flags) == flags
 
@@ -294,7 +311,7 @@ def submit_cheat(root, tmp_path, known, board):
 
 
 def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
     monkeypatch.setattr("secrets.randbits", lambda bits: 7)  # with some seeds chance alone would explain it
     text = BOARD.replace("public_cases = 8", "public_cases = 40").replace("cases = 10", "cases = 60")
     board = write_board(tmp_path / "boards", text=text)
@@ -315,7 +332,7 @@ def test_a_planner_that_fails_on_unknown_cases_is_refused(tmp_path):
     assert "raised TypeError" in found.reason
 
 
-@pytest.mark.skipif(isolation_level() != BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
+@pytest.mark.skipif(sandbox.level() != sandbox.BUBBLEWRAP, reason="needs bubblewrap, and the right to use it")
 def test_a_planner_cannot_read_the_season_but_its_own_files(tmp_path):
     root = tmp_path / "boards"
     board = write_board(root)
@@ -337,7 +354,7 @@ def known(obs):
         ({"name": "My Planner"}, "'My Planner' cannot be an entry: its name must be 2 to 50 lower-case letters"),
         ({"name": "orca"}, "exists already: choose another name"),
         ({"planner": "nonesuch"}, "no planner that is built in or installed is called 'nonesuch'"),
-        ({"by": " "}, "needs the name of who submits it: give --by"),
+        ({"by": " "}, "' ' cannot submit an entry: a name has letters, digits"),
         ({"card": "missing.toml"}, "there is no card .*missing.toml, which says what the planner is"),
     ],
 )
@@ -362,12 +379,13 @@ def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, 
     assert sorted((root / "small" / "entries").iterdir()) == before
 
 
-def test_no_more_than_two_entries_of_a_submitter_are_ranked(root):
+def test_no_more_than_two_entries_of_a_submitter_are_ranked(root, monkeypatch):
+    monkeypatch.setattr(Entry, "verification_in", lambda entry, season: entry.spec.verifications[0])
     entries = root / "small" / "entries"
     for name in ("second", "third"):
         shutil.copytree(entries / "careful", entries / name)
     board = read_board(root / "small")
-    found = standings(board, read_entries(board, root), "first")
+    found = standings(board, read_entries(board, root), read_season(root))
     assert sorted(one.entry.name for one in found.ranked) == ["careful", "orca", "second"]
     assert [(one.entry.name, one.reason) for one in found.others] == [("third", "more than 2 of one submitter")]
 

@@ -7,16 +7,12 @@ from boards import card, write_board
 from crowdbench.boards.consistency_test import ALPHA, lower_than_claimed, p_value
 from crowdbench.boards.method import range_over_networks
 from crowdbench.boards.ranking import CRITERIA
-from crowdbench.boards.run_entry import KERNEL, time_decisions
 from crowdbench.boards.skeleton import write_skeleton
 from crowdbench.boards.standings import over_board
 from crowdbench.boards.submission import read_card
-from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.catalog import load_planner
 from crowdbench.metrics.summary import Estimate
-from crowdbench.planners.base import Planner
 from crowdbench.runs.results import Episodes
-from crowdbench.runs.spec import EVERY_STEP
-from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 FAMILIES = """
@@ -94,38 +90,6 @@ def test_what_is_wrong_in_a_card_gets_one_sentence(changes, sentence, tmp_path):
     (tmp_path / "card.toml").write_text(card(**changes))
     with pytest.raises(InputError, match=sentence):
         read_card(tmp_path / "card.toml")
-
-
-class Slow(Planner):
-    """Stands still; its decisions take `seconds` by the given clock."""
-
-    def __init__(self, clock, seconds):
-        self.clock = clock
-        self.seconds = seconds
-
-    def plan(self, obs):
-        self.clock.now += self.seconds
-        return np.zeros((len(obs), 2))
-
-
-class Clock:
-    now = 0.0
-
-    def perf_counter(self):
-        return self.now
-
-
-@pytest.mark.parametrize(("seconds", "is_real_time"), [(0.02, True), (0.3, False)])
-def test_decisions_are_timed_in_one_world_alone(seconds, is_real_time, monkeypatch):
-    clock = Clock()
-    monkeypatch.setattr("crowdbench.runs.decision_time.time", clock)
-    monkeypatch.setattr("crowdbench.boards.run_entry.kernel_seconds", lambda: 0.025)
-    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
-    scenario = load_scenario("circle_crossing_5", {"time_limit": 3.0})
-    found = time_decisions(Slow(clock, seconds), "slow", scenario, EVERY_STEP)
-    assert found.p99_ms == pytest.approx(1e3 * seconds)
-    assert found.calibrated_p99_ms == pytest.approx(1e3 * seconds)
-    assert (found.kernel, found.is_real_time) == (KERNEL, is_real_time)
 
 
 def test_a_scenario_that_is_missing_counts_as_nothing(tmp_path):

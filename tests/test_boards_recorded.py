@@ -16,7 +16,6 @@ from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
 from crowdbench.cli import app
-from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 RECORDED = BOARD.replace("ranks_flagged = true", "ranks_flagged = true\nrecorded = true").replace(
@@ -62,7 +61,7 @@ def root(shared, tmp_path_factory):
         submit(Submission(board, name, name, {}, [], folder / "card.toml", "Ada"), root, work)
     season = freeze_entries(board, root)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
+        patch.setattr("crowdbench.boards.decision_time.TIMED", 2)
         for entry in read_entries(board, root):
             assert verify(entry, board, by="the tests", work=work, season=season).verdict == "re-run"
     return root
@@ -71,7 +70,7 @@ def root(shared, tmp_path_factory):
 @pytest.mark.slow
 def test_entries_are_ranked_by_blocks_of_time(root):
     board = read_board(root / "small")
-    found = standings(board, read_entries(board, root), read_season(root).spec.name)
+    found = standings(board, read_entries(board, root), read_season(root))
     assert {one.entry.name for one in found.ranked} == {"orca", "straight"}
     assert all(len(np.unique(one.blocks["eth_reactive"])) == 10 for one in found.ranked)
     assert "10 cases in 10 blocks of recorded time" in section(found)
@@ -82,7 +81,7 @@ def test_a_board_that_shows_has_no_ranks(root, tmp_path):
     shutil.copytree(root, tmp_path / "boards")
     write_board(tmp_path / "boards", text=RECORDED.replace("recorded = true", "recorded = true\nranked = false"))
     board = read_board(tmp_path / "boards" / "small")
-    found = standings(board, read_entries(board, tmp_path / "boards"), "first")
+    found = standings(board, read_entries(board, tmp_path / "boards"), None)
     assert [one.reason for one in found.others] == ["not ranked", "not ranked"]
 
 

@@ -17,7 +17,6 @@ from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
 from crowdbench.cli.boards import do_all
 from crowdbench.runs.shards import Shard
-from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -49,7 +48,7 @@ def unverified(folder):
 
 
 def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: None)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
     before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
     found = verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN
@@ -68,7 +67,7 @@ def interrupted(*_):
 
 
 def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
     folder = unverified(root / "small" / "entries" / "careful").directory
     command = {"board": read_board(root / "small"), "by": "me", "work": tmp_path, "season": read_season(root)}
     with monkeypatch.context() as patch:
@@ -82,12 +81,12 @@ def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, tmp_pat
 
 
 def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
     monkeypatch.setattr("crowdbench.boards.board.CASES_IF_SLOW", 6)
     monkeypatch.setattr("crowdbench.boards.board.SLOW", 1e-9)
     board, entry = read_board(root / "small"), unverified(root / "small" / "entries" / "careful")
     verify(entry, board, by="me", work=tmp_path / "work", season=read_season(root))
-    found = standings(board, read_entries(board, root), "first")
+    found = standings(board, read_entries(board, root), read_season(root))
     assert {one.entry.name: one.cases for one in found.ranked} == {"careful": 6, "orca": 10}
     assert [one.entry.name for one in found.slow] == ["careful"]
     text = write_readme(root).read_text()
@@ -98,7 +97,7 @@ def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, tmp_path, mon
 
 
 def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.run_entry.TIMED_CASES", Cases("val", 0, 2))
+    monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
     monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 5)
     before = entry_of(root).spec.verifications[0]
     entry, season = unverified(root / "small" / "entries" / "careful"), read_season(root)

@@ -18,8 +18,8 @@ from torch.utils.flop_counter import FlopCounterMode
 from crowdbench.bench.measurement import Measurement, in_turns, seconds
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation
+from crowdbench.isolation import sandbox
 from crowdbench.isolation.planner import IsolatedPlanner
-from crowdbench.isolation.process import isolation_level
 from crowdbench.networks.value import SARL
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
@@ -63,7 +63,7 @@ def measure_isolation(worlds: int = 500, rounds: int = 7) -> Iterator[Measuremen
         inside, isolated = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
     work = f"rollout of {worlds} worlds, ORCA vehicle"
     yield Measurement(work, 1e3 * inside, "ms")
-    yield Measurement(f"the same, the vehicle in its own process ({isolation_level()})", 1e3 * isolated, "ms")
+    yield Measurement(f"the same, the vehicle in its own process ({sandbox.level()})", 1e3 * isolated, "ms")
     yield Measurement("more time with the vehicle in its own process", 100 * (isolated / inside - 1), "%")
 
 

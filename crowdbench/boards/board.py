@@ -38,7 +38,7 @@ from crowdbench.utils.toml import (
 FILE = "board.toml"
 
 SLOW = 1.0
-"""Seconds that a case of an entry's public runs takes, beyond which the entry drives fewer cases in a season."""
+"""Seconds that a case takes an entry where it is verified, beyond which it drives fewer cases in a season."""
 
 CASES_IF_SLOW = 500
 """Cases of each scenario that a slow entry drives, if the board has more."""

@@ -13,16 +13,23 @@ import enum
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
+from crowdbench.plugins.load import file_and_function
+from crowdbench.runs.manifest import MANIFEST
+from crowdbench.runs.recording import COMMANDS
+from crowdbench.runs.results import EPISODES, RESULT
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Flag, Location, Name, Names, Text, TomlTable, integer, parse_table, read_toml
+
+if TYPE_CHECKING:
+    from crowdbench.boards.season import Season
 
 ENTRY = "entry.json"
 CARD = "card.toml"
@@ -34,6 +41,16 @@ NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
 """What an entry may be called: its name is a folder and a part of addresses."""
 
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
+
+_RUN = f"({RESULT}|{EPISODES}|{MANIFEST}|{COMMANDS})".replace(".", r"\.")
+_HOLDS = re.compile(rf"{CARD}|{PLANNER}/.+|{PUBLIC}/\w+/{_RUN}|{SEASONS}/[^/]+/\w+/{_RUN}")
+"""The files that an entry may have."""
+
+SUBMITTER = r"^\w[\w .'\-]{0,99}$"
+"""What the name of a submitter may be: it stands on pages and in Markdown."""
+
+MAINTAINERS = "crowdbench"
+"""Who submits the planners that ship, of which any number is ranked."""
 
 SCHEMA = 1
 """Version of what `entry.json` holds."""
@@ -135,11 +152,12 @@ class Verification(_Record):
         season: The season whose seed it was; empty for a seed that was drawn for this verification alone.
         seed: The seed of the cases.
         code: The digest of crowdbench's code.
-        level: How the planner was kept apart, as `crowdbench.isolation.process.isolation_level` says it.
+        level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
         verdict: The verdict.
         reason: Why, in a sentence.
         figures: What was measured on these cases; empty where the planner did not come so far.
-        decision_time: How long decisions took; None where the planner did not come so far.
+        decision_time: How long decisions took; None where that was not measured.
+        untimed: Why it was not, in a sentence; empty where it was, or where the planner did not come so far.
         method: What holds of its method; None where the entry has too few networks to claim something.
     """
 
@@ -153,6 +171,7 @@ class Verification(_Record):
     reason: str
     figures: Figures = {}
     decision_time: DecisionTime | None = None
+    untimed: str = ""
     method: Method | None = None
 
 
@@ -182,7 +201,7 @@ class EntrySpec(_Record):
     board: str
     board_version: int
     board_digest: Sha256
-    submitted_by: str
+    submitted_by: Annotated[str, Field(pattern=SUBMITTER)]
     planner: str
     package: str
     package_files: dict[str, Sha256]
@@ -215,9 +234,16 @@ class Entry:
         """Its name."""
         return self.directory.name
 
-    def verification_in(self, season: str) -> Verification | None:
-        """What was found in a season; None where it was not verified in it."""
-        return next((each for each in self.spec.verifications if each.season == season), None)
+    def verification_in(self, season: Season) -> Verification | None:
+        """What was found in a season. None where it was not verified in it, or only something else can have been.
+
+        A verification counts for the entry as it was frozen, on the seed of the season, and for nothing else.
+        """
+        board = self.spec.board
+        if not season.takes_part(board, self.name, self.digest):
+            return None
+        own = (season.spec.name, season.find_seed(board))
+        return next((each for each in self.spec.verifications if (each.season, each.seed) == own), None)
 
     @property
     def public(self) -> Path:
@@ -255,10 +281,44 @@ def read_entry(directory: Path, check_files: bool = True) -> Entry:
     except ValueError as error:
         raise InputError(f"{path} is not valid JSON: {error}") from None
     spec = _parse(table, path)
+    check_submitter(spec.submitted_by, spec.package)
+    check_networks(spec.options, spec.networks)
+    _check_named_files(directory, [spec.planner, spec.options, spec.networks])
     if check_files:
         _check_files(directory, spec.files)
     card = parse_table(CardSpec, read_toml(directory / CARD, "card"), Location(f"{directory.name}/{CARD}"))
     return Entry(directory, spec, card)
+
+
+def check_submitter(name: str, package: str) -> None:
+    """Raise InputError where nobody can be called so, or it is the name of those whose planners ship.
+
+    Args:
+        name: Who submits an entry.
+        package: The distribution that its planner comes from; empty for a planner in files of its own.
+    """
+    if not re.fullmatch(SUBMITTER, name) or name != name.strip():
+        raise InputError(f"{name!r} cannot submit an entry: a name has letters, digits, spaces and -_.' only")
+    if name.lower() == MAINTAINERS and not package.startswith(f"{MAINTAINERS}=="):
+        raise InputError(f"an entry submitted by {name} must be of a planner that ships: give another name")
+
+
+def check_networks(options: Mapping[str, Any], networks: Sequence[Mapping[str, Any]]) -> None:
+    """Raise InputError where two networks of a method have the same options, those of the entry among them."""
+    if any(one in (options, *networks[:index]) for index, one in enumerate(networks)):
+        raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
+
+
+def _check_named_files(directory: Path, value: Any) -> None:
+    """Raise InputError where the planner or an option names a file of the entry that is not frozen with it."""
+    if isinstance(value, Mapping | list):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            _check_named_files(directory, each)
+    elif isinstance(value, str) and "/" in value and "\0" not in value:
+        path = directory / (file_and_function(value)[0] or value)
+        inside = directory / PLANNER
+        if path.is_file() and (".." in path.parts or not path.resolve().is_relative_to(inside.resolve())):
+            raise InputError(f"{directory / ENTRY} names the file {value}, which does not lie in {PLANNER}/")
 
 
 def _parse(table: Any, path: Path) -> EntrySpec:
@@ -274,7 +334,8 @@ def _parse(table: Any, path: Path) -> EntrySpec:
 
 def file_digests(directory: Path) -> dict[str, str]:
     """The sha256 of every file of an entry but `entry.json`, by its path in it."""
-    paths = sorted(path for path in directory.rglob("*") if not path.is_dir() and path != directory / ENTRY)
+    found = sorted(path for path in directory.rglob("*") if path != directory / ENTRY)
+    paths = [path for path in found if path.is_symlink() or not path.is_dir()]
     for path in paths:
         if path.is_symlink() or not path.is_file():
             raise InputError(f"{path} is not a plain file: an entry holds nothing else")
@@ -287,6 +348,8 @@ def _check_files(directory: Path, digests: Mapping[str, str]) -> None:
         raise InputError(f"{directory / missing[0]}, which {ENTRY} names, is missing")
     if more := sorted(present.keys() - digests.keys()):
         raise InputError(f"{directory / more[0]} is not a file of this entry: {ENTRY} does not name it; remove it")
+    if unknown := sorted(path for path in present if not _HOLDS.fullmatch(path)):
+        raise InputError(f"{directory / unknown[0]} is none of the files that an entry may have: remove it")
     for path, digest in digests.items():
         if present[path] != digest:
             raise InputError(f"{directory / path} was changed: its sha256 differs from {ENTRY}")

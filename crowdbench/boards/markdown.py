@@ -39,10 +39,10 @@ def write_readme(root: Path) -> Path:
     Raises:
         InputError: A board or an entry is not as it must be.
     """
-    season = read_season(root).spec
-    rehearsal = ", a rehearsal: its round was known before it closed" if season.rehearsal else ""
-    tables = [standings(board, read_entries(board, root), season.name) for board in read_boards(root)]
-    parts = [INTRODUCTION.format(season=season, rehearsal=rehearsal), *map(section, tables)]
+    season = read_season(root)
+    rehearsal = ", a rehearsal: its round was known before it closed" if season.spec.rehearsal else ""
+    tables = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
+    parts = [INTRODUCTION.format(season=season.spec, rehearsal=rehearsal), *map(section, tables)]
     with files.whole(root / README) as partial:
         partial.write_text("\n".join(parts), encoding="utf-8")
     return root / README
@@ -98,7 +98,8 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
     if "imposed_delay" in figures:
         cells["imposed delay"] = _number(figures["imposed_delay"].mean, 1, " s")
     cells["jerk"] = _number(figures["jerk"].mean, 1)
-    cells["decision"] = "" if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}"
+    untimed = "not timed" if one.verification and one.verification.untimed else ""
+    cells["decision"] = untimed if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}"
     cells[""] = one.reason or ", ".join(notes)
     return cells
 

@@ -1,38 +1,32 @@
-"""An entry's planner drives the scenarios of a board, in a process of its own, and its decisions are timed.
-
-The time of a decision never changes a command. What a slower or faster machine would measure is estimated by a fixed
-piece of work, the calibration kernel, that is timed on the same core.
-"""
+"""An entry's planner drives the scenarios of a board, in a process of its own."""
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hashlib
 import json
 import shutil
-import statistics
-import timeit
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from filelock import Timeout
 
 from crowdbench.boards.board import Board
+from crowdbench.boards.decision_time import time_decisions
 from crowdbench.boards.entry import PLANNER, DecisionTime, Figures, file_digests
 from crowdbench.boards.planner_files import locate_named_files
 from crowdbench.isolation.planner import IsolatedPlanner
-from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.decision_time import decision_seconds
 from crowdbench.runs.manifest import code
+from crowdbench.runs.recording import COMMANDS, read_commands
 from crowdbench.runs.results import EPISODES, Episodes, read_result
+from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import ENDING, WHOLE, Shard, is_finished, make_run
-from crowdbench.runs.spec import Replanning, RunSpec
+from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
@@ -42,16 +36,11 @@ from crowdbench.utils.errors import InputError, MachineFault
 NO_RUNS = shutil.ignore_patterns("networks", f"*{ENDING}*")
 """What lies beside the finished runs of an entry: those of other networks, and parts of unfinished runs."""
 
-KERNEL = "python-loop-and-sort-1"
-"""The name of the calibration kernel. Another kernel or machine of reference gets another name."""
-
-REFERENCE_MS = 25.0
-"""What the kernel takes on the machine of reference, by definition: about one core of a rented server of 2026."""
-
-TIMED_CASES = Cases("val", 0, 11)
-"""The cases that are timed, see `decision_seconds`; as many of them as there are where cars were recorded."""
-
 Progress = Callable[[float], None]
+
+
+PACE = 20
+"""Cases in which it is measured how long one takes."""
 
 
 class InUse(InputError):
@@ -73,8 +62,7 @@ class EntryRun:
         options: The planner's options; files are relative to the folder.
         out: The folder of the runs, a directory for each scenario.
         cases: The cases of each scenario.
-        seed: The seed of the cases; None for the public ones, of which the commands are kept.
-        hidden: Folders that the planner must not read; its own it may.
+        seed: The seed of the cases; None for the public ones.
         shard: Which share of the batches is run.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
     """
@@ -86,7 +74,6 @@ class EntryRun:
     out: Path
     cases: Cases
     seed: int | None = None
-    hidden: Sequence[Path] = ()
     shard: Shard = WHOLE
     progress: Progress | None = None
 
@@ -135,21 +122,20 @@ class EntryRun:
             dict(self.options),
             self.board.overrides(self.seed),
             replanning=self.board.replanning,
-            record="commands" if self.seed is None else "none",
+            record="commands",
             batch=BATCH,
         )
         origin = {"board": self.board.name, "version": self.board.spec.version}
-        with contextlib.closing(self._start_planner(scenario, [*self.hidden, self.out])) as planner:
+        with contextlib.closing(self._start_planner(scenario)) as planner:
             run = Run(spec, Driver(planner, planner.name), scenario, self.board.metrics, origin)
             make_run(run, self.out / scenario.name, shard=shard, progress=self.progress)
 
-    def _start_planner(self, scenario: Scenario, hidden: Sequence[Path]) -> IsolatedPlanner:
-        """The planner in a process of its own, which must not read the board's recorded tracks either."""
+    def _start_planner(self, scenario: Scenario) -> IsolatedPlanner:
+        """The planner in a process of its own, which can read what is frozen with its entry and nothing else of it."""
         return IsolatedPlanner(
             locate_named_files(self.planner, self.folder),
             locate_named_files(self.options, self.folder),
-            hidden=[*hidden, *([self.board.data.resolve()] if self.board.data else [])],
-            readable=[self.folder],
+            readable=filter(Path.exists, [self.folder / PLANNER]),
             folder=Path("/"),  # somewhere else, so that files which the entry lacks are missed
             scene=scenario.tracks.scene if scenario.tracks else None,
         )
@@ -160,58 +146,27 @@ class EntryRun:
         if missing := [name for name in names if not is_finished(self.out / name)]:
             raise Unfinished(f"batches of {missing[0]} are missing, which other shards make; whoever ends last goes on")
 
-    def time_decisions(self) -> DecisionTime:
-        """Time the decisions of the planner in the first scenario that it could drive, in one world, on one core.
+    def seconds_per_case(self, scenarios: Sequence[str]) -> float:
+        """How long a case takes it here, in seconds: the mean over some public cases of the first of some scenarios.
 
         Raises:
             InputError: The planner breaks its contract or a limit.
         """
+        scenario = next(scenario for scenario in self.board.load(None) if scenario.name in scenarios)
+        cases = Cases("test", 0, min(PACE, self.board.spec.public_cases))
+        with contextlib.closing(self._start_planner(scenario)) as planner:
+            start = time.perf_counter()
+            driver = Driver(planner, planner.name)
+            rollout(driver, scenario, cases, replanning=self.board.replanning, undisturbed=False)
+            return (time.perf_counter() - start) / len(cases)
+
+    def time_decisions(self) -> DecisionTime | str:
+        """Time its decisions in the first scenario that it could drive; returns and raises as `time_decisions`."""
         first = driven_scenarios(self.board, self.out)[0]
-        scenario = next(scenario for scenario in self.board.load(None) if scenario.name == first)
-        with contextlib.closing(self._start_planner(scenario, self.hidden)) as planner:
-            planner.process.pin()
-            return time_decisions(planner, planner.name, scenario, self.board.replanning)
-
-
-def time_decisions(planner: Planner, name: str, scenario: Scenario, replanning: Replanning) -> DecisionTime:
-    """Time the decisions of a planner, one world at a time.
-
-    Args:
-        planner: The planner, on one core.
-        name: What it is called in errors.
-        scenario: The scenario.
-        replanning: When it observes.
-
-    Raises:
-        InputError: See `decision_seconds`.
-    """
-    most = scenario.tracks.most_cases(TIMED_CASES.split) if scenario.tracks else None
-    cases = TIMED_CASES if most is None else dataclasses.replace(TIMED_CASES, stop=min(TIMED_CASES.stop, most))
-    before = kernel_seconds()
-    seconds = decision_seconds(planner, name, scenario, replanning, cases)
-    kernel_ms = 1e3 * (before + kernel_seconds()) / 2.0
-    p99 = 1e3 * float(np.percentile(seconds, 99))
-    calibrated = p99 * REFERENCE_MS / kernel_ms
-    return DecisionTime(
-        p99_ms=p99,
-        kernel=KERNEL,
-        kernel_ms=kernel_ms,
-        calibrated_p99_ms=calibrated,
-        is_real_time=calibrated <= 1e3 * scenario.rules.dt,
-    )
-
-
-def kernel_seconds() -> float:
-    """The median time in seconds, of five tries, of the calibration kernel: a loop of Python, and sorting in NumPy."""
-
-    def work() -> None:
-        total = 0
-        for number in range(300_000):
-            total += number * number & 255
-        values = np.random.Generator(np.random.Philox(1)).random(300_000)
-        np.sort(values)
-
-    return statistics.median(timeit.repeat(work, number=1, repeat=5))
+        scenario = next(scenario for scenario in self.board.load(self.seed) if scenario.name == first)
+        ranked = read_commands(self.out / first / COMMANDS)
+        with contextlib.closing(self._start_planner(scenario)) as planner:
+            return time_decisions(planner, scenario, self.board.replanning, self.cases, ranked)
 
 
 @contextlib.contextmanager

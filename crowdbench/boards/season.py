@@ -80,6 +80,13 @@ class Season:
         text = "\n".join([*sorted(self.frozen[board].values()), self.spec.randomness])
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 
+    def find_seed(self, board: str) -> int | None:
+        """The seed of the cases of a board; None where it is not known yet."""
+        try:
+            return self.seed(board)
+        except TooEarly:
+            return None
+
     def takes_part(self, board: str, entry: str, digest: str) -> bool:
         """Whether an entry of a board is one of those that were frozen, with the digest that it had then."""
         return self.frozen.get(board, {}).get(entry) == digest

@@ -14,10 +14,11 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from crowdbench.boards.board import Board
+from crowdbench.boards.entry import MAINTAINERS
 from crowdbench.boards.season import Season, freeze, read_season
-from crowdbench.boards.standings import MAINTAINERS, read_entries
+from crowdbench.boards.standings import read_entries
 from crowdbench.boards.submission import ENTRIES, Submission, submit
-from crowdbench.boards.verification import count_cases, verify
+from crowdbench.boards.verification import cases_of_season, count_cases, verify
 from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
 
 SHIPPED = "shipped.toml"
@@ -92,9 +93,10 @@ def to_verify(board: Board, root: Path, work: Path) -> list[Job]:
     season = read_season(root)
     jobs = []
     for entry in read_entries(board, root, check_files=False):
-        is_verified = entry.verification_in(season.spec.name) is not None
+        is_verified = entry.verification_in(season) is not None
         if is_verified or not season.takes_part(board.name, entry.name, entry.digest):
             continue
-        do = functools.partial(verify, entry, board, by=MAINTAINERS, work=work, season=season)
-        jobs.append(Job(f"{entry.name} on {board.name}", count_cases(entry, board), do))
+        cases = cases_of_season(entry, board, work)
+        do = functools.partial(verify, entry, board, by=MAINTAINERS, work=work, season=season, cases=cases)
+        jobs.append(Job(f"{entry.name} on {board.name}", count_cases(entry, board, cases), do))
     return jobs

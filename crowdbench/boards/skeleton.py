@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import keyword
+import sys
 from pathlib import Path
 
 from crowdbench.boards.entry import NAMES
@@ -97,7 +99,8 @@ def write_skeleton(name: str, out: Path) -> Path:
     Raises:
         InputError: The name cannot be one, or the folder exists already or cannot be written.
     """
-    if not NAMES.fullmatch(name) or not name[0].isalpha() or keyword.iskeyword(name.capitalize()):
+    is_word = keyword.iskeyword(name) or keyword.iskeyword(name.capitalize())
+    if not NAMES.fullmatch(name) or not name[0].isalpha() or is_word:
         raise InputError(
             f"{name!r} cannot be the name of a planner: take 2 to 50 lower-case letters, digits and underscores, a "
             "letter first, and no word of Python"
@@ -106,7 +109,17 @@ def write_skeleton(name: str, out: Path) -> Path:
     folder = out / name
     if folder.exists():
         raise InputError(f"{folder} exists already: choose another name, or another folder with --out")
+    if _is_module(name):
+        raise InputError(f"{name!r} is a module that is installed, which the planner would hide: take another name")
     with new_directory(folder, overwrite=False) as partial:
         for file, text in {f"{name}.py": PLANNER, f"test_{name}.py": TEST, "card.toml": CARD}.items():
             (partial / file).write_text(text.replace("{title}", title).replace("{name}", name), encoding="utf-8")
     return folder
+
+
+def _is_module(name: str) -> bool:
+    """Whether Python has a module of this name, which the planner's file would replace."""
+    if name in sys.builtin_module_names:
+        return True
+    spec = importlib.util.find_spec(name)
+    return spec is not None and spec.origin is not None  # a folder that happens to be here has none

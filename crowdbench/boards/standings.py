@@ -13,6 +13,7 @@ from jaxtyping import Float, Int, Shaped
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import (
     ENTRY,
+    MAINTAINERS,
     PUBLIC,
     SEASONS,
     DecisionTime,
@@ -24,13 +25,11 @@ from crowdbench.boards.entry import (
 )
 from crowdbench.boards.ranking import CRITERIA, Comparison, Rank, compare_all, pareto, ranks, smallest_difference
 from crowdbench.boards.run_entry import read_episodes
+from crowdbench.boards.season import Season
 from crowdbench.boards.submission import ENTRIES
 from crowdbench.metrics.summary import NOTHING, Estimate
 from crowdbench.runs.results import RESULT, Episodes, read_estimate, read_result
 from crowdbench.utils.errors import InputError
-
-MAINTAINERS = "crowdbench"
-"""Who submits the planners that ship, of which any number is ranked."""
 
 MOST_RANKED = 2
 """The most ranked entries of one submitter on a board."""
@@ -151,13 +150,13 @@ def read_entries(board: Board, root: Path, check_files: bool = True) -> list[Ent
     return entries
 
 
-def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
+def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> Standings:
     """Rank the entries of a board.
 
     Args:
         board: The board.
         entries: Its entries.
-        season: The name of the season whose verifications rank.
+        season: The season whose verifications rank; None where there is none yet.
 
     Raises:
         InputError: The runs of an entry are damaged.
@@ -175,7 +174,7 @@ def standings(board: Board, entries: Sequence[Entry], season: str) -> Standings:
         for one, is_best in zip(candidates, best, strict=True)
     ]
     others = sorted((one for one in each if one.reason), key=lambda one: one.entry.name)
-    return Standings(board, season, sorted(ranked, key=_order), others, comparisons)
+    return Standings(board, season.spec.name if season else "", sorted(ranked, key=_order), others, comparisons)
 
 
 def _order(standing: Standing) -> tuple[float, ...]:
@@ -215,10 +214,10 @@ def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
     return limited
 
 
-def _standing(board: Board, entry: Entry, season: str) -> Standing:
-    verification = entry.verification_in(season)
+def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
+    verification = entry.verification_in(season) if season else None
     is_measured = verification is not None and bool(verification.figures)
-    runs = entry.directory / (f"{SEASONS}/{season}" if is_measured else PUBLIC)
+    runs = entry.directory / (f"{SEASONS}/{verification.season}" if verification and is_measured else PUBLIC)
     is_present = entry.spec.board_digest == board.digest
     own = read_episodes(board, runs) if is_present else {}
     length = min((len(run.columns["sct"]) for run in own.values()), default=1)

@@ -20,6 +20,8 @@ from crowdbench.boards.entry import (
     CardSpec,
     Entry,
     EntrySpec,
+    check_networks,
+    check_submitter,
     file_digests,
     read_entry,
     write_entry,
@@ -69,8 +71,6 @@ class Submission:
     def __post_init__(self) -> None:
         if not NAMES.fullmatch(self.name):
             raise InputError(f"{self.name!r} cannot be an entry: {NAMING}")
-        if not self.by.strip():
-            raise InputError("an entry needs the name of who submits it: give --by, or name the authors in the card")
 
 
 def submit(
@@ -104,6 +104,7 @@ def submit(
         directory.parent.mkdir(parents=True, exist_ok=True)
         with new_directory(directory, overwrite=False) as folder:
             planner, options, networks = _copy(submission, folder)
+            check_submitter(submission.by, package(planner))
             run = EntryRun(board, folder, planner, options, work, board.public_cases, shard=shard, progress=progress)
             run = replace(run, out=work / f"{name}-{run.digest(package_files(planner))}")
             failed = run.drive()
@@ -145,8 +146,7 @@ def _copy(submission: Submission, folder: Path) -> tuple[str, dict[str, Any], li
     package_files(planner)  # refuses one that does not exist
     options = copy_named_files(submission.options, folder)
     networks = [{**options, **copy_named_files(each, folder)} for each in submission.networks]
-    if any(one in (options, *networks[:index]) for index, one in enumerate(networks)):
-        raise InputError("two networks of the entry are the same: name each of them once, and not the entry's own")
+    check_networks(options, networks)
     check_size(folder)
     return planner, options, networks
 

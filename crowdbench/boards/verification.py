@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import json
 import secrets
 import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from crowdbench.boards.board import FILE, ROOT, Board
+from crowdbench.boards.board import Board
 from crowdbench.boards.consistency_test import lower_than_claimed
 from crowdbench.boards.entry import (
     SEASONS,
@@ -27,6 +28,7 @@ from crowdbench.boards.entry import (
     write_entry,
 )
 from crowdbench.boards.method import method_cases, method_networks, network_runs, summarize_method
+from crowdbench.boards.planner_files import check_size as check_files_size
 from crowdbench.boards.planner_files import describe_change
 from crowdbench.boards.run_entry import (
     NO_RUNS,
@@ -40,29 +42,41 @@ from crowdbench.boards.run_entry import (
     read_figures,
 )
 from crowdbench.boards.season import Season
-from crowdbench.isolation.process import BUBBLEWRAP, isolation_level
-from crowdbench.runs.manifest import code
+from crowdbench.isolation import sandbox
+from crowdbench.runs.manifest import MANIFEST, code
+from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
 from crowdbench.runs.results import read_result
 from crowdbench.runs.shards import WHOLE, Shard
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, MachineFault
+from crowdbench.utils.files import read_json, whole
 
 
-def cases_of_season(entry: Entry, board: Board) -> Cases:
-    """The cases of each scenario that an entry drives in a season. Raises InputError where a public run is damaged."""
-    results = [read_result(entry.public / name) for name in driven_scenarios(board, entry.public)]
-    try:
-        seconds = sum(float(result["timing"]["seconds"]) for result in results)
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"{entry.public} has a run that does not say how many seconds it took") from None
-    return board.cases_at(seconds / (len(board.public_cases) * max(len(results), 1)))
+def cases_of_season(entry: Entry, board: Board, work: Path) -> Cases:
+    """The cases of each scenario that an entry drives in a season: fewer where one takes it long.
+
+    How long is measured here, once, and kept in `work`: what its public runs say of it, its authors have written.
+    """
+    spec = entry.spec
+    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, board.cases)
+    path = work / f"pace-{board.name}-{entry.name}-{run.digest(spec.package_files)}.json"
+    if not path.exists():
+        try:
+            seconds = run.seconds_per_case(list(spec.reported))
+        except MachineFault:
+            raise
+        except InputError:
+            seconds = 0.0  # the verification meets the same fault, and says so
+        work.mkdir(parents=True, exist_ok=True)
+        with whole(path) as partial:
+            partial.write_text(json.dumps(seconds), encoding="utf-8")
+    return board.cases_at(float(read_json(path)))
 
 
-def count_cases(entry: Entry, board: Board, cases: Cases | None = None) -> int:
-    """How many cases a verification replays and drives; `cases` are those of each scenario, if not a season's."""
-    cases = cases or cases_of_season(entry, board)
+def count_cases(entry: Entry, board: Board, cases: Cases) -> int:
+    """How many cases a verification replays and drives; `cases` are those of each scenario."""
     own = (len(cases) + board.spec.public_cases) * len(board.scenarios)
     return own + len(method_networks(entry, board)) * len(method_cases(cases))
 
@@ -87,7 +101,7 @@ def verify(
         work: The folder that keeps finished runs until the verdict.
         season: The season whose cases it drives, of which the verdict is recorded in the entry; None for cases of a
             seed that is drawn now, of which nothing is recorded.
-        cases: The cases of each scenario without a season, if not those that it would have.
+        cases: The cases of each scenario; those of `cases_of_season` if None.
         shard: Which share of a season's batches is run. The last one comes to the verdict.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
@@ -101,15 +115,17 @@ def verify(
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
     _check_possible(entry, board, season)
-    spec, hidden = entry.spec, _hidden(entry, work)
-    cases = cases if cases and season is None else cases_of_season(entry, board)
+    spec = entry.spec
     seed = secrets.randbits(63) if season is None else season.seed(board.name)
-    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, cases, seed, hidden, shard, progress)
+    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, board.cases, seed, shard, progress)
     if season is not None:
+        run = dataclasses.replace(run, cases=cases or cases_of_season(entry, board, work))
         return _verify_in_season(entry, run, by, season)
     work.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
-        return _verify(entry, dataclasses.replace(run, out=Path(folder)), by, "")
+        place = Path(folder)
+        cases = cases or cases_of_season(entry, board, place)
+        return _verify(entry, dataclasses.replace(run, out=place / "runs", cases=cases), by, "")
 
 
 def _verify_in_season(entry: Entry, run: EntryRun, by: str, season: Season) -> Verification:
@@ -125,13 +141,15 @@ def _verify_in_season(entry: Entry, run: EntryRun, by: str, season: Season) -> V
             # verdict of it, which says that the entry is refused.
             pass
     with lock_runs(run.out):
-        _check_possible(read_entry(entry.directory, check_files=False), board, season)  # another process may be done
-        # Of a process that was killed between writing its runs and its verdict.
-        shutil.rmtree(entry.directory / SEASONS / season.spec.name, ignore_errors=True)
+        entry = read_entry(entry.directory, check_files=False)
+        _check_possible(entry, board, season)  # another process may be done
+        _remove(entry, season.spec.name)
         entry = read_entry(entry.directory)
         verification = _verify(entry, dataclasses.replace(run, shard=WHOLE), by, season.spec.name)
         _record(entry, verification, run.out)
     shutil.rmtree(run.out, ignore_errors=True)
+    for pace in run.out.parent.glob(f"pace-{board.name}-{entry.name}-*.json"):
+        pace.unlink(missing_ok=True)
     return verification
 
 
@@ -139,11 +157,12 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
     spec = entry.spec
     if spec.board != board.name:
         raise InputError(f"{entry.directory} is an entry of the board {spec.board}, not of {board.name}")
-    if spec.board_digest != board.digest:
+    if (spec.board_version, spec.board_digest) != (board.spec.version, board.digest):
         raise InputError(
             f"{entry.directory} was made for other rules of the board {board.name} (version {spec.board_version}, "
             f"{spec.board_digest[:12]}) than these (version {board.spec.version}, {board.digest[:12]}): submit it again"
         )
+    check_files_size(entry.directory)
     if season is None:
         return
     if not season.takes_part(board.name, entry.name, entry.digest):
@@ -151,15 +170,8 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
             f"{entry.directory} takes no part in the season {season.spec.name}: it was not among the entries that were "
             "frozen, or was changed since"
         )
-    if entry.verification_in(season.spec.name):
+    if entry.verification_in(season):
         raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
-
-
-def _hidden(entry: Entry, work: Path) -> list[Path]:
-    """What an entry's planner must not read: the boards with their seeds, other entries, and the runs."""
-    around = entry.directory.resolve().parents
-    roots = [ROOT, around[2]] if len(around) > 2 and (around[2] / entry.spec.board / FILE).exists() else [ROOT]
-    return [*roots, work]
 
 
 def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
@@ -174,7 +186,7 @@ def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
             season=season,
             seed=seed,
             code=code(),
-            level=isolation_level(),
+            level=sandbox.level(),
             verdict=verdict,
             reason=reason,
             **measured,
@@ -197,23 +209,45 @@ def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
         return report(Verdict.REFUSED, str(error))
     verdict, reason = _judge(entry, run)
     figures = {} if verdict == Verdict.REFUSED else read_figures(run.board, run.out)
-    return report(verdict, reason, figures=figures, decision_time=speed, method=method)
+    timed = {"untimed": speed} if isinstance(speed, str) else {"decision_time": speed}
+    return report(verdict, reason, figures=figures, method=method, **timed)
 
 
 def _record(entry: Entry, verification: Verification, runs: Path) -> None:
     """Write a verification and its runs into an entry."""
     if verification.figures:
-        shutil.copytree(runs, entry.directory / SEASONS / verification.season, ignore=NO_RUNS)
+        _copy_runs(runs, entry.directory / SEASONS / verification.season)
     verifications = [*entry.spec.verifications, verification]
     update = {"files": file_digests(entry.directory), "verifications": verifications}
     write_entry(entry.directory, entry.spec.model_copy(update=update))
     read_entry(entry.directory)
 
 
+def _remove(entry: Entry, season: str) -> None:
+    """Remove what a killed process has left of a season, or a verification that does not count, such as a copy."""
+    runs, spec = f"{SEASONS}/{season}", entry.spec
+    shutil.rmtree(entry.directory / runs, ignore_errors=True)
+    files = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{runs}/")}
+    others = [each for each in spec.verifications if each.season != season]
+    if (files, others) != (spec.files, spec.verifications):
+        write_entry(entry.directory, spec.model_copy(update={"files": files, "verifications": others}))
+
+
+def _copy_runs(runs: Path, to: Path) -> None:
+    """Copy the runs on the cases of a season but for their commands, which are large, and which the seed leads to."""
+    shutil.copytree(runs, to, ignore=NO_RUNS)
+    for path in to.glob(f"*/{COMMANDS}"):
+        path.unlink()
+        manifest = read_json(path.with_name(MANIFEST))
+        del manifest["files"][COMMANDS]
+        path.with_name(MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+
+
 def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> str:
     """What the public runs of an entry say and their commands do not lead to, in a sentence; empty if there is none."""
     for scenario in (each for each in board.load(None) if (entry.public / each.name).exists()):
         try:
+            check_size(entry.public / scenario.name / COMMANDS, len(board.public_cases), scenario.rules.max_steps)
             files = RunResult.read_unchecked(entry.public / scenario.name)
             request = {
                 "cases": str(board.public_cases),
@@ -262,7 +296,8 @@ def _judge(entry: Entry, run: EntryRun) -> tuple[Verdict, str]:
     public, other = read_episodes(run.board, entry.public), read_episodes(run.board, run.out)
     if doubts := lower_than_claimed(public, {name: other[name] for name in public}):
         return Verdict.LOWER, "; ".join(doubts)
-    how = "in a process of its own, which could read files and the network"
-    if isolation_level() == BUBBLEWRAP:
-        how = "in a sandbox without network and without our files"
+    missing = sandbox.MISSING[sandbox.level()]
+    how = f"in a sandbox without network, which shows it its own files alone{missing and f', but {missing}'}"
+    if sandbox.level() == sandbox.PROCESS:
+        how = f"without a sandbox, {missing}"
     return Verdict.RERUN, f"the recorded commands lead to the reported figures; ran {how}"

@@ -56,7 +56,7 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
     import numpy as np
 
     from crowdbench import catalog
-    from crowdbench.runs.decision_time import decision_seconds
+    from crowdbench.runs.decision_time import decide_alone
     from crowdbench.runs.results import planner_label
     from crowdbench.runs.spec import EVERY_STEP
     from crowdbench.scenario.cases import Cases
@@ -65,7 +65,7 @@ def _bench_planner(planner: str, scenario: str, options: dict[str, Any], overrid
     name, loaded = catalog.load_planner(planner, options)
     place, cases = catalog.load_scenario(scenario, overrides), Cases.parse(CASES)
     with progress(len(cases) - 1) as tell:
-        seconds = decision_seconds(loaded, name, place, EVERY_STEP, cases, tell)
+        seconds = decide_alone(loaded, name, place, EVERY_STEP, cases, progress=tell).seconds
     median, late = 1e3 * np.percentile(seconds, [50, 99])
     print(
         f"{planner_label(name, options)} on {place.name}: {len(seconds)} decisions in one world alone take "

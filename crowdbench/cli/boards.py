@@ -77,6 +77,7 @@ def submit(
     """
     use_threads(threads)
     from crowdbench.boards.board import find_board
+    from crowdbench.boards.entry import MAINTAINERS
     from crowdbench.boards.submission import Submission, read_card
     from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
@@ -92,6 +93,10 @@ def submit(
         PLANNERS.find(planner)
     card = card or Path(planner).parent / "card.toml"
     submitter = by or read_card(card).authors[0]
+    if submitter.lower() == MAINTAINERS:
+        raise InputError(
+            f"{submitter} submits the planners that ship, by `crowdbench leaderboard fill`: give your name"
+        )
     networks = [assignments([each], "--network") for each in network or []]
     submission = Submission(rules, name or plugin_name(planner), planner, options, networks, card, submitter)
     announce_compilation()
@@ -154,7 +159,7 @@ def verify(
     from crowdbench.boards.board import FILE, find_board, read_board
     from crowdbench.boards.entry import Verdict, read_entry
     from crowdbench.boards.season import read_season
-    from crowdbench.boards.verification import count_cases
+    from crowdbench.boards.verification import cases_of_season, count_cases
     from crowdbench.boards.verification import verify as verify_entry
     from crowdbench.runs.shards import Shard
     from crowdbench.scenario.cases import Cases
@@ -174,8 +179,8 @@ def verify(
     board = read_board(folder) if (folder / FILE).exists() else find_board(submitted.spec.board)
     board = board.with_data(data)
     announce_compilation()
-    driven = Cases("test", 0, cases) if cases else None
-    total = count_cases(submitted, board, driven)
+    driven = Cases("test", 0, cases) if cases else cases_of_season(submitted, board, work) if season else None
+    total = count_cases(submitted, board, driven or board.cases)
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message if season else "nothing is kept"), _exit_on_unfinished(), progress(total) as tell:
         drawn = read_season(folder.parent) if season else None
@@ -202,6 +207,8 @@ def _print_verification(entry: Entry, board: str, result: Verification) -> None:
             f"decisions in one world on one core: 99th percentile {speed.p99_ms:.1f} ms here, "
             f"{speed.calibrated_p99_ms:.1f} ms on the machine of reference, {timely}"
         )
+    if result.untimed:
+        print(result.untimed)
     if entry.spec.privileged:
         print("The planner is privileged: it is shown, and has no rank.")
     print("This does not tell whether the planner knew more than a vehicle can see while it was trained.")

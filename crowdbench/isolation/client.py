@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from io import FileIO
+from io import FileIO, TextIOWrapper
 
 import numpy as np
 
@@ -50,6 +50,8 @@ def _own_streams() -> Iterator[tuple[FileIO, FileIO]]:
     with FileIO(os.dup(0)) as source, FileIO(os.dup(1), "w") as sink, open(os.devnull) as nothing:
         os.dup2(nothing.fileno(), 0)
         os.dup2(2, 1)
+        if isinstance(sys.stdout, TextIOWrapper):
+            sys.stdout.reconfigure(line_buffering=True)  # the process may be killed
         yield source, sink
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
-from crowdbench.isolation.process import Process, TooLarge, TooSlow, isolation_level, start_command
+from crowdbench.isolation import sandbox
+from crowdbench.isolation.process import Process, TooLarge, TooSlow
 from crowdbench.isolation.protocol import (
     VERSION,
     Broken,
@@ -26,7 +27,8 @@ from crowdbench.isolation.protocol import (
 from crowdbench.planners.base import OneStepOnly, Planner
 from crowdbench.planners.contract import Fault
 from crowdbench.planners.driver import FaultyAnswer, TimeLimit
-from crowdbench.plugins.load import plugin_name, program
+from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.load import file_and_function, plugin_name, program
 from crowdbench.utils.defaults import DECISION_LIMIT
 from crowdbench.utils.errors import LONGEST, InputError, MachineFault
 
@@ -68,8 +70,8 @@ class IsolatedPlanner(Planner):
             `crowdbench.isolation.protocol`.
         options: Arguments of the planner's function, as they are written in TOML.
         limits: What it may take.
-        hidden: Folders that it must not read: see `crowdbench.isolation.process`.
-        readable: Folders inside those that it may read all the same.
+        readable: What it may read in its sandbox beside Python and crowdbench; if None, the files that it consists of
+            and those that its options name.
         folder: Its working directory; the present one if None.
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.unseen`.
 
@@ -84,15 +86,16 @@ class IsolatedPlanner(Planner):
         options: Mapping[str, Any],
         limits: Limits = LIMITS,
         *,
-        hidden: Iterable[Path] = (),
-        readable: Iterable[Path] = (),
+        readable: Iterable[Path] | None = None,
         folder: Path | None = None,
         scene: str | None = None,
     ) -> None:
         self.name = plugin_name(spec)
         self.limits = limits
-        self.usage: dict[str, Any] = {"level": isolation_level()}
-        self.process = Process(start_command(program(spec), hidden, readable, folder), limits.memory, folder)
+        self.usage: dict[str, Any] = {"level": sandbox.level()}
+        readable = [*_own_files(spec), *_own_files(options)] if readable is None else readable
+        command = sandbox.command(program(spec), readable, folder)
+        self.process = Process(command, limits.memory, folder, sandbox.temporary())
         try:
             properties = self._start(spec, options, scene)
         except BaseException:
@@ -185,3 +188,15 @@ class IsolatedPlanner(Planner):
         if how == How.ONE_STEP:
             return OneStepOnly()
         return self._fault(sentence, where, row if isinstance(row, int) else None)
+
+
+def _own_files(value: Any) -> Iterator[Path]:
+    """The files that a planner or the value of an option names, with what they import or what lies beside them."""
+    if isinstance(value, Mapping | list):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            yield from _own_files(each)
+    elif isinstance(value, str):
+        path = file_and_function(value)[0] or Path(value)
+        if "\0" not in value and path.is_file():
+            yield path
+            yield from (path.resolve().parent / name for name in file_digests(path))

@@ -1,21 +1,16 @@
-"""A planner's process: in a sandbox of bubblewrap where it is there, asked through pipes, under limits.
-
-The parent measures and enforces the limits of time and memory.
-"""
+"""A process that is asked through pipes, under limits of time and memory that its parent measures and enforces."""
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import os
 import random
 import select
-import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import psutil
@@ -26,54 +21,6 @@ from crowdbench.utils.time_limit import FairLimit
 
 TICK = 0.1
 """Seconds between two looks at the memory of a process."""
-
-CLIENT = (sys.executable, "-P", "-m", "crowdbench.isolation.client")
-"""What makes a planner of Python in its own process; `-P`, so that a file in the current folder replaces no module."""
-
-BUBBLEWRAP = "bubblewrap"
-PROCESS = "process"
-
-
-def start_command(
-    program: Path | None, hidden: Iterable[Path], readable: Iterable[Path], folder: Path | None
-) -> tuple[str, ...]:
-    """The command that starts a planner's process.
-
-    Args:
-        program: A planner that is a program of its own, or None for one that crowdbench can load.
-        hidden: Folders that the planner must not read. Without bubblewrap it can.
-        readable: Folders inside those that it may read all the same.
-        folder: The working directory; the present one if None.
-    """
-    plain = CLIENT if program is None else (str(program.resolve()),)
-    return plain if isolation_level() == PROCESS else (*_bubblewrap(hidden, readable, folder), *plain)
-
-
-@functools.cache
-def isolation_level() -> str:
-    """How well planners can be kept apart on this machine, `bubblewrap` or `process`: see `docs/isolation.md`."""
-    if shutil.which("bwrap") is None:
-        return PROCESS
-    # It may be there and not be allowed to make namespaces.
-    trial = subprocess.run([*_bubblewrap(), sys.executable, "-c", ""], stdin=subprocess.DEVNULL, capture_output=True)
-    return BUBBLEWRAP if trial.returncode == 0 else PROCESS
-
-
-def _bubblewrap(
-    hidden: Iterable[Path] = (), readable: Iterable[Path] = (), folder: Path | None = None
-) -> tuple[str, ...]:
-    """No network, no other process to be seen, every file read-only but for temporary ones that nobody else sees."""
-    options: list[str] = []
-    current = folder or Path.cwd()
-    for place in map(Path.resolve, hidden):
-        if place.is_dir():
-            options += ["--tmpfs", str(place)]
-            current = Path("/") if current.is_relative_to(place) else current
-    for place in map(Path.resolve, readable):
-        options += ["--ro-bind", str(place), str(place)]
-    always = "--die-with-parent --unshare-all --ro-bind / / --dev /dev --proc /proc --tmpfs /var/tmp"
-    last = "--setenv", "TMPDIR", "/var/tmp", "--chdir", str(current), "--"
-    return ("bwrap", *always.split(), *options, *last)
 
 
 class TooSlow(Exception):
@@ -91,6 +38,7 @@ class Process:
         command: What is started.
         most_memory: Bytes that it may take, with the processes which it starts.
         folder: Its working directory; the present one if None.
+        temporary: Folders in memory that it alone sees: what lies in them counts as its memory.
 
     Attributes:
         seconds: Time in which it was waited for, so far.
@@ -100,10 +48,13 @@ class Process:
         InputError: This operating system has no such pipes, or the process cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], most_memory: float, folder: Path | None = None) -> None:
+    def __init__(
+        self, command: Sequence[str], most_memory: float, folder: Path | None = None, temporary: Sequence[str] = ()
+    ) -> None:
         if not hasattr(select, "poll"):
             raise InputError(f"a planner cannot be isolated on {sys.platform}: this takes Linux or macOS")
         self.most_memory = most_memory
+        self.temporary = temporary
         self.seconds = 0.0
         self.memory = 0
         self._looked = 0.0
@@ -171,7 +122,8 @@ class Process:
         now = time.monotonic()
         if now - self._looked >= TICK:
             self._looked = now
-            memory = sum(map(_memory, self._everybody()))
+            processes = list(self._everybody())
+            memory = sum(map(_memory, processes)) + sum(_size(processes[-1], folder) for folder in self.temporary)
             self.memory = max(self.memory, memory)
             if memory > self.most_memory:
                 raise TooLarge
@@ -183,11 +135,48 @@ class Process:
             yield process
             yield from process.children(recursive=True)
 
-    def pin(self) -> None:
-        """Have it, and all that it has started, use one core alone, any of them. macOS cannot do that."""
+    def pin(self) -> int | None:
+        """Have it, and all that it has started, use one core alone, any of them. macOS cannot do that.
+
+        Returns:
+            The core.
+        """
+        if not hasattr(os, "sched_setaffinity"):
+            return None
+        core = random.choice(sorted(os.sched_getaffinity(0)))
         for process in list(self._everybody()):
-            with contextlib.suppress(psutil.Error, AttributeError):
-                process.cpu_affinity([random.choice(process.cpu_affinity())])
+            for thread in Path(f"/proc/{process.pid}/task").glob("*"):
+                with contextlib.suppress(OSError):
+                    os.sched_setaffinity(int(thread.name), {core})
+        return core
+
+    @contextlib.contextmanager
+    def stopped(self, core: int | None) -> Iterator[None]:
+        """Stop it, with all that it has started, and be on its core meanwhile."""
+        everybody = list(self._everybody())
+        cores = None if core is None else os.sched_getaffinity(0)
+        for process in everybody:
+            with contextlib.suppress(psutil.Error):
+                process.suspend()
+        try:
+            if core is not None:
+                os.sched_setaffinity(0, {core})
+            yield
+        finally:
+            if cores is not None:
+                os.sched_setaffinity(0, cores)
+            for process in everybody:
+                with contextlib.suppress(psutil.Error):
+                    process.resume()
+
+    def processor_seconds(self) -> float:
+        """The time of processors that it has taken so far, with all that it has started and that still runs."""
+        total = 0.0
+        for process in list(self._everybody()):
+            with contextlib.suppress(psutil.Error):
+                times = process.cpu_times()
+                total += times.user + times.system
+        return total
 
     def end(self) -> None:
         """Kill it, with all that it has started. It may have ended before."""
@@ -214,4 +203,14 @@ class Process:
 def _memory(process: psutil.Process) -> int:
     with contextlib.suppress(psutil.Error):
         return int(process.memory_info().rss)
+    return 0
+
+
+def _size(process: psutil.Process, folder: str) -> int:
+    """The bytes in a folder as a process in a sandbox sees it."""
+    with contextlib.suppress(OSError):
+        inside = f"/proc/{process.pid}/root{folder}"
+        if os.stat(inside).st_dev != os.stat(folder).st_dev:  # otherwise the sandbox is still being made
+            found = os.statvfs(inside)
+            return (found.f_blocks - found.f_bfree) * found.f_frsize
     return 0

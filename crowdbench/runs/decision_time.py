@@ -1,20 +1,23 @@
 """How long a planner takes for its decisions in one world alone: a pass of its own, outside of any run.
 
-A run drives many worlds at once, where a decision of all of them is timed, which takes less per world.
+A run drives many worlds at once, where a decision of all of them is timed, which takes less per world. The pass may
+follow the commands of a run: then the planner decides on what it saw there, and must decide the same.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import Observation
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.rollout import Progress, rollout
+from crowdbench.runs.recording import Commands
+from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -22,43 +25,78 @@ from crowdbench.scenario.scenario import Scenario
 HARD_LIMIT = 20
 """A single decision in one world is stopped after so many time steps."""
 
+SAME = 1e-4
+"""Commands count as the same up to this difference, in the units of the vehicle's commands: networks round otherwise
+in one world than in many."""
+
+
+class Decisions(NamedTuple):
+    """The decisions of a planner, one world at a time.
+
+    Attributes:
+        seconds: How long each took.
+        is_same: Whether its commands are those that the run has recorded; True where no run was followed.
+    """
+
+    seconds: Float[np.ndarray, "decision"]
+    is_same: Bool[np.ndarray, "decision"]
+
 
 class _Timed(Planner):
-    """Asks another planner, and keeps how long each answer took in seconds."""
+    """Asks a planner, and keeps how long each answer took and whether it is as recorded.
 
-    def __init__(self, planner: Planner) -> None:
-        self.planner = planner
-        self.privileged = planner.privileged
-        self.native = planner.native
-        self.facts = planner.facts
+    Args:
+        driver: Asks the planner.
+        recorded: The commands of the episode by step, which the vehicle then executes whatever the planner decides;
+            without them it executes the planner's.
+    """
+
+    native = True  # the driver has made commands of velocities
+
+    def __init__(self, driver: Driver, recorded: Float[np.ndarray, "step 2"] | None) -> None:
+        self.driver = driver
+        self.recorded = recorded
+        self.privileged = driver.privileged
         self.seconds: list[float] = []
+        self.is_same: list[bool] = []
 
     def reset(self, rows: Int[np.ndarray, "world"]) -> None:
-        self.planner.reset(rows)
+        self.driver.reset(rows)
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
-        return self._time(lambda: self.planner.plan(obs))
+        return self._decide(obs, lambda: self.driver.decide(obs)[:, None])[:, 0]
 
     def plan_ahead(self, obs: Observation, steps: int) -> Float[np.ndarray, "world time 2"]:
-        return self._time(lambda: self.planner.plan_ahead(obs, steps))
+        return self._decide(obs, lambda: self.driver.decide_ahead(obs, steps))
 
-    def _time(self, ask: Callable[[], np.ndarray]) -> np.ndarray:
+    def _decide(
+        self, obs: Observation, decide: Callable[[], Float[np.ndarray, "world time 2"]]
+    ) -> Float[np.ndarray, "world time 2"]:
         start = time.perf_counter()
-        try:
-            return ask()
-        finally:
-            self.seconds.append(time.perf_counter() - start)
+        commands = decide()
+        self.seconds.append(time.perf_counter() - start)
+        if self.recorded is None:
+            self.is_same.append(True)
+            return commands
+        step, steps = int(obs.step[0]), commands.shape[1]
+        recorded = np.zeros((1, steps, 2))  # an episode may end before all commands of its last decision are executed
+        executed = self.recorded[step : step + steps]
+        recorded[0, : len(executed)] = executed
+        difference = np.abs(commands[0, : len(executed)] - executed)
+        self.is_same.append(bool((difference <= SAME).all()))
+        return recorded
 
 
-def decision_seconds(
+def decide_alone(
     planner: Planner,
     name: str,
     scenario: Scenario,
     replanning: Replanning,
     cases: Cases,
-    progress: Progress | None = None,
-) -> Float[np.ndarray, "decision"]:
-    """Time the decisions of a planner, one world at a time.
+    recorded: Commands | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Decisions:
+    """Time the decisions of a planner, one world at a time, with a `reset` before each case.
 
     Args:
         planner: The planner.
@@ -66,22 +104,33 @@ def decision_seconds(
         scenario: The scenario.
         replanning: When it observes.
         cases: What it drives. The first case is driven to warm up and does not count.
+        recorded: The commands of a run of these cases, which the vehicle executes in the place of the planner's.
         progress: Called after each case with 1.
 
     Returns:
-        How long each decision took, in seconds.
+        The decisions.
 
     Raises:
         InputError: The planner breaks its contract, or takes longer than `HARD_LIMIT` time steps for a decision.
     """
-    timed = _Timed(planner)
     first, *others = cases.batches(1)
     # It may load and compile what it needs, for which it has the time of a decision of a whole batch.
-    rollout(Driver(timed, name), scenario, first, replanning=replanning, undisturbed=False)
-    timed.seconds.clear()
+    _drive(Driver(planner, name), scenario, replanning, first, recorded)
+    driver = Driver(planner, name, HARD_LIMIT * scenario.rules.dt)
+    seconds: list[float] = []
+    is_same: list[bool] = []
     for case in others:
-        driver = Driver(timed, name, HARD_LIMIT * scenario.rules.dt)
-        rollout(driver, scenario, case, replanning=replanning, undisturbed=False)
+        timed = _drive(driver, scenario, replanning, case, recorded)
+        seconds += timed.seconds
+        is_same += timed.is_same
         if progress is not None:
             progress(1)
-    return np.array(timed.seconds)
+    return Decisions(np.array(seconds), np.array(is_same, bool))
+
+
+def _drive(
+    driver: Driver, scenario: Scenario, replanning: Replanning, case: Cases, recorded: Commands | None
+) -> _Timed:
+    timed = _Timed(driver, None if recorded is None else recorded.of(case.start))
+    rollout(Driver(timed, driver.name), scenario, case, replanning=replanning, undisturbed=False)
+    return timed

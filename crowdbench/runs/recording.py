@@ -117,6 +117,14 @@ class Commands:
     steps: Int[np.ndarray, "case"]
     command: Float[np.ndarray, "step 2"]
 
+    def of(self, case: int) -> Float[np.ndarray, "step 2"]:
+        """The commands of one case in m/s. Raises InputError where there are none."""
+        (rows,) = np.nonzero(self.case == case)
+        if not len(rows):
+            raise InputError(f"{COMMANDS} has no commands of case {case}")
+        end = int(np.cumsum(self.steps)[rows[0]])
+        return self.command[end - int(self.steps[rows[0]]) : end]
+
     def pad(self, rows: Int[np.ndarray, "row"], steps: int) -> Float[np.ndarray, "row {steps} 2"]:
         """The commands in m/s of the cases with these indices for so many steps, zero after the last command."""
         ends = np.cumsum(self.steps)
@@ -135,6 +143,32 @@ def read_commands(path: Path) -> Commands:
         raise InputError(f"{path} is not a table of commands as crowdbench writes it: values are missing in it")
     steps = lengths.to_numpy().astype(np.int64) // 2
     return Commands(table["case"].to_numpy(), steps, command.to_numpy().reshape(-1, 2))
+
+
+def check_size(path: Path, cases: int, steps: int) -> None:
+    """Check that a file of commands is not larger than a run's can be, before anything of it is unpacked.
+
+    Args:
+        path: The file. One that is missing or no Parquet file is for `read_commands` to tell.
+        cases: How many cases the run has.
+        steps: The most steps of a case.
+
+    Raises:
+        InputError: It is larger.
+    """
+    try:
+        with path.open("rb") as file, pq.ParquetFile(file) as parquet:
+            groups = [parquet.metadata.row_group(index) for index in range(parquet.metadata.num_row_groups)]
+            rows = parquet.metadata.num_rows
+    except (pa.ArrowException, OSError, ValueError):
+        return
+    size = sum(group.column(index).total_uncompressed_size for group in groups for index in range(group.num_columns))
+    most = 1_000_000 + 2 * 16 * cases * (steps + 1)  # twice what two float64 numbers per step take
+    if rows > cases or size > most:
+        raise InputError(
+            f"{path} holds {rows} cases in {size / 1e6:.0f} MB, but a run of {cases} cases has as many in "
+            f"{most / 1e6:.0f} MB at most"
+        )
 
 
 def join_commands(parts: Sequence[Path], path: Path) -> None:

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from crowdbench.boards.board import METRIC_TITLES, read_boards
 from crowdbench.boards.ranking import ALPHA
-from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
+from crowdbench.boards.season import SEASON, read_season
 from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
 from crowdbench.boards.site.figures import success_against_time
@@ -39,9 +39,8 @@ def build(root: Path, out: Path) -> int:
     with new_directory(out, overwrite=True, mark=INDEX) as folder:
         season = read_season(root) if (root / SEASON).exists() else None
         templates.globals["season"] = season
-        name = season.spec.name if season else ""
-        boards = [standings(board, read_entries(board, root), name) for board in read_boards(root)]
-        seeds = {found.board.name: _seed(season, found.board.name) for found in boards}
+        boards = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
+        seeds = {found.board.name: season.find_seed(found.board.name) if season else None for found in boards}
         shutil.copyfile(STYLE, folder / STYLE.name)
         groups = tables.board_groups(boards)
         _write(folder / INDEX, templates, "index.html", top="", boards=boards, seeds=seeds, groups=groups)
@@ -72,16 +71,6 @@ def _templates() -> jinja2.Environment:
     templates.globals |= {"METRICS": METRIC_TITLES, "ALPHA": ALPHA, "MARK": Markup(MARK), "SORT": sort}
     templates.globals["tables"] = tables
     return templates
-
-
-def _seed(season: Season | None, board: str) -> int | None:
-    """The seed of the cases of a board in the season; None where it is not known yet."""
-    if season is None:
-        return None
-    try:
-        return season.seed(board)
-    except TooEarly:  # the season is still open
-        return None
 
 
 def _write_board(folder: Path, templates: jinja2.Environment, found: Standings, seed: int | None) -> None:

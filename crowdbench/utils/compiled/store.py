@@ -72,6 +72,11 @@ def write(entry: Entry, payload: bytes) -> None:
                 path.unlink(missing_ok=True)
 
 
+def folders() -> list[Path]:
+    """The folders that compiled kernels are read from."""
+    return [place.folder for place in _places()]
+
+
 @functools.cache
 def _places() -> tuple[_Place, ...]:
     """The places to read from, of which the last one can be written if any can."""

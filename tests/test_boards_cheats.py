@@ -1,0 +1,179 @@
+"""What an entrant can try against a board: each attempt is refused, or changes nothing."""
+
+import json
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from boards import card, verified_root, write_board
+from typer.testing import CliRunner
+
+from crowdbench.boards.board import read_board
+from crowdbench.boards.entry import Verdict, read_entry
+from crowdbench.boards.season import read_season
+from crowdbench.boards.shipped import to_verify
+from crowdbench.boards.skeleton import write_skeleton
+from crowdbench.boards.standings import read_entries, standings
+from crowdbench.boards.submission import Submission, submit
+from crowdbench.boards.verification import cases_of_season, verify
+from crowdbench.cli import app
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import sha256
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    return verified_root(tmp_path_factory)
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    """The folder of an entry in a copy of the folder of boards, which a test may change."""
+    shutil.copytree(made / "leaderboards", tmp_path / "leaderboards")
+    return tmp_path / "leaderboards" / "small" / "entries" / "careful"
+
+
+def forge(folder, **changes):
+    """Change what an entry says, and write the digests of its files anew."""
+    table = json.loads((folder / "entry.json").read_text()) | changes
+    paths = [path for path in folder.rglob("*") if path.is_file() and path.name != "entry.json"]
+    table["files"] = {path.relative_to(folder).as_posix(): sha256(path) for path in paths}
+    (folder / "entry.json").write_text(json.dumps(table))
+
+
+@pytest.mark.parametrize("name", ["public/circle_crossing_5/notes.npy", "public/n.npy", "notes.py", "seasons/n.npy"])
+def test_a_file_that_is_not_frozen_cannot_come_along(folder, name):
+    (folder / name).write_bytes(b"a table of commands")
+    forge(folder)
+    with pytest.raises(InputError, match="is none of the files that an entry may have: remove it"):
+        read_entry(folder)
+
+
+def test_a_folder_that_is_a_link_is_refused(folder, tmp_path):
+    (folder / "planner" / "more").symlink_to(tmp_path)
+    with pytest.raises(InputError, match="more is not a plain file"):
+        read_entry(folder)
+
+
+@pytest.mark.parametrize(
+    "name", ["", " Ada", "a | b", "two\nlines", "<b>Ada</b>", "Ada\u202e", "a\x07", "[x](http://y)", "x" * 101]
+)
+def test_a_submitter_that_pages_could_not_show_is_refused(folder, name):
+    forge(folder, submitted_by=name)
+    with pytest.raises(InputError, match=r"submitted_by: |cannot submit an entry: a name has letters, digits"):
+        read_entry(folder)
+
+
+@pytest.mark.parametrize("name", ["Ada Lovelace", "J.-P. O'Neil_2", "Łukasz", "李"])
+def test_names_of_people_are_names(folder, name):
+    forge(folder, submitted_by=name)
+    assert read_entry(folder).spec.submitted_by == name
+
+
+def test_nobody_else_submits_as_the_maintainers(folder, tmp_path):
+    forge(folder, submitted_by="crowdbench")
+    with pytest.raises(InputError, match="submitted by crowdbench must be of a planner that ships"):
+        read_entry(folder)
+    (tmp_path / "card.toml").write_text(card())
+    arguments = ["orca", "--board", "five", "--card", str(tmp_path / "card.toml"), "--by", "CrowdBench"]
+    done = CliRunner().invoke(app, ["submit", *arguments])
+    assert "give your name" in str(done.exception)
+
+
+def test_the_version_of_a_board_is_not_for_entries_to_say(folder, tmp_path):
+    forge(folder, board_version=10**30)
+    with pytest.raises(InputError):
+        verify(read_entry(folder), read_board(folder.parents[1]), by="", work=tmp_path / "work")
+    forge(folder, board_version=2)
+    with pytest.raises(InputError, match="was made for other rules of the board small"):
+        verify(read_entry(folder), read_board(folder.parents[1]), by="", work=tmp_path / "work")
+
+
+def test_a_network_that_is_entered_twice_is_refused(folder):
+    forge(folder, networks=[{"near": 1.0}, {"near": 1.0}])
+    with pytest.raises(InputError, match="two networks of the entry are the same"):
+        read_entry(folder)
+
+
+def test_large_files_are_refused_where_an_entry_is_verified(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.planner_files.LARGEST", 1e5)
+    (folder / "planner" / "large.bin").write_bytes(bytes(200_000))
+    forge(folder)
+    with pytest.raises(InputError, match=r"but an entry may have 0\.1 MB"):
+        verify(read_entry(folder), read_board(folder.parents[1]), by="", work=tmp_path / "work")
+
+
+def test_commands_that_would_unpack_to_more_than_a_run_has_are_not_unpacked(folder, tmp_path, monkeypatch):
+    path = folder / "public" / "circle_crossing_5" / "commands.parquet"
+    schema = pq.read_schema(path)
+    bomb = pa.table([pa.array([0]), pa.array([np.zeros(40_000_000)], schema.field("command").type)], schema)
+    pq.write_table(bomb, path, compression="zstd", use_dictionary=False)
+    assert path.stat().st_size < 100_000
+    forge(folder)
+    monkeypatch.setattr(pq.ParquetFile, "read", None)
+    found = verify(read_entry(folder), read_board(folder.parents[1]), by="", work=tmp_path / "work")
+    assert found.verdict == Verdict.NOT_REPRODUCED
+    assert "holds 1 cases in 320 MB, but a run of 8 cases has as many in 1 MB at most" in found.reason
+
+
+def test_how_long_a_case_takes_is_measured_where_an_entry_is_verified(folder, tmp_path):
+    path = folder / "public" / "circle_crossing_5" / "result.json"
+    result = json.loads(path.read_text())
+    result["timing"]["seconds"] = 1e5
+    path.write_text(json.dumps(result))
+    forge(folder)
+    board = read_board(folder.parents[1])
+    assert cases_of_season(read_entry(folder), board, tmp_path / "work") == board.cases
+
+
+def test_a_verification_of_another_entry_or_of_another_seed_does_not_count(folder, tmp_path):
+    root, board, season = folder.parents[2], read_board(folder.parents[1]), read_season(folder.parents[2])
+    other = json.loads((folder.parent / "orca" / "entry.json").read_text())["verifications"]
+    shutil.copytree(folder.parent / "orca" / "seasons", folder / "seasons", dirs_exist_ok=True)
+    forge(folder, verifications=other, options={"near": 2.0})  # as it was not frozen
+    (found,) = [
+        one for one in standings(board, read_entries(board, root), season).others if one.entry.name == "careful"
+    ]
+    assert found.verification is None
+    assert "reported" in found.reason
+    forge(folder, verifications=[{**other[0], "seed": 1}], options={})
+    assert read_entry(folder).verification_in(season) is None
+    assert [job.title for job in to_verify(board, root, tmp_path / "work")] == ["careful on small"]
+    verify(read_entry(folder), board, by="me", work=tmp_path / "work", season=season)
+    assert [each.seed for each in read_entry(folder).spec.verifications] == [season.seed("small")]
+
+
+LAZY = """
+import crowdbench, numpy as np
+
+class Lazy(crowdbench.Planner):
+    def plan(self, obs):
+        way = obs.vehicle.goal - obs.vehicle.position
+        return way * (len(obs.row) > 1) / np.hypot(*way.T)[:, None]
+
+def planner():
+    return Lazy()
+"""
+
+
+@pytest.mark.parametrize(("cheats", "is_timed"), [(True, False), (False, True)])
+def test_a_planner_is_timed_only_where_it_decides_as_in_the_ranked_cases(cheats, is_timed, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 3)
+    board = write_board(tmp_path / "boards")
+    (tmp_path / "lazy.py").write_text(LAZY if cheats else LAZY.replace("len(obs.row) > 1", "1.0"))
+    (tmp_path / "card.toml").write_text(card())
+    submission = Submission(board, "lazy", str(tmp_path / "lazy.py"), {}, [], tmp_path / "card.toml", "Eve")
+    entry, _ = submit(submission, tmp_path / "boards", tmp_path / "work")
+    found = verify(entry, board, by="", work=tmp_path / "work")
+    assert (found.decision_time is not None) == is_timed
+    assert ("of its decisions are within 0.0001 m/s of those in the ranked cases" in found.untimed) != is_timed
+
+
+@pytest.mark.parametrize("name", ["class", "numpy", "json", "crowdbench"])
+def test_a_planner_is_not_called_as_what_python_has_already(tmp_path, name):
+    with pytest.raises(InputError, match=r"no word of Python|is a module that is installed"):
+        write_skeleton(name, tmp_path)
