@@ -119,6 +119,27 @@ def test_processes_that_are_given_the_same_command_share_the_work(whole, tmp_pat
     assert [path.name for path in tmp_path.glob("shared*")] == ["shared"]
 
 
+def test_parts_that_vanish_while_they_are_looked_at_have_been_put_together(tmp_path, monkeypatch):
+    run = run_of("orca", load_scenario("circle_crossing_5"), "4", batch=2)
+    parts = shards.Parts.of(run, tmp_path / "a")
+
+    def look(directory):
+        if directory.parent.exists():
+            directory.parent.rename(tmp_path / "gone")  # as another process does after it has merged them
+        raise InputError("commands.parquet cannot be read")
+
+    with parts.open():
+        monkeypatch.setattr(shards, "is_finished", look)
+        with parts.claim(parts.cases[0]) as is_missing:
+            assert not is_missing
+        assert parts.list_finished() == list(parts.cases)
+    parts.folder.mkdir()
+    (parts.folder / shards.REQUEST).write_text("")
+    monkeypatch.setattr(shards, "is_finished", lambda directory: look(tmp_path / "nothing" / "there"))
+    with pytest.raises(InputError):  # a damaged part is one
+        parts.list_finished()
+
+
 def test_a_part_that_another_one_makes_is_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(shards, "PATIENCE", 0.01)
     driven, begun, go_on = [], threading.Event(), threading.Event()

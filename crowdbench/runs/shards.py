@@ -117,11 +117,19 @@ class Parts:
 
     def list_finished(self) -> list[Cases]:
         """The parts that are there."""
-        return [part for part in self.cases if is_finished(self.directory(part))]
+        return [part for part in self.cases if self._is_finished(part)]
 
     def count_finished(self) -> int:
         """The number of cases whose parts are there."""
         return sum(map(len, self.list_finished()))
+
+    def _is_finished(self, part: Cases) -> bool:
+        try:
+            return is_finished(self.directory(part))
+        except InputError:
+            if (self.folder / REQUEST).exists():
+                raise
+            return True  # another process has put all parts together, and removed them while this one looked
 
     @contextlib.contextmanager
     def open(self) -> Iterator[None]:
@@ -167,7 +175,7 @@ class Parts:
             Timeout: Another process is making it.
         """
         with files.hold_lock(self.folder / f".{_name(part)}.making", 0):
-            yield (self.folder / REQUEST).exists() and not is_finished(self.directory(part))
+            yield (self.folder / REQUEST).exists() and not self._is_finished(part)
 
     def put_together(self, overwrite: bool) -> None:
         """Merge them, unless another process has done it, and remove them, and those of earlier tries."""
