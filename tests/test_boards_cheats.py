@@ -128,6 +128,8 @@ def test_how_long_a_case_takes_is_measured_where_an_entry_is_verified(folder, tm
     forge(folder)
     board = read_board(folder.parents[1])
     assert cases_of_season(read_entry(folder), board, tmp_path / "work") == board.cases
+    forge(folder, reported={})
+    assert cases_of_season(read_entry(folder), board, tmp_path / "other") == board.cases
 
 
 def test_a_verification_of_another_entry_or_of_another_seed_does_not_count(folder, tmp_path):

@@ -64,7 +64,9 @@ def cases_of_season(entry: Entry, board: Board, work: Path) -> Cases:
     path = work / f"pace-{board.name}-{entry.name}-{run.digest(spec.package_files)}.json"
     if not path.exists():
         try:
-            seconds = run.seconds_per_case(list(spec.reported))
+            seconds = run.seconds_per_case(
+                [name for name in board.scenarios if name in spec.reported] or board.scenarios
+            )
         except MachineFault:
             raise
         except InputError:
