@@ -93,13 +93,15 @@ class _LayoutExamination(Examination[Layout, _Crowd]):
     units = "cases"
     answers = "placements"
     missing = "not examined: the layout returned no placement"
+    after: tuple[Any, Any] = (None, ())
+    """The state of the random generators that all code shares, after the last try."""
     batch_names = "crowd", "crowd"
 
     def ask(self, batch: _Crowd) -> Placement | None:
         """Let the layout place a crowd, and examine also what would not keep it from being used."""
         placement: Placement | None = super().ask(batch)
         name = self._title(batch)
-        used = _find_used(batch.before)
+        used = _find_used(batch.before, self.after)
         self.findings.note("random numbers", 1, f"{name} draws from {used} instead of its stream" if used else None)
         if placement is not None:
             radius = batch.radius
@@ -118,7 +120,10 @@ class _LayoutExamination(Examination[Layout, _Crowd]):
         random.setstate(python)
         np.random.set_state(numpy)  # noqa: NPY002
         with plugin_errors(f"{self._title(batch)} raised"):
-            return plugin(rng.generator(batch.key, "places"), batch.radius.copy(), batch.speed.copy())
+            try:
+                return plugin(rng.generator(batch.key, "places"), batch.radius.copy(), batch.speed.copy())
+            finally:
+                self.after = _shared_state()
 
     def validators(self, batch: _Crowd) -> dict[str, Callable[[Any], Any]]:
         name, agents = self._title(batch), len(batch.radius)
@@ -209,9 +214,9 @@ def _shared_state() -> tuple[Any, Any]:
     return random.getstate(), np.random.get_state(legacy=True)  # noqa: NPY002 (to find who uses it)
 
 
-def _find_used(before: tuple[Any, Any]) -> str:
-    """The names of the shared generators whose state is not as before."""
-    (python, numpy), (python_before, numpy_before) = _shared_state(), before
+def _find_used(before: tuple[Any, Any], after: tuple[Any, Any]) -> str:
+    """The names of the shared generators of which there are two different states."""
+    (python, numpy), (python_before, numpy_before) = after, before
     same_numpy = all(np.array_equal(*pair) for pair in zip(numpy, numpy_before, strict=True))
     names = {"Python's shared generator": python != python_before, "NumPy's shared generator": not same_numpy}
     return " and ".join(name for name, changed in names.items() if changed)

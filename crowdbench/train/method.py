@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 if TYPE_CHECKING:
     from torch import nn
@@ -157,6 +157,7 @@ class Request(abc.ABC):
         """What a card says, for people."""
 
 
+@runtime_checkable  # for the check of types at every call
 class Training(Protocol):
     """A training and all its state. It can be restored from a checkpoint, and then goes on bit for bit the same."""
 
