@@ -179,3 +179,10 @@ def test_a_planner_is_timed_only_where_it_decides_as_in_the_ranked_cases(cheats,
 def test_a_planner_is_not_called_as_what_python_has_already(tmp_path, name):
     with pytest.raises(InputError, match=r"no word of Python|is a module that is installed"):
         write_skeleton(name, tmp_path)
+
+
+def test_what_is_no_entry_is_told_so(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    done = CliRunner().invoke(app, ["verify", ""])
+    assert "here is no entry" in str(done.exception)

@@ -172,9 +172,9 @@ def verify(
     if season and not by:
         raise InputError("--season records who has verified the entry: give --by")
     entry = entry.resolve()
+    submitted = read_entry(entry, check_files=not season)  # in a season, once no other process writes it
     if work.resolve().is_relative_to(entry):
         raise InputError(f"--work {work} lies in the entry: give another folder")
-    submitted = read_entry(entry, check_files=not season)  # in a season, once no other process writes it
     folder = entry.parent.parent
     board = read_board(folder) if (folder / FILE).exists() else find_board(submitted.spec.board)
     board = board.with_data(data)
