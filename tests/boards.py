@@ -1,6 +1,7 @@
 """A small folder of boards with two entries, one of a file and one that ships, made once for all tests."""
 
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,18 @@ def write_board(root, name="small", text=BOARD):
     return read_board(root / name)
 
 
+def make_key(folder, root, name="tester"):
+    """A key that makes somebody a maintainer of a folder of boards."""
+    if shutil.which("ssh-keygen") is None:
+        pytest.skip("ssh-keygen is not installed, with which verdicts are signed")
+    key = folder / f"key_of_{name}"
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
+    kind, public, *_ = key.with_suffix(".pub").read_text().split()
+    with (root / "maintainers").open("a") as file:
+        file.write(f'{name} namespaces="crowdbench" {kind} {public}\n')
+    return key
+
+
 def verified_root(tmp_path_factory):
     """A folder of boards whose two entries, `careful` and `orca`, were verified in a season."""
     shared = tmp_path_factory.getbasetemp().parent  # of all workers
@@ -71,9 +84,9 @@ def _make(folder: Path):
     planner = write_skeleton("careful", folder)
     submit(Submission(board, "careful", str(planner / "careful.py"), {}, [], folder / "card.toml", "Ada"), root, work)
     submit(Submission(board, "orca", "orca", {}, [], folder / "card.toml", "crowdbench"), root, work)
-    season = freeze_entries(board, root)
+    season, key = freeze_entries(board, root), make_key(folder, root)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("crowdbench.boards.decision_time.TIMED", 2)
         for entry in read_entries(board, root):
-            verify(entry, board, by="the tests", work=work, season=season)
+            verify(entry, board, work=work, season=season, key=key)
     assert not any(path.is_dir() for path in work.iterdir())

@@ -11,12 +11,10 @@ from boards import card, verified_root, write_board
 from typer.testing import CliRunner
 
 from crowdbench.boards.board import read_board
-from crowdbench.boards.entry import Verdict, read_entry
-from crowdbench.boards.season import read_season
-from crowdbench.boards.shipped import to_verify
+from crowdbench.boards.entry import read_entry
 from crowdbench.boards.skeleton import write_skeleton
-from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
+from crowdbench.boards.verdict import Verdict
 from crowdbench.boards.verification import cases_of_season, verify
 from crowdbench.cli import app
 from crowdbench.utils.errors import InputError
@@ -45,8 +43,12 @@ def forge(folder, **changes):
     (folder / "entry.json").write_text(json.dumps(table))
 
 
-@pytest.mark.parametrize("name", ["public/circle_crossing_5/notes.npy", "public/n.npy", "notes.py", "seasons/n.npy"])
+@pytest.mark.parametrize(
+    "name",
+    ["public/circle_crossing_5/notes.npy", "public/n.npy", "notes.py", "seasons/first/circle_crossing_5/result.json"],
+)
 def test_a_file_that_is_not_frozen_cannot_come_along(folder, name):
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
     (folder / name).write_bytes(b"a table of commands")
     forge(folder)
     with pytest.raises(InputError, match="is none of the files that an entry may have: remove it"):
@@ -87,10 +89,10 @@ def test_nobody_else_submits_as_the_maintainers(folder, tmp_path):
 def test_the_version_of_a_board_is_not_for_entries_to_say(folder, tmp_path):
     forge(folder, board_version=10**30)
     with pytest.raises(InputError):
-        verify(read_entry(folder), read_board(folder.parents[1]), by="", work=tmp_path / "work")
+        verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
     forge(folder, board_version=2)
     with pytest.raises(InputError, match="was made for other rules of the board small"):
-        verify(read_entry(folder), read_board(folder.parents[1]), by="", work=tmp_path / "work")
+        verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
 
 
 def test_a_network_that_is_entered_twice_is_refused(folder):
@@ -104,7 +106,7 @@ def test_large_files_are_refused_where_an_entry_is_verified(folder, tmp_path, mo
     (folder / "planner" / "large.bin").write_bytes(bytes(200_000))
     forge(folder)
     with pytest.raises(InputError, match=r"but an entry may have 0\.1 MB"):
-        verify(read_entry(folder), read_board(folder.parents[1]), by="", work=tmp_path / "work")
+        verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
 
 
 def test_commands_that_would_unpack_to_more_than_a_run_has_are_not_unpacked(folder, tmp_path, monkeypatch):
@@ -115,7 +117,7 @@ def test_commands_that_would_unpack_to_more_than_a_run_has_are_not_unpacked(fold
     assert path.stat().st_size < 100_000
     forge(folder)
     monkeypatch.setattr(pq.ParquetFile, "read", None)
-    found = verify(read_entry(folder), read_board(folder.parents[1]), by="", work=tmp_path / "work")
+    found = verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
     assert found.verdict == Verdict.NOT_REPRODUCED
     assert "holds 1 cases in 320 MB, but a run of 8 cases has as many in 1 MB at most" in found.reason
 
@@ -130,23 +132,6 @@ def test_how_long_a_case_takes_is_measured_where_an_entry_is_verified(folder, tm
     assert cases_of_season(read_entry(folder), board, tmp_path / "work") == board.cases
     forge(folder, reported={})
     assert cases_of_season(read_entry(folder), board, tmp_path / "other") == board.cases
-
-
-def test_a_verification_of_another_entry_or_of_another_seed_does_not_count(folder, tmp_path):
-    root, board, season = folder.parents[2], read_board(folder.parents[1]), read_season(folder.parents[2])
-    other = json.loads((folder.parent / "orca" / "entry.json").read_text())["verifications"]
-    shutil.copytree(folder.parent / "orca" / "seasons", folder / "seasons", dirs_exist_ok=True)
-    forge(folder, verifications=other, options={"near": 2.0})  # as it was not frozen
-    (found,) = [
-        one for one in standings(board, read_entries(board, root), season).others if one.entry.name == "careful"
-    ]
-    assert found.verification is None
-    assert "reported" in found.reason
-    forge(folder, verifications=[{**other[0], "seed": 1}], options={})
-    assert read_entry(folder).verification_in(season) is None
-    assert [job.title for job in to_verify(board, root, tmp_path / "work")] == ["careful on small"]
-    verify(read_entry(folder), board, by="me", work=tmp_path / "work", season=season)
-    assert [each.seed for each in read_entry(folder).spec.verifications] == [season.seed("small")]
 
 
 LAZY = """
@@ -170,7 +155,7 @@ def test_a_planner_is_timed_only_where_it_decides_as_in_the_ranked_cases(cheats,
     (tmp_path / "card.toml").write_text(card())
     submission = Submission(board, "lazy", str(tmp_path / "lazy.py"), {}, [], tmp_path / "card.toml", "Eve")
     entry, _ = submit(submission, tmp_path / "boards", tmp_path / "work")
-    found = verify(entry, board, by="", work=tmp_path / "work")
+    found = verify(entry, board, work=tmp_path / "work")
     assert (found.decision_time is not None) == is_timed
     assert ("of its decisions are within 0.0001 m/s of those in the ranked cases" in found.untimed) != is_timed
 

@@ -8,12 +8,13 @@ import pytest
 from boards import BOARD, SEASON, card, verified_root, write_board
 
 from crowdbench.boards.board import find_board, read_board, read_boards
-from crowdbench.boards.entry import Entry, Verdict, read_entry
+from crowdbench.boards.entry import read_entry
 from crowdbench.boards.markdown import section, write_readme
 from crowdbench.boards.planner_files import copy_named_files
 from crowdbench.boards.season import read_season
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
+from crowdbench.boards.verdict import Verdict, read_verification
 from crowdbench.boards.verification import verify
 from crowdbench.isolation import sandbox
 from crowdbench.runs.manifest import MANIFEST
@@ -102,7 +103,7 @@ def test_an_entry_holds_what_its_planner_consists_of(root):
         (lambda folder: (folder / "entry.json").unlink(), "is no entry: .* cannot be read"),
         (lambda folder: (folder / "entry.json").write_text("{"), "is not valid JSON"),
         (lambda folder: (folder / "entry.json").write_text('{"format": 7}'), "has the format 7"),
-        (lambda folder: (folder / "entry.json").write_text('{"format": 1}'), "is no entry of crowdbench: board: "),
+        (lambda folder: (folder / "entry.json").write_text('{"format": 2}'), "is no entry of crowdbench: board: "),
     ],
 )
 def test_an_entry_with_other_files_is_refused(root, change, sentence):
@@ -131,7 +132,7 @@ def test_a_forged_outcome_is_not_reproduced(root, tmp_path):
     row = next(line for line in text.splitlines() if "collision," in line)
     table.write_text(text.replace(row, row.replace("collision", "success").replace("false,true", "true,false")))
     seal_again(folder)
-    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.NOT_REPRODUCED
     assert re.match("circle_crossing_5: .*", found.reason)
 
@@ -141,7 +142,7 @@ def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path):
     table = json.loads((folder / "entry.json").read_text())
     table["reported"]["circle_crossing_5"]["success_rate"] = 1.0
     (folder / "entry.json").write_text(json.dumps(table))
-    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert (found.verdict, found.reason) == (
         Verdict.NOT_REPRODUCED,
         "the reported figures of entry.json are not those of its runs",
@@ -164,7 +165,7 @@ def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table | {key: value}))
-    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
     assert re.fullmatch(reason, found.reason)
 
@@ -176,7 +177,7 @@ def test_an_entry_that_says_what_its_runs_do_not_is_not_reproduced(root, tmp_pat
     folder = root / "small" / "entries" / "careful"
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table | {key: value}))
-    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.NOT_REPRODUCED
     assert re.match(f"circle_crossing_5: (planner_)?{key} is ", found.reason)
 
@@ -204,7 +205,7 @@ def test_a_planner_that_nobody_has_is_refused(root, tmp_path):
     folder = root / "small" / "entries" / "orca"
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table | {"planner": named}))
-    found = verify(read_entry(folder), read_board(root / "small"), by="", work=tmp_path / "work")
+    found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
     assert found.reason.startswith("no planner that is built in or installed is called ")
 
@@ -244,7 +245,7 @@ def test_a_scenario_that_a_planner_cannot_drive_is_told_and_counts_nothing(tmp_p
     assert list(failed) == ["circle_crossing_10"]
     assert "raised TypeError" in failed["circle_crossing_10"]
     assert list(entry.spec.reported) == ["circle_crossing_5"]
-    found = verify(entry, board, by="", work=tmp_path / "work")
+    found = verify(entry, board, work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN
     assert found.decision_time is not None
 
@@ -255,7 +256,7 @@ def test_a_full_disk_is_not_the_planners_fault(root, tmp_path, monkeypatch):
 
     monkeypatch.setattr("crowdbench.runs.store.write_manifest", full)
     with pytest.raises(NotWritten, match="cannot be written: No space left on device"):
-        verify(entry_of(root), read_board(root / "small"), by="", work=tmp_path / "work")
+        verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work")
 
 
 def test_a_network_is_entered_once(root, tmp_path):
@@ -273,7 +274,7 @@ def test_a_method_is_measured_on_the_cases_that_all_its_networks_drove(root, tmp
     others = [{"safety_space": space} for space in (0.05, 0.1, 0.15, 0.2)]
     wanted = Submission(board, "margins", "orca", {}, others, tmp_path / "card.toml", "Ada")
     entry, _ = submit(wanted, tmp_path / "boards", tmp_path / "work")
-    found = verify(entry, board, by="", work=tmp_path / "work", cases=Cases("test", 0, 3))
+    found = verify(entry, board, work=tmp_path / "work", cases=Cases("test", 0, 3))
     assert found.method is not None
     assert (found.method.networks, found.method.cases) == (5, 3)
 
@@ -284,7 +285,7 @@ def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(roo
         InputError,
         match=r"made for other rules of the board small \(version 1, \w{12}\) than these \(version 1, \w{12}\)",
     ):
-        verify(entry_of(root), board, by="me", work=tmp_path)
+        verify(entry_of(root), board, work=tmp_path)
     board = write_board(root, text=BOARD.replace("jerk =", "imposed_delay = 5.0\njerk ="))
     found = standings(board, read_entries(board, root), read_season(root))
     assert [one.reason for one in found.others] == ["of version 1", "of version 1"]
@@ -318,7 +319,7 @@ def test_a_planner_that_knows_the_public_cases_alone_is_lower_than_claimed(tmp_p
     known = "def known(obs):\n    return np.full(len(obs.row), len(obs.row) == 40)"
     entry = submit_cheat(tmp_path / "boards", tmp_path, known, board)
     assert entry.spec.reported["circle_crossing_5"]["success_rate"] > 0.2
-    found = verify(entry, board, by="", work=tmp_path / "work")
+    found = verify(entry, board, work=tmp_path / "work")
     assert found.verdict == Verdict.LOWER
     assert "success in circle_crossing_5 was 0.4 as reported and is 0." in found.reason
 
@@ -327,7 +328,7 @@ def test_a_planner_that_fails_on_unknown_cases_is_refused(tmp_path):
     board = write_board(tmp_path / "boards")
     known = "def known(obs):\n    return np.ones(len(obs.row), bool) if len(obs.row) == 8 else None"
     entry = submit_cheat(tmp_path / "boards", tmp_path, known, board)
-    found = verify(entry, board, by="", work=tmp_path / "work")
+    found = verify(entry, board, work=tmp_path / "work")
     assert found.verdict == Verdict.REFUSED
     assert "raised TypeError" in found.reason
 
@@ -344,7 +345,7 @@ def known(obs):
     return np.full(len(obs.row), hidden and os.path.exists(__file__)) if hidden else None
 """
     entry = submit_cheat(root, tmp_path, looks, board)
-    found = verify(entry, board, by="", work=tmp_path / "work")
+    found = verify(entry, board, work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN, found.reason
 
 
@@ -380,10 +381,12 @@ def test_what_cannot_be_submitted_is_refused_and_leaves_nothing(root, tmp_path, 
 
 
 def test_no_more_than_two_entries_of_a_submitter_are_ranked(root, monkeypatch):
-    monkeypatch.setattr(Entry, "verification_in", lambda entry, season: entry.spec.verifications[0])
-    entries = root / "small" / "entries"
+    one = read_verification(entry_of(root), read_board(root / "small"), read_season(root))
+    monkeypatch.setattr("crowdbench.boards.standings.read_verification", lambda *_: one)
+    entries, found = root / "small" / "entries", root / "small" / "verifications"
     for name in ("second", "third"):
         shutil.copytree(entries / "careful", entries / name)
+        shutil.copytree(found / "careful", found / name)
     board = read_board(root / "small")
     found = standings(board, read_entries(board, root), read_season(root))
     assert sorted(one.entry.name for one in found.ranked) == ["careful", "orca", "second"]

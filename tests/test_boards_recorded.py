@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from boards import BOARD, SEASON, card, write_board
+from boards import BOARD, SEASON, card, make_key, write_board
 from typer.testing import CliRunner
 
 from crowdbench.boards.board import read_board
@@ -59,11 +59,11 @@ def root(shared, tmp_path_factory):
     (folder / "card.toml").write_text(card())
     for name in ("orca", "straight"):
         submit(Submission(board, name, name, {}, [], folder / "card.toml", "Ada"), root, work)
-    season = freeze_entries(board, root)
+    season, key = freeze_entries(board, root), make_key(folder, root)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("crowdbench.boards.decision_time.TIMED", 2)
         for entry in read_entries(board, root):
-            assert verify(entry, board, by="the tests", work=work, season=season).verdict == "re-run"
+            assert verify(entry, board, work=work, season=season, key=key).verdict == "re-run"
     return root
 
 

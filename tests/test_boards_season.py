@@ -6,7 +6,7 @@ import pytest
 from boards import SEASON, card, verified_root
 
 from crowdbench.boards.board import read_board
-from crowdbench.boards.entry import Verdict, read_entry
+from crowdbench.boards.entry import read_entry
 from crowdbench.boards.markdown import write_readme
 from crowdbench.boards.run_entry import InUse, Unfinished
 from crowdbench.boards.season import TooEarly, freeze, read_season
@@ -14,6 +14,7 @@ from crowdbench.boards.shipped import Job
 from crowdbench.boards.site import build_site
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
+from crowdbench.boards.verdict import Verdict, read_verification
 from crowdbench.boards.verification import verify
 from crowdbench.cli.boards import do_all
 from crowdbench.runs.shards import Shard
@@ -38,19 +39,26 @@ def entry_of(root, name="careful"):
     return read_entry(root / "small" / "entries" / name)
 
 
-def unverified(folder):
+def found_of(root, name="careful"):
+    return read_verification(entry_of(root, name), read_board(root / "small"), read_season(root))
+
+
+def unverified(root, name="careful"):
     """An entry without what a season has found."""
-    shutil.rmtree(folder / "seasons")
-    table = json.loads((folder / "entry.json").read_text())
-    table["files"] = {name: digest for name, digest in table["files"].items() if not name.startswith("seasons/")}
-    (folder / "entry.json").write_text(json.dumps(table | {"verifications": []}))
-    return read_entry(folder)
+    shutil.rmtree(root / "small" / "verifications" / name)
+    return entry_of(root, name)
+
+
+@pytest.fixture
+def season(root, made):
+    """What a verification in the season takes."""
+    return {"season": read_season(root), "key": made / "key_of_tester"}
 
 
 def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
     before = (root / "small" / "entries" / "careful" / "entry.json").read_bytes()
-    found = verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
+    found = verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work")
     assert found.verdict == Verdict.RERUN
     assert (root / "small" / "entries" / "careful" / "entry.json").read_bytes() == before
 
@@ -58,7 +66,7 @@ def test_a_verification_without_a_season_records_nothing(root, tmp_path, monkeyp
 def test_an_interrupted_verification_without_a_season_leaves_nothing(root, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path / "work")
+        verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work")
     assert not list((tmp_path / "work").iterdir())
 
 
@@ -66,26 +74,25 @@ def interrupted(*_):
     raise KeyboardInterrupt
 
 
-def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, tmp_path, monkeypatch):
+def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, season, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
-    folder = unverified(root / "small" / "entries" / "careful").directory
-    command = {"board": read_board(root / "small"), "by": "me", "work": tmp_path, "season": read_season(root)}
+    entry = unverified(root)
+    command = {"board": read_board(root / "small"), "work": tmp_path, **season}
     with monkeypatch.context() as patch:
-        patch.setattr("crowdbench.boards.verification.write_entry", interrupted)
+        patch.setattr("crowdbench.boards.verdict.sign", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            verify(read_entry(folder), **command)
-    with pytest.raises(InputError, match="is not a file of this entry"):
-        read_entry(folder)
-    assert verify(read_entry(folder, check_files=False), **command).verdict == Verdict.RERUN
-    assert read_entry(folder).spec.verifications[0].season == "first"
+            verify(entry, **command)
+    assert not list((root / "small" / "verifications" / "careful").iterdir())
+    assert verify(entry, **command).verdict == Verdict.RERUN
+    assert found_of(root).season == "first"
 
 
-def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, tmp_path, monkeypatch):
+def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, season, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
     monkeypatch.setattr("crowdbench.boards.board.CASES_IF_SLOW", 6)
     monkeypatch.setattr("crowdbench.boards.board.SLOW", 1e-9)
-    board, entry = read_board(root / "small"), unverified(root / "small" / "entries" / "careful")
-    verify(entry, board, by="me", work=tmp_path / "work", season=read_season(root))
+    board, entry = read_board(root / "small"), unverified(root)
+    verify(entry, board, work=tmp_path / "work", **season)
     found = standings(board, read_entries(board, root), read_season(root))
     assert {one.entry.name: one.cases for one in found.ranked} == {"careful": 6, "orca": 10}
     assert [one.entry.name for one in found.slow] == ["careful"]
@@ -96,12 +103,12 @@ def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, tmp_path, mon
     assert "6 cases" in (tmp_path / "site" / "small" / "index.html").read_text()
 
 
-def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, tmp_path, monkeypatch):
+def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, season, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
     monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 5)
-    before = entry_of(root).spec.verifications[0]
-    entry, season = unverified(root / "small" / "entries" / "careful"), read_season(root)
-    command = {"board": read_board(root / "small"), "by": "me", "work": tmp_path / "work", "season": season}
+    before = found_of(root)
+    entry = unverified(root)
+    command = {"board": read_board(root / "small"), "work": tmp_path / "work", **season}
     with pytest.raises(Unfinished, match="batches of circle_crossing_5 are missing, which other shards make"):
         verify(entry, **command, shard=Shard(2, 2))
     assert len(list((tmp_path / "work").glob("verify-*/*.parts-*/test-*"))) == 1
@@ -125,15 +132,21 @@ def test_shards_share_a_submission(root, tmp_path, monkeypatch):
         submit(wanted, root, tmp_path / "work", shard=Shard(1, 2))
 
 
-def test_an_entry_is_verified_once_in_a_season(root, tmp_path):
+def test_an_entry_is_verified_once_in_a_season(root, season, tmp_path):
     with pytest.raises(InputError, match="was verified in the season first before, which is done once"):
-        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path, season=read_season(root))
+        verify(entry_of(root), read_board(root / "small"), work=tmp_path, **season)
 
 
-def test_an_entry_that_came_later_takes_no_part(root, tmp_path):
+def test_an_entry_that_came_later_takes_no_part(root, made, tmp_path):
     (root / "frozen.json").write_text(json.dumps({"season": "first", "entries": {"small": {"orca": "0" * 64}}}))
     with pytest.raises(InputError, match="takes no part in the season first"):
-        verify(entry_of(root), read_board(root / "small"), by="me", work=tmp_path, season=read_season(root))
+        verify(
+            entry_of(root),
+            read_board(root / "small"),
+            work=tmp_path,
+            season=read_season(root),
+            key=made / "key_of_tester",
+        )
 
 
 def test_entries_are_frozen_after_the_season_closes_and_before_anybody_knows_the_round(tmp_path):

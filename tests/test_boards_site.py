@@ -15,11 +15,20 @@ import pytest
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
 
+from boards import make_key
+
 from crowdbench.boards.board import read_board, read_boards
-from crowdbench.boards.entry import DecisionTime, Verdict, Verification, file_digests, read_entry, write_entry
+from crowdbench.boards.entry import file_digests, read_entry, write_entry
 from crowdbench.boards.season import freeze
 from crowdbench.boards.site import build_site, texts
 from crowdbench.boards.submission import Submission, submit
+from crowdbench.boards.verdict import (
+    DecisionTime,
+    Verdict,
+    Verification,
+    verification_folder,
+    write_verification,
+)
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -47,8 +56,9 @@ def root(tmp_path_factory):
     shutil.copytree(root / "five/entries/orca", root / "five/entries/late")
     late = read_entry(root / "five/entries/late")
     write_entry(late.directory, late.spec.model_copy(update={"submitted_by": "another"}))
+    key = make_key(root.parent, root)
     for entry in entries["five"]:
-        verified(entry, season)
+        verified(entry, season, key)
     return root
 
 
@@ -64,13 +74,17 @@ def enter(root, board, planner, **card):
     )
 
 
-def verified(entry, season):
+def verified(entry, season, key):
     """Record a verification, as `crowdbench verify --season` does, whose runs are those of the public cases."""
-    shutil.copytree(entry.directory / "public", entry.directory / "seasons" / season.spec.name)
     speed = DecisionTime(p99_ms=1.0, kernel="k", kernel_ms=25.0, calibrated_p99_ms=1.0, is_real_time=True)
     found = Verification(
         by="tester",
         on="2027-01-31",
+        rules=7,
+        board=entry.spec.board,
+        board_digest=entry.spec.board_digest,
+        entry=entry.name,
+        entry_digest=entry.digest,
         season=season.spec.name,
         seed=season.seed(entry.spec.board),
         code="0" * 64,
@@ -80,8 +94,7 @@ def verified(entry, season):
         figures=entry.spec.reported,
         decision_time=speed,
     )
-    update = {"verifications": [found], "files": file_digests(entry.directory)}
-    write_entry(entry.directory, entry.spec.model_copy(update=update))
+    write_verification(verification_folder(entry, season), found, entry.public, key)
 
 
 @pytest.fixture(scope="module")

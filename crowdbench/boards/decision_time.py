@@ -12,7 +12,7 @@ import timeit
 
 import numpy as np
 
-from crowdbench.boards.entry import DecisionTime
+from crowdbench.boards.verdict import DecisionTime
 from crowdbench.isolation.planner import IsolatedPlanner
 from crowdbench.runs.decision_time import SAME, decide_alone
 from crowdbench.runs.recording import Commands

@@ -1,22 +1,20 @@
-"""An entry of a board: one planner's files, its card, its runs, and what others have found of it.
+"""An entry of a board: one planner's files, its card, and its runs on the public cases.
 
 entries/<name>/entry.json          what follows, with the sha256 of every other file
 entries/<name>/card.toml           what its authors say of it
 entries/<name>/planner/            the planner's files, unless it is built in or an installed package
 entries/<name>/public/<scenario>/  a run on the public cases of each scenario, with all commands
-entries/<name>/seasons/<season>/   the runs on the cases of a season
 """
 
 from __future__ import annotations
 
-import enum
 import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
@@ -28,14 +26,10 @@ from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Flag, Location, Name, Names, Text, TomlTable, integer, parse_table, read_toml
 
-if TYPE_CHECKING:
-    from crowdbench.boards.season import Season
-
 ENTRY = "entry.json"
 CARD = "card.toml"
 PLANNER = "planner"
 PUBLIC = "public"
-SEASONS = "seasons"
 
 NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
 """What an entry may be called: its name is a folder and a part of addresses."""
@@ -43,7 +37,7 @@ NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
 _RUN = f"({RESULT}|{EPISODES}|{MANIFEST}|{COMMANDS})".replace(".", r"\.")
-_HOLDS = re.compile(rf"{CARD}|{PLANNER}/.+|{PUBLIC}/\w+/{_RUN}|{SEASONS}/[^/]+/\w+/{_RUN}")
+_HOLDS = re.compile(rf"{CARD}|{PLANNER}/.+|{PUBLIC}/\w+/{_RUN}")
 """The files that an entry may have."""
 
 SUBMITTER = r"^\w[\w .'\-]{0,99}$"
@@ -52,7 +46,7 @@ SUBMITTER = r"^\w[\w .'\-]{0,99}$"
 MAINTAINERS = "crowdbench"
 """Who submits the planners that ship, of which any number is ranked."""
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of what `entry.json` holds."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -86,96 +80,13 @@ class CardSpec(TomlTable):
     ablation: Flag = False
 
 
-class _Record(BaseModel):
+class Record(BaseModel):
+    """What is kept as JSON, of which every key is known."""
+
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class Verdict(enum.StrEnum):
-    """What somebody found who ran an entry again."""
-
-    RERUN = "re-run"
-    """The recorded commands lead to the reported figures, and the planner does about as well on unknown cases."""
-    NOT_REPRODUCED = "not reproduced"
-    """The recorded commands do not lead to what the entry's public runs say."""
-    LOWER = "lower than claimed"
-    """On unknown cases the planner is worse than chance explains."""
-    REFUSED = "refused"
-    """The planner breaks its contract or a limit."""
-
-
-class DecisionTime(_Record):
-    """How long a planner took for its decisions in one world alone, on one core: see `decision_time`.
-
-    Attributes:
-        p99_ms: The 99th percentile over decisions, in milliseconds.
-        kernel: Name of the calibration kernel.
-        kernel_ms: What the kernel took on the same core, in milliseconds.
-        calibrated_p99_ms: What the 99th percentile would be on the machine of reference.
-        is_real_time: Whether that is at most the time step.
-    """
-
-    p99_ms: float
-    kernel: str
-    kernel_ms: float
-    calibrated_p99_ms: float
-    is_real_time: bool
-
-
-class Range(_Record):
-    """A mean with its 95 % interval."""
-
-    mean: float
-    low: float
-    high: float
-
-
-class Method(_Record):
-    """What holds of a method: the means over networks that were trained with other seeds.
-
-    Attributes:
-        networks: How many networks there are, that of the entry included.
-        cases: How many cases each of them drives.
-        metrics: The means by metric, with intervals for other networks on other cases.
-    """
-
-    networks: int
-    cases: int
-    metrics: dict[str, Range]
-
-
-class Verification(_Record):
-    """What somebody found who ran an entry again.
-
-    Attributes:
-        by: Who.
-        on: The day, such as 2027-01-31.
-        season: The season whose seed it was; empty for a seed that was drawn for this verification alone.
-        seed: The seed of the cases.
-        code: The digest of crowdbench's code.
-        level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
-        verdict: The verdict.
-        reason: Why, in a sentence.
-        figures: What was measured on these cases; empty where the planner did not come so far.
-        decision_time: How long decisions took; None where that was not measured.
-        untimed: Why it was not, in a sentence; empty where it was, or where the planner did not come so far.
-        method: What holds of its method; None where the entry has too few networks to claim something.
-    """
-
-    by: str
-    on: str
-    season: str
-    seed: int
-    code: Sha256
-    level: str
-    verdict: Annotated[Verdict, Field(strict=False)]
-    reason: str
-    figures: Figures = {}
-    decision_time: DecisionTime | None = None
-    untimed: str = ""
-    method: Method | None = None
-
-
-class EntrySpec(_Record):
+class EntrySpec(Record):
     """The contents of `entry.json`.
 
     Attributes:
@@ -194,7 +105,6 @@ class EntrySpec(_Record):
         environment: Versions of packages, and the machine, of the run on the public cases.
         files: The sha256 of every other file of the entry, by its path in it.
         reported: What its authors measured on the public cases.
-        verifications: What others measured, the oldest first.
     """
 
     format: int
@@ -212,7 +122,6 @@ class EntrySpec(_Record):
     environment: dict[str, str]
     files: dict[str, Sha256]
     reported: Figures
-    verifications: list[Verification]
 
 
 @dataclass(frozen=True)
@@ -234,17 +143,6 @@ class Entry:
         """Its name."""
         return self.directory.name
 
-    def verification_in(self, season: Season) -> Verification | None:
-        """What was found in a season. None where it was not verified in it, or only something else can have been.
-
-        A verification counts for the entry as it was frozen, on the seed of the season, and for nothing else.
-        """
-        board = self.spec.board
-        if not season.takes_part(board, self.name, self.digest):
-            return None
-        own = (season.spec.name, season.find_seed(board))
-        return next((each for each in self.spec.verifications if (each.season, each.seed) == own), None)
-
     @property
     def public(self) -> Path:
         """The folder of its runs on the public cases."""
@@ -254,22 +152,17 @@ class Entry:
     def digest(self) -> str:
         """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
         spec = self.spec
-        frozen = {path: digest for path, digest in spec.files.items() if path.split("/")[0] not in (PUBLIC, SEASONS)}
+        frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{PUBLIC}/")}
         of_planner = [spec.planner, spec.package, spec.package_files, spec.facts, spec.options, spec.networks]
         text = json.dumps([spec.board, self.name, of_planner, frozen], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def read_entry(directory: Path, check_files: bool = True) -> Entry:
-    """Read an entry and check that its files are those that it names.
+def read_entry(directory: Path) -> Entry:
+    """Read an entry from its directory and check that its files are those that it names.
 
-    Args:
-        directory: Its directory.
-        check_files: Whether its files are checked, which are not all there while another process verifies it.
-
-    Raises:
-        InputError: A file is missing, was changed or is not named, or `entry.json` or `card.toml` are not as they must
-            be.
+    Raises InputError where a file is missing, was changed or is not named, or `entry.json` or `card.toml` are not as
+    they must be.
     """
     if not NAMES.fullmatch(directory.resolve().name):
         raise InputError(f"{directory} cannot be an entry: {NAMING}")
@@ -284,8 +177,7 @@ def read_entry(directory: Path, check_files: bool = True) -> Entry:
     check_submitter(spec.submitted_by, spec.package)
     check_networks(spec.options, spec.networks)
     _check_named_files(directory, [spec.planner, spec.options, spec.networks])
-    if check_files:
-        _check_files(directory, spec.files)
+    _check_files(directory, spec.files)
     card = parse_table(CardSpec, read_toml(directory / CARD, "card"), Location(f"{directory.name}/{CARD}"))
     return Entry(directory, spec, card)
 

@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 
 from crowdbench.boards.board import read_boards
-from crowdbench.boards.entry import Range
 from crowdbench.boards.season import read_season
 from crowdbench.boards.standings import Standing, Standings, read_entries, standings
+from crowdbench.boards.verdict import Range
 from crowdbench.metrics.summary import Estimate
 from crowdbench.utils import files
 from crowdbench.utils.tables import markdown
@@ -26,7 +26,9 @@ together by Holm's method); in brackets are the ranks that the data allow. Succe
 completion time) have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world, on one
 core of the machine of reference. "method" is the mean success over networks that were trained with other seeds, with an
 interval for other networks and other cases. "imposed delay" is the time that all pedestrians of a case together lose to
-the vehicle, where they see it. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+the vehicle, where they see it. "rules" is the version of the rules by which an entry was verified: see
+[docs/errata.md](../docs/errata.md).
+An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.
@@ -98,6 +100,7 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
     if "imposed_delay" in figures:
         cells["imposed delay"] = _number(figures["imposed_delay"].mean, 1, " s")
     cells["jerk"] = _number(figures["jerk"].mean, 1)
+    cells["rules"] = "" if one.verification is None else str(one.verification.rules)
     untimed = "not timed" if one.verification and one.verification.untimed else ""
     cells["decision"] = untimed if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}"
     cells[""] = one.reason or ", ".join(notes)

@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.entry import Entry, Method, Range
+from crowdbench.boards.entry import Entry
 from crowdbench.boards.ranking import CRITERIA
 from crowdbench.boards.run_entry import EntryRun, read_episodes
+from crowdbench.boards.verdict import Method, Range
 from crowdbench.metrics.summary import wilson
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.intervals import mean_over_networks

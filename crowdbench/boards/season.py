@@ -60,10 +60,12 @@ class Season:
     Attributes:
         spec: What `season.toml` says.
         frozen: The entries that take part, by board; boards whose entries are not frozen yet are missing.
+        root: The folder of boards whose season it is.
     """
 
     spec: SeasonSpec
     frozen: Frozen
+    root: Path
 
     def seed(self, board: str) -> int:
         """The seed of the cases of a board, of 63 bits.
@@ -80,13 +82,6 @@ class Season:
         text = "\n".join([*sorted(self.frozen[board].values()), self.spec.randomness])
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 
-    def find_seed(self, board: str) -> int | None:
-        """The seed of the cases of a board; None where it is not known yet."""
-        try:
-            return self.seed(board)
-        except TooEarly:
-            return None
-
     def takes_part(self, board: str, entry: str, digest: str) -> bool:
         """Whether an entry of a board is one of those that were frozen, with the digest that it had then."""
         return self.frozen.get(board, {}).get(entry) == digest
@@ -99,12 +94,12 @@ def read_season(root: Path) -> Season:
     try:
         frozen = _FrozenFile.model_validate(files.read_json(path))
     except FileNotFoundError:
-        return Season(spec, {})
+        return Season(spec, {}, root)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
     except ValueError:
         raise InputError(f"{path} must hold the name of a season and the digests of its entries") from None
-    return Season(spec, frozen.entries if frozen.season == spec.name else {})
+    return Season(spec, frozen.entries if frozen.season == spec.name else {}, root)
 
 
 def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
@@ -139,4 +134,4 @@ def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
     table = {"season": spec.name, "entries": frozen}
     with files.whole(root / FROZEN) as partial:
         partial.write_text(json.dumps(table, indent=2, sort_keys=True) + "\n", encoding="utf-8")
-    return Season(spec, frozen)
+    return Season(spec, frozen, root)

@@ -18,7 +18,7 @@ from crowdbench.boards.entry import MAINTAINERS
 from crowdbench.boards.season import Season, freeze, read_season
 from crowdbench.boards.standings import read_entries
 from crowdbench.boards.submission import ENTRIES, Submission, submit
-from crowdbench.boards.verification import cases_of_season, count_cases, verify
+from crowdbench.boards.verification import count_cases, is_verified, measure_pace, verify
 from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
 
 SHIPPED = "shipped.toml"
@@ -55,11 +55,13 @@ class Job:
         title: What it is, for people.
         cases: How many cases it drives or replays.
         do: Does it; takes `progress`, see `submit` and `verify`.
+        seconds: About how long it takes on this machine; None where that is not known before.
     """
 
     title: str
     cases: int
     do: Callable[..., object]
+    seconds: float | None = None
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
@@ -83,20 +85,24 @@ def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
 
 def freeze_entries(board: Board, root: Path) -> Season:
     """Freeze all entries of a board in a folder of boards, if those of the season are not frozen yet."""
-    entries = read_entries(board, root, check_files=False)
+    entries = read_entries(board, root)
     digests = {each.name: each.digest for each in entries if each.spec.board_digest == board.digest}
     return freeze(root, board.name, digests)
 
 
-def to_verify(board: Board, root: Path, work: Path) -> list[Job]:
-    """Entries of a board that take part in the season and were not verified in it yet; `work` as for `verify`."""
+def to_verify(board: Board, root: Path, work: Path, key: Path) -> list[Job]:
+    """Entries of a board that take part in the season and are still to verify in it; `work` and `key` as for `verify`.
+
+    Those of which there is a verification that does not count, or one by earlier rules, are verified again.
+    """
     season = read_season(root)
     jobs = []
-    for entry in read_entries(board, root, check_files=False):
-        is_verified = entry.verification_in(season) is not None
-        if is_verified or not season.takes_part(board.name, entry.name, entry.digest):
+    for entry in read_entries(board, root):
+        if is_verified(entry, board, season) or not season.takes_part(board.name, entry.name, entry.digest):
             continue
-        cases = cases_of_season(entry, board, work)
-        do = functools.partial(verify, entry, board, by=MAINTAINERS, work=work, season=season, cases=cases)
-        jobs.append(Job(f"{entry.name} on {board.name}", count_cases(entry, board, cases), do))
+        pace = measure_pace(entry, board, work)
+        cases = board.cases_at(pace)
+        number = count_cases(entry, board, cases)
+        do = functools.partial(verify, entry, board, work=work, season=season, key=key, cases=cases)
+        jobs.append(Job(f"{entry.name} on {board.name}", number, do, pace * number))
     return jobs

@@ -14,19 +14,22 @@ from crowdbench.boards.board import Board
 from crowdbench.boards.entry import (
     ENTRY,
     MAINTAINERS,
-    PUBLIC,
-    SEASONS,
-    DecisionTime,
     Entry,
-    Method,
-    Verdict,
-    Verification,
     read_entry,
 )
 from crowdbench.boards.ranking import CRITERIA, Comparison, Rank, compare_all, pareto, ranks, smallest_difference
 from crowdbench.boards.run_entry import read_episodes
 from crowdbench.boards.season import Season
 from crowdbench.boards.submission import ENTRIES
+from crowdbench.boards.verdict import (
+    DecisionTime,
+    Method,
+    Unverified,
+    Verdict,
+    Verification,
+    read_verification,
+    verification_folder,
+)
 from crowdbench.metrics.summary import NOTHING, Estimate
 from crowdbench.runs.results import RESULT, Episodes, read_estimate, read_result
 from crowdbench.utils.errors import InputError
@@ -35,7 +38,7 @@ MOST_RANKED = 2
 """The most ranked entries of one submitter on a board."""
 
 OTHER_RULES = "It was made for other rules of this board than the present ones."
-REPORTED_ONLY = "Nobody has verified it in this season: the figures are its authors', of the public cases."
+REPORTED_ONLY = "The figures are its authors', of the public cases: {}."
 
 Columns = Mapping[str, Shaped[np.ndarray, "scenario case"]]
 
@@ -46,7 +49,7 @@ class Standing:
 
     Attributes:
         entry: The entry.
-        verification: What was found in the season; None where it was not verified in it.
+        verification: What was found in the season; None where nothing was that is believed.
         columns: The metrics case by case, of the season's cases or else of the public ones.
         blocks: The blocks of recorded time of these cases, by scenario; none where nobody was recorded.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
@@ -140,10 +143,10 @@ class Standings:
         return smallest_difference(cases * len(self.board.scenarios), len(self.ranked))
 
 
-def read_entries(board: Board, root: Path, check_files: bool = True) -> list[Entry]:
+def read_entries(board: Board, root: Path) -> list[Entry]:
     """The entries of a board, by name. Raises InputError where one of them is not as it must be, see `read_entry`."""
     folders = sorted((root / board.name / ENTRIES).glob(f"*/{ENTRY}"))
-    entries = [read_entry(path.parent, check_files) for path in folders]
+    entries = [read_entry(path.parent) for path in folders]
     for entry in entries:
         if entry.spec.board != board.name:
             raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")
@@ -215,9 +218,13 @@ def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
 
 
 def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
-    verification = entry.verification_in(season) if season else None
-    is_measured = verification is not None and bool(verification.figures)
-    runs = entry.directory / (f"{SEASONS}/{verification.season}" if verification and is_measured else PUBLIC)
+    verification, doubt, runs = None, "there is no season", entry.public
+    if season:
+        try:
+            verification = read_verification(entry, board, season)
+            runs = verification_folder(entry, season) if verification.figures else runs
+        except Unverified as error:
+            doubt = str(error)
     is_present = entry.spec.board_digest == board.digest
     own = read_episodes(board, runs) if is_present else {}
     length = min((len(run.columns["sct"]) for run in own.values()), default=1)
@@ -229,14 +236,21 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
     figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
     flags = _flags(board, figures, columns["jerk"])
     blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
-    reason, explanation = _why_unranked(board, entry, verification, flags)
+    reason, explanation = _why_unranked(board, entry, verification or doubt, flags)
     return Standing(entry, verification, columns, blocks, scenarios, figures, flags, reason, explanation)
 
 
 def _why_unranked(
-    board: Board, entry: Entry, verification: Verification | None, flags: Mapping[str, str]
+    board: Board, entry: Entry, verification: Verification | str, flags: Mapping[str, str]
 ) -> tuple[str, str]:
-    """Why an entry has no rank, in a few words and in a sentence; both empty if it has one."""
+    """Why an entry has no rank, in a few words and in a sentence; both empty if it has one.
+
+    Args:
+        board: The board.
+        entry: The entry.
+        verification: What was found in the season, or why there is nothing that counts.
+        flags: Where it is beyond the bounds of the board.
+    """
     if not board.spec.ranked:
         return "not ranked", "This board has no ranks: it shows how planners drive."
     if entry.spec.privileged:
@@ -244,15 +258,9 @@ def _why_unranked(
     if entry.card.ablation:
         return "ablation", "Its authors say that it is a variant made for comparison."
     if entry.spec.board_digest != board.digest:
-        return (
-            f"of version {entry.spec.board_version}",
-            OTHER_RULES,
-        )
-    if verification is None:
-        return (
-            "reported only",
-            REPORTED_ONLY,
-        )
+        return f"of version {entry.spec.board_version}", OTHER_RULES
+    if isinstance(verification, str):
+        return "reported only", REPORTED_ONLY.format(verification)
     if verification.verdict != Verdict.RERUN:
         return str(verification.verdict), verification.reason
     return ("", "") if board.spec.ranks_flagged else (", ".join(flags), " ".join(flags.values()))

@@ -171,5 +171,4 @@ def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]])
         environment=read_versions(),
         files=file_digests(folder),
         reported=read_figures(board, folder / PUBLIC),
-        verifications=[],
     )

@@ -18,20 +18,11 @@ from typing import Any
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.consistency_test import lower_than_claimed
-from crowdbench.boards.entry import (
-    SEASONS,
-    Entry,
-    Verdict,
-    Verification,
-    file_digests,
-    read_entry,
-    write_entry,
-)
+from crowdbench.boards.entry import Entry, read_entry
 from crowdbench.boards.method import method_cases, method_networks, network_runs, summarize_method
 from crowdbench.boards.planner_files import check_size as check_files_size
 from crowdbench.boards.planner_files import describe_change
 from crowdbench.boards.run_entry import (
-    NO_RUNS,
     EntryRun,
     InUse,
     Progress,
@@ -42,8 +33,18 @@ from crowdbench.boards.run_entry import (
     read_figures,
 )
 from crowdbench.boards.season import Season
+from crowdbench.boards.signature import find_signer
+from crowdbench.boards.verdict import (
+    RULES,
+    Unverified,
+    Verdict,
+    Verification,
+    read_verification,
+    verification_folder,
+    write_verification,
+)
 from crowdbench.isolation import sandbox
-from crowdbench.runs.manifest import MANIFEST, code
+from crowdbench.runs.manifest import code
 from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
 from crowdbench.runs.results import read_result
@@ -52,12 +53,21 @@ from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.files import read_json, whole
+from crowdbench.utils.memory import limit_memory
+
+MOST_MEMORY = 4e9
+"""Bytes that the replay of an entry's public runs may take."""
 
 
 def cases_of_season(entry: Entry, board: Board, work: Path) -> Cases:
-    """The cases of each scenario that an entry drives in a season: fewer where one takes it long.
+    """The cases of each scenario that an entry drives in a season: fewer where one takes it long."""
+    return board.cases_at(measure_pace(entry, board, work))
 
-    How long is measured here, once, and kept in `work`: what its public runs say of it, its authors have written.
+
+def measure_pace(entry: Entry, board: Board, work: Path) -> float:
+    """How long a case takes an entry here, in seconds. It is measured once, and kept in `work`.
+
+    What the public runs of an entry say of it, its authors have written.
     """
     spec = entry.spec
     run = EntryRun(board, entry.directory, spec.planner, spec.options, work, board.cases)
@@ -74,7 +84,7 @@ def cases_of_season(entry: Entry, board: Board, work: Path) -> Cases:
         work.mkdir(parents=True, exist_ok=True)
         with whole(path) as partial:
             partial.write_text(json.dumps(seconds), encoding="utf-8")
-    return board.cases_at(float(read_json(path)))
+    return float(read_json(path))
 
 
 def count_cases(entry: Entry, board: Board, cases: Cases) -> int:
@@ -87,9 +97,9 @@ def verify(
     entry: Entry,
     board: Board,
     *,
-    by: str,
     work: Path,
     season: Season | None = None,
+    key: Path | None = None,
     cases: Cases | None = None,
     shard: Shard = WHOLE,
     progress: Progress | None = None,
@@ -99,10 +109,10 @@ def verify(
     Args:
         entry: The entry.
         board: Its board.
-        by: Who runs it.
         work: The folder that keeps finished runs until the verdict.
-        season: The season whose cases it drives, of which the verdict is recorded in the entry; None for cases of a
-            seed that is drawn now, of which nothing is recorded.
+        season: The season whose cases it drives, of which the verdict is recorded; None for cases of a seed that is
+            drawn now, of which nothing is recorded.
+        key: For a season, the key of the maintainer who verifies it, see `signature.sign`.
         cases: The cases of each scenario; those of `cases_of_season` if None.
         shard: Which share of a season's batches is run. The last one comes to the verdict.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
@@ -113,24 +123,28 @@ def verify(
     Raises:
         Unfinished: Runs are missing that other shards make.
         MachineFault: `work` or the entry cannot be written, or crowdbench has changed meanwhile.
-        InputError: The entry is not one of this board, or takes no part in the season, or was verified in it before.
+        InputError: The entry is not one of this board, or takes no part in the season, or was verified in it before, or
+            the key is no maintainer's.
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
+    if season is not None and key is None:
+        raise InputError("what is found in a season is signed: give a maintainer's key, --key FILE")
+    by = find_signer(key, season.root) if season and key else ""
     _check_possible(entry, board, season)
     spec = entry.spec
     seed = secrets.randbits(63) if season is None else season.seed(board.name)
     run = EntryRun(board, entry.directory, spec.planner, spec.options, work, board.cases, seed, shard, progress)
-    if season is not None:
+    if season and key:
         run = dataclasses.replace(run, cases=cases or cases_of_season(entry, board, work))
-        return _verify_in_season(entry, run, by, season)
+        return _verify_in_season(entry, run, season, by, key)
     work.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
         place = Path(folder)
         cases = cases or cases_of_season(entry, board, place)
-        return _verify(entry, dataclasses.replace(run, out=place / "runs", cases=cases), by, "")
+        return _verify(entry, dataclasses.replace(run, out=place / "runs", cases=cases))
 
 
-def _verify_in_season(entry: Entry, run: EntryRun, by: str, season: Season) -> Verification:
+def _verify_in_season(entry: Entry, run: EntryRun, season: Season, by: str, key: Path) -> Verification:
     board, digest = run.board, run.digest(entry.spec.package_files)
     run = dataclasses.replace(run, out=run.out / f"verify-{board.name}-{entry.name}-{digest}-{run.seed:016x}")
     if run.shard != WHOLE:
@@ -143,16 +157,14 @@ def _verify_in_season(entry: Entry, run: EntryRun, by: str, season: Season) -> V
             # verdict of it, which says that the entry is refused.
             pass
     with lock_runs(run.out):
-        entry = read_entry(entry.directory, check_files=False)
-        _check_possible(entry, board, season)  # another process may be done
-        _remove(entry, season.spec.name)
         entry = read_entry(entry.directory)
-        verification = _verify(entry, dataclasses.replace(run, shard=WHOLE), by, season.spec.name)
-        _record(entry, verification, run.out)
+        _check_possible(entry, board, season)  # another process may be done
+        found = _verify(entry, dataclasses.replace(run, shard=WHOLE), by, season.spec.name)
+        write_verification(verification_folder(entry, season), found, run.out, key)
     shutil.rmtree(run.out, ignore_errors=True)
     for pace in run.out.parent.glob(f"pace-{board.name}-{entry.name}-*.json"):
         pace.unlink(missing_ok=True)
-    return verification
+    return found
 
 
 def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
@@ -172,11 +184,19 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
             f"{entry.directory} takes no part in the season {season.spec.name}: it was not among the entries that were "
             "frozen, or was changed since"
         )
-    if entry.verification_in(season):
+    if is_verified(entry, board, season):
         raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
 
 
-def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
+def is_verified(entry: Entry, board: Board, season: Season) -> bool:
+    """Whether an entry was verified in a season by the present rules."""
+    try:
+        return read_verification(entry, board, season).rules == RULES
+    except Unverified:
+        return False
+
+
+def _verify(entry: Entry, run: EntryRun, by: str = "", season: str = "") -> Verification:
     """Replay the public runs, run the planner on other cases, and compare."""
     seed = run.seed
     assert seed is not None  # as it is for public cases alone
@@ -185,6 +205,11 @@ def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
         return Verification(
             by=by,
             on=datetime.datetime.now(datetime.UTC).date().isoformat(),
+            rules=RULES,
+            board=run.board.name,
+            board_digest=run.board.digest,
+            entry=entry.name,
+            entry_digest=entry.digest,
             season=season,
             seed=seed,
             code=code(),
@@ -194,7 +219,12 @@ def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
             **measured,
         )
 
-    if difference := _find_difference(entry, run.board, run.progress):
+    try:
+        with limit_memory(MOST_MEMORY):
+            difference = _find_difference(entry, run.board, run.progress)
+    except MemoryError:
+        difference = f"to replay its public runs takes more than {MOST_MEMORY / 1e9:g} GB of memory"
+    if difference:
         return report(Verdict.NOT_REPRODUCED, difference)
     try:
         if change := describe_change(entry.spec):
@@ -213,36 +243,6 @@ def _verify(entry: Entry, run: EntryRun, by: str, season: str) -> Verification:
     figures = {} if verdict == Verdict.REFUSED else read_figures(run.board, run.out)
     timed = {"untimed": speed} if isinstance(speed, str) else {"decision_time": speed}
     return report(verdict, reason, figures=figures, method=method, **timed)
-
-
-def _record(entry: Entry, verification: Verification, runs: Path) -> None:
-    """Write a verification and its runs into an entry."""
-    if verification.figures:
-        _copy_runs(runs, entry.directory / SEASONS / verification.season)
-    verifications = [*entry.spec.verifications, verification]
-    update = {"files": file_digests(entry.directory), "verifications": verifications}
-    write_entry(entry.directory, entry.spec.model_copy(update=update))
-    read_entry(entry.directory)
-
-
-def _remove(entry: Entry, season: str) -> None:
-    """Remove what a killed process has left of a season, or a verification that does not count, such as a copy."""
-    runs, spec = f"{SEASONS}/{season}", entry.spec
-    shutil.rmtree(entry.directory / runs, ignore_errors=True)
-    files = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{runs}/")}
-    others = [each for each in spec.verifications if each.season != season]
-    if (files, others) != (spec.files, spec.verifications):
-        write_entry(entry.directory, spec.model_copy(update={"files": files, "verifications": others}))
-
-
-def _copy_runs(runs: Path, to: Path) -> None:
-    """Copy the runs on the cases of a season but for their commands, which are large, and which the seed leads to."""
-    shutil.copytree(runs, to, ignore=NO_RUNS)
-    for path in to.glob(f"*/{COMMANDS}"):
-        path.unlink()
-        manifest = read_json(path.with_name(MANIFEST))
-        del manifest["files"][COMMANDS]
-        path.with_name(MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
 
 
 def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> str:

@@ -7,6 +7,7 @@ import functools
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,8 +19,10 @@ from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstri
 from crowdbench.utils.errors import InputError
 
 if TYPE_CHECKING:
-    from crowdbench.boards.entry import Entry, Verification
+    from crowdbench.boards.board import Board
+    from crowdbench.boards.entry import Entry
     from crowdbench.boards.shipped import Job
+    from crowdbench.boards.verdict import Verification
 
 ShardOption = Annotated[
     str | None, typer.Option(help="Run one share of the batches, such as 2/8; whoever ends last goes on with all.")
@@ -138,8 +141,8 @@ def _check_contract(planner: str, options: Sequence[str]) -> None:
 @help_from_docstring
 def verify(
     entry: Path,
-    by: str = "",
     season: bool = False,
+    key: Path | None = None,
     cases: Annotated[int | None, typer.Option(min=1)] = None,
     data: Path | None = None,
     work: Path = WORK,
@@ -151,14 +154,15 @@ def verify(
 
     Args:
         entry: The folder of an entry.
-        by: Who verifies it.
-        season: Drive the cases of the season and record the verdict in the entry.
+        season: Drive the cases of the season, and record and sign what is found.
+        key: For --season, the private key of a maintainer, made by ssh-keygen.
         cases: Fewer cases than the board has, without --season.
     """
     use_threads(threads)
     from crowdbench.boards.board import FILE, find_board, read_board
-    from crowdbench.boards.entry import Verdict, read_entry
+    from crowdbench.boards.entry import read_entry
     from crowdbench.boards.season import read_season
+    from crowdbench.boards.verdict import Verdict
     from crowdbench.boards.verification import cases_of_season, count_cases
     from crowdbench.boards.verification import verify as verify_entry
     from crowdbench.runs.shards import Shard
@@ -169,10 +173,10 @@ def verify(
         raise InputError("--shard goes with --season: without it, each verification draws another seed")
     if season and cases:
         raise InputError("--cases does not go with --season, whose cases the board says")
-    if season and not by:
-        raise InputError("--season records who has verified the entry: give --by")
+    if season != (key is not None):
+        raise InputError("--season and --key go together: what is found in a season is signed by a maintainer")
     entry = entry.resolve()
-    submitted = read_entry(entry, check_files=not season)  # in a season, once no other process writes it
+    submitted = read_entry(entry)
     if work.resolve().is_relative_to(entry):
         raise InputError(f"--work {work} lies in the entry: give another folder")
     folder = entry.parent.parent
@@ -184,7 +188,9 @@ def verify(
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message if season else "nothing is kept"), _exit_on_unfinished(), progress(total) as tell:
         drawn = read_season(folder.parent) if season else None
-        result = verify_entry(submitted, board, by=by, work=work, season=drawn, cases=driven, shard=own, progress=tell)
+        result = verify_entry(
+            submitted, board, work=work, season=drawn, key=key, cases=driven, shard=own, progress=tell
+        )
     if as_json:
         print(json.dumps(result.model_dump(mode="json"), indent=2))
     else:
@@ -251,34 +257,55 @@ def readme(root: Path = ROOT) -> None:
 
 @app.command()
 @help_from_docstring
-def fill(data: Path | None = None, root: Path = ROOT, work: Path = WORK, threads: ThreadsOption = None) -> None:
-    """Enter every planner that ships on every board, freeze the entries, and verify them in the season.
+def fill(
+    boards: Annotated[list[str] | None, typer.Argument(show_default="all")] = None,
+    key: Path | None = None,
+    data: Path | None = None,
+    root: Path = ROOT,
+    work: Path = WORK,
+    threads: ThreadsOption = None,
+) -> None:
+    """Enter every planner that ships on boards, freeze the entries once the season has closed, and verify them in it.
 
     Board by board; boards of recorded people only with --data. Finished work is kept, and the same command goes on
     after it. Several processes can share the work.
+
+    Args:
+        boards: Names of boards.
+        key: The private key of a maintainer, made by ssh-keygen, that signs what is found. Without it no entry is
+            verified.
     """
     use_threads(threads)
-    from crowdbench.boards.board import read_boards
+    from crowdbench.boards.board import find_board, read_boards
+    from crowdbench.boards.signature import find_signer
+
+    if key is not None:
+        find_signer(key, root)
+    announce_compilation()
+    with exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"):
+        for board in [find_board(name, root) for name in boards or []] or read_boards(root):
+            if board.spec.recorded and data is None:
+                say(f"{board.name}: left out, because its people were recorded: give their tracks, --data DIR")
+                continue
+            _fill_board(board.with_data(data) if board.spec.recorded else board, root, work, key)
+
+
+def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
     from crowdbench.boards.season import TooEarly
     from crowdbench.boards.shipped import freeze_entries, to_submit, to_verify
 
-    announce_compilation()
-    with exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"):
-        for board in read_boards(root):
-            if board.spec.recorded:
-                if data is None:
-                    say(f"{board.name}: left out, because its people were recorded: give their tracks, --data DIR")
-                    continue
-                board = board.with_data(data)
-            if not do_all(functools.partial(to_submit, board, root, work), "entry"):
-                say(f"{board.name}: other processes are making the last entries")
-                continue
-            try:
-                freeze_entries(board, root).seed(board.name)
-            except TooEarly as error:
-                say(f"{board.name}: no entry is verified: {error}")
-                continue
-            do_all(functools.partial(to_verify, board, root, work), "verification")
+    if not do_all(functools.partial(to_submit, board, root, work), "entry"):
+        say(f"{board.name}: other processes are making the last entries")
+        return
+    try:
+        freeze_entries(board, root).seed(board.name)
+    except TooEarly as error:
+        say(f"{board.name}: no entry is verified: {error}")
+        return
+    if key is None:
+        say(f"{board.name}: no entry is verified: give the key of a maintainer, --key FILE")
+        return
+    do_all(functools.partial(to_verify, board, root, work, key), "verification")
 
 
 def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
@@ -288,10 +315,14 @@ def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
     skipped: set[str] = set()
     while jobs := [job for job in missing() if job.title not in skipped]:
         job = jobs[0]
-        say(f"{what}: {job.title}, {len(jobs) - 1} others are missing")
+        seconds = [job.seconds for job in jobs if job.seconds is not None]
+        cost = f", which takes about {sum(seconds) / 60:.0f} minutes here" if len(seconds) == len(jobs) else ""
+        say(f"{what}: {job.title}, the first of {len(jobs)}{cost}")
+        start = time.monotonic()
         try:
             with progress(job.cases) as tell:
                 job.do(progress=tell)
+            say(f"{what}: {job.title} took {(time.monotonic() - start) / 60:.1f} minutes")
         except InUse:
             skipped.add(job.title)
     return not missing()

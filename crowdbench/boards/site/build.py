@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from crowdbench.boards.board import METRIC_TITLES, read_boards
 from crowdbench.boards.ranking import ALPHA
-from crowdbench.boards.season import SEASON, read_season
+from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
 from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
 from crowdbench.boards.site.figures import success_against_time
@@ -40,13 +40,21 @@ def build(root: Path, out: Path) -> int:
         season = read_season(root) if (root / SEASON).exists() else None
         templates.globals["season"] = season
         boards = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
-        seeds = {found.board.name: season.find_seed(found.board.name) if season else None for found in boards}
+        seeds = {found.board.name: _find_seed(season, found.board) for found in boards}
         shutil.copyfile(STYLE, folder / STYLE.name)
         groups = tables.board_groups(boards)
         _write(folder / INDEX, templates, "index.html", top="", boards=boards, seeds=seeds, groups=groups)
         for found in boards:
             _write_board(folder / found.board.name, templates, found, seeds[found.board.name])
     return 1 + sum(1 + len(found.entries) for found in boards)
+
+
+def _find_seed(season: Season | None, board: Board) -> int | None:
+    """The seed of the cases of a board; None where it is not known yet."""
+    try:
+        return season.seed(board.name) if season else None
+    except TooEarly:
+        return None
 
 
 def _check_replaceable(path: Path) -> None:

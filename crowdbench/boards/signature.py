@@ -1,0 +1,87 @@
+"""Signatures of maintainers, made and checked by `ssh-keygen -Y` of OpenSSH, which keeps the keys.
+
+leaderboards/maintainers     a line for each: name namespaces="crowdbench" ssh-ed25519 AAAA...
+<a file>.sig                 the signature of a file
+
+The private halves of the keys lie with their owners and in no repository.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+from crowdbench.utils.errors import InputError
+
+MAINTAINERS_FILE = "maintainers"
+SIGNATURE = ".sig"
+
+_NAMESPACE = "crowdbench"
+"""What signatures are for, so that none that was made for something else counts."""
+
+
+def sign(path: Path, key: Path) -> None:
+    """Write the signature of a file beside it.
+
+    Args:
+        path: The file.
+        key: A private key of OpenSSH, or a public one whose private half an agent holds.
+
+    Raises:
+        InputError: The key is missing or cannot sign.
+    """
+    if not key.is_file():
+        raise InputError(f"there is no key {key}: give a private key of OpenSSH, such as one that ssh-keygen makes")
+    path.with_name(path.name + SIGNATURE).unlink(missing_ok=True)  # ssh-keygen would ask whether to replace it
+    done = _run_ssh_keygen("sign", ["-f", str(key), str(path)])
+    if done.returncode != 0:
+        raise InputError(f"the key {key} does not sign: {_last_line(done)}")
+
+
+def find_signer(key: Path, root: Path) -> str:
+    """The name of the maintainer whose key it is.
+
+    Args:
+        key: As for `sign`.
+        root: The folder of boards, which has the file `maintainers`.
+
+    Raises:
+        InputError: It is no maintainer's, or cannot sign.
+    """
+    maintainers = root / MAINTAINERS_FILE
+    with tempfile.TemporaryDirectory() as folder:
+        trial = Path(folder) / "trial"
+        trial.write_bytes(b"")
+        sign(trial, key)
+        names = ["-f", str(maintainers), "-s", str(trial.with_name(trial.name + SIGNATURE))]
+        found = _run_ssh_keygen("find-principals", names).stdout.decode(errors="replace").splitlines()
+        if not found or not is_signed(trial, found[0], root):
+            raise InputError(
+                f"the key {key} is no maintainer's: {maintainers} has no line for it, such as "
+                f'name namespaces="{_NAMESPACE}" ssh-ed25519 AAAA...'
+            )
+    return found[0]
+
+
+def is_signed(path: Path, name: str, root: Path) -> bool:
+    """Whether a maintainer of this name has signed a file as it is; `root` is the folder of boards."""
+    signature = path.with_name(path.name + SIGNATURE)
+    if not signature.is_file():
+        return False
+    names = ["-f", str(root / MAINTAINERS_FILE), "-I", name, "-s", str(signature)]
+    return _run_ssh_keygen("verify", names, path.read_bytes()).returncode == 0
+
+
+def _run_ssh_keygen(action: str, arguments: list[str], content: bytes = b"") -> subprocess.CompletedProcess[bytes]:
+    command = ["ssh-keygen", "-Y", action]
+    if action != "find-principals":
+        command += ["-n", _NAMESPACE]
+    try:
+        return subprocess.run([*command, *arguments], input=content, capture_output=True)
+    except FileNotFoundError:
+        raise InputError("signatures are made and checked by ssh-keygen, which is missing: install OpenSSH") from None
+
+
+def _last_line(done: subprocess.CompletedProcess[bytes]) -> str:
+    return (done.stderr.decode(errors="replace").strip().splitlines() or ["it said nothing"])[-1]

@@ -1,0 +1,203 @@
+"""What is found of an entry that is run again, and whether it is believed.
+
+verifications/<entry>/<season>/verification.json       what was found, with the sha256 of every file of the runs
+verifications/<entry>/<season>/verification.json.sig   the signature of the maintainer who has verified the entry
+verifications/<entry>/<season>/<scenario>/             the runs on the cases of the season, without their commands
+
+They lie in the folder of the board and not in that of the entry, which belongs to whoever has submitted it.
+"""
+
+from __future__ import annotations
+
+import enum
+import json
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from crowdbench.boards.board import Board
+from crowdbench.boards.entry import Entry, Figures, Record, Sha256, file_digests
+from crowdbench.boards.season import Season
+from crowdbench.boards.signature import is_signed, sign
+from crowdbench.runs.manifest import MANIFEST
+from crowdbench.runs.recording import COMMANDS
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
+
+VERIFICATIONS = "verifications"
+VERIFICATION = "verification.json"
+
+RULES = 2
+"""Version of how entries are verified. docs/errata.md says what each version has changed."""
+
+
+class Verdict(enum.StrEnum):
+    """What somebody found who ran an entry again."""
+
+    RERUN = "re-run"
+    """The recorded commands lead to the reported figures, and the planner does about as well on unknown cases."""
+    NOT_REPRODUCED = "not reproduced"
+    """The recorded commands do not lead to what the entry's public runs say."""
+    LOWER = "lower than claimed"
+    """On unknown cases the planner is worse than chance explains."""
+    REFUSED = "refused"
+    """The planner breaks its contract or a limit."""
+
+
+class DecisionTime(Record):
+    """How long a planner took for its decisions in one world alone, on one core: see `decision_time`.
+
+    Attributes:
+        p99_ms: The 99th percentile over decisions, in milliseconds.
+        kernel: Name of the calibration kernel.
+        kernel_ms: What the kernel took on the same core, in milliseconds.
+        calibrated_p99_ms: What the 99th percentile would be on the machine of reference.
+        is_real_time: Whether that is at most the time step.
+    """
+
+    p99_ms: float
+    kernel: str
+    kernel_ms: float
+    calibrated_p99_ms: float
+    is_real_time: bool
+
+
+class Range(Record):
+    """A mean with its 95 % interval."""
+
+    mean: float
+    low: float
+    high: float
+
+
+class Method(Record):
+    """What holds of a method: the means over networks that were trained with other seeds.
+
+    Attributes:
+        networks: How many networks there are, that of the entry included.
+        cases: How many cases each of them drives.
+        metrics: The means by metric, with intervals for other networks on other cases.
+    """
+
+    networks: int
+    cases: int
+    metrics: dict[str, Range]
+
+
+class Verification(Record):
+    """What somebody found who ran an entry again.
+
+    Attributes:
+        by: The maintainer who has signed it; empty for one that nobody signs.
+        on: The day, such as 2027-01-31.
+        rules: The version of how entries are verified, see `RULES`.
+        board: The name of the board.
+        board_digest: Its digest.
+        entry: The name of the entry.
+        entry_digest: Its digest.
+        season: The season whose seed it was; empty for a seed that was drawn for this verification alone.
+        seed: The seed of the cases.
+        code: The digest of crowdbench's code.
+        level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
+        verdict: The verdict.
+        reason: Why, in a sentence.
+        figures: What was measured on these cases; empty where the planner did not come so far.
+        decision_time: How long decisions took; None where that was not measured.
+        untimed: Why it was not, in a sentence; empty where it was, or where the planner did not come so far.
+        method: What holds of its method; None where the entry has too few networks to claim something.
+        files: The sha256 of each file of the runs, by its path beside `verification.json`.
+    """
+
+    by: str
+    on: str
+    rules: int
+    board: str
+    board_digest: Sha256
+    entry: str
+    entry_digest: Sha256
+    season: str
+    seed: int
+    code: Sha256
+    level: str
+    verdict: Annotated[Verdict, Field(strict=False)]
+    reason: str
+    figures: Figures = Field(default_factory=dict)
+    decision_time: DecisionTime | None = None
+    untimed: str = ""
+    method: Method | None = None
+    files: dict[str, Sha256] = Field(default_factory=dict)
+
+
+class Unverified(InputError):
+    """There is no verification that is believed; the message says why."""
+
+
+def verification_folder(entry: Entry, season: Season) -> Path:
+    """The folder with what was found of an entry in a season."""
+    return season.root / entry.spec.board / VERIFICATIONS / entry.name / season.spec.name
+
+
+def write_verification(folder: Path, found: Verification, runs: Path, key: Path) -> None:
+    """Write a verification with its runs, and sign it. One that is there is replaced.
+
+    Args:
+        folder: Its folder.
+        found: What was found.
+        runs: The runs, a folder for each scenario.
+        key: The key of the maintainer who has verified the entry, see `signature.sign`.
+
+    Raises:
+        InputError: The key does not sign.
+        NotWritten: The folder cannot be written.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with files.new_directory(folder, overwrite=True, mark=VERIFICATION) as partial:
+        for scenario in found.figures:
+            _copy_run(runs / scenario, partial / scenario)
+        found = found.model_copy(update={"files": file_digests(partial)})
+        path = partial / VERIFICATION
+        path.write_text(json.dumps(found.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
+        sign(path, key)
+
+
+def _copy_run(run: Path, to: Path) -> None:
+    """Copy a run but for its commands, which are large, and which the seed leads to."""
+    shutil.copytree(run, to, ignore=shutil.ignore_patterns(COMMANDS))
+    manifest = files.read_json(to / MANIFEST)
+    manifest["files"].pop(COMMANDS, None)
+    (to / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+
+
+def read_verification(entry: Entry, board: Board, season: Season) -> Verification:
+    """What was found of an entry in a season.
+
+    A verification counts for the entry as it was frozen, by the board's present rules, on the seed of the season, with
+    the runs that it was signed with, and where a maintainer has signed it.
+
+    Raises:
+        Unverified: There is none that counts.
+    """
+    folder = verification_folder(entry, season)
+    path = folder / VERIFICATION
+    if not path.is_file():
+        raise Unverified("nobody has verified it in this season")
+    try:
+        found = Verification.model_validate_json(files.read_regular(path))
+        runs = {name: digest for name, digest in file_digests(folder).items() if not name.startswith(VERIFICATION)}
+        seed = season.seed(board.name)
+    except (ValidationError, OSError):
+        raise Unverified(f"its {VERIFICATION} is damaged") from None
+    except InputError as error:
+        raise Unverified(f"its verification does not count, because {error}") from None
+    if not season.takes_part(board.name, entry.name, entry.digest):
+        raise Unverified("it was not frozen with the other entries, or was changed since")
+    own = (board.name, board.digest, entry.name, entry.digest, season.spec.name, seed)
+    if (found.board, found.board_digest, found.entry, found.entry_digest, found.season, found.seed) != own:
+        raise Unverified("its verification is of another entry, other rules of the board, or other cases")
+    if runs != found.files:
+        raise Unverified("the runs of its verification were changed")
+    if not is_signed(path, found.by, season.root):
+        raise Unverified("no maintainer has signed its verification")
+    return found
