@@ -122,6 +122,34 @@ def test_commands_that_would_unpack_to_more_than_a_run_has_are_not_unpacked(fold
     assert "holds 1 cases in 320 MB, but a run of 8 cases has as many in 1 MB at most" in found.reason
 
 
+def zigzag(number, length=0):
+    """A number as Thrift writes it, in so many bytes at least."""
+    number, out = 2 * number, []
+    while number > 127 or len(out) < length - 1:
+        out.append(number & 127 | 128)
+        number >>= 7
+    return bytes([*out, number])
+
+
+def test_commands_whose_size_is_a_lie_do_not_take_the_memory_of_the_verifier(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.verification.MOST_MEMORY", 2e8)
+    path = folder / "public" / "circle_crossing_5" / "commands.parquet"
+    values = pa.array(np.zeros(60_000_000), pq.read_schema(path).field("command").type.value_type)
+    lists = pa.ListArray.from_arrays(pa.array([0, len(values)], pa.int32()), values)
+    pq.write_table(
+        pa.table([pa.array([0]), lists], pq.read_schema(path)), path, compression="zstd", use_dictionary=False
+    )
+    column = pq.read_metadata(path).row_group(0).column(1)
+    true = zigzag(column.total_uncompressed_size)
+    content = path.read_bytes()
+    assert content.count(true) >= 1
+    path.write_bytes(content.replace(true, zigzag(1000, len(true))))
+    forge(folder)
+    found = verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
+    assert found.verdict == Verdict.NOT_REPRODUCED
+    assert "memory" in found.reason.lower()
+
+
 def test_how_long_a_case_takes_is_measured_where_an_entry_is_verified(folder, tmp_path):
     path = folder / "public" / "circle_crossing_5" / "result.json"
     result = json.loads(path.read_text())

@@ -7,12 +7,16 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from crowdbench import InputError, cli
 from crowdbench.cli import app
+
+ROOT = Path(__file__).parents[1]
+ORCA_RUN = ROOT / "leaderboards/five/entries/orca/public/circle_crossing_5"
 
 SLOW_PLANNER = """
 import time
@@ -121,6 +125,11 @@ def test_json_is_all_that_json_prints():
         (["run-board", "twenty", "--planner", "orca"], "no board is called 'twenty'; there are five, ten"),
         (["run", "--planner", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["check", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
+        (["train", "sarl", "--data", "."], "--data does not go with circle_crossing_5"),
+        (["certify", "circle_crossing_5", "--data", "."], "--data does not go with circle_crossing_5"),
+        (["study", f"{ROOT}/docs/studies/crowds.toml", "--data", "."], "--data does not go with crowds.toml"),
+        (["score", str(ORCA_RUN), "--replay", "--data", "."], "--data does not go with circle_crossing_5"),
+        (["leaderboard", "fill", "five", "--data", "."], "--data goes with boards whose people were recorded"),
         (["run-board", "five", "--planner", "orca", "--set", "dt=0.1"], "No such option: --set"),
     ],
 )

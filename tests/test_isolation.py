@@ -332,6 +332,13 @@ def test_a_planner_that_hangs_is_killed(mine):
         IsolatedPlanner(mine("import time; time.sleep(99)"), {}, Limits(construction=2.0))
 
 
+def test_a_planner_that_takes_long_again_and_again_is_killed(mine):
+    slow = mine(body("time.sleep(0.3); return np.zeros((len(obs.row), 2))"))
+    sentence = r"^planner mine took longer than 2 s for all its answers together \(step \d+"
+    with driven(slow, limits=Limits(decision=0.9, total=2.0)) as driver, pytest.raises(InputError, match=sentence):
+        drive(driver)
+
+
 def test_a_planner_that_takes_too_much_memory_is_killed(mine):
     hoards = "self.hoard = [np.ones(10_000_000) for _ in range(50)]\ntime.sleep(99)"
     with driven(mine(body(hoards)), limits=Limits(memory=1e9)) as driver:

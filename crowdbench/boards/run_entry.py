@@ -19,7 +19,7 @@ from crowdbench.boards.decision_time import time_decisions
 from crowdbench.boards.entry import PLANNER, Figures, file_digests
 from crowdbench.boards.planner_files import locate_named_files
 from crowdbench.boards.verdict import DecisionTime
-from crowdbench.isolation.planner import IsolatedPlanner
+from crowdbench.isolation.planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.manifest import code
 from crowdbench.runs.recording import COMMANDS, read_commands
@@ -39,6 +39,8 @@ NO_RUNS = shutil.ignore_patterns("networks", f"*{ENDING}*")
 
 Progress = Callable[[float], None]
 
+LIMITS = Limits(total=3600.0)
+"""What a planner may take for the cases of one scenario."""
 
 PACE = 20
 """Cases in which it is measured how long one takes."""
@@ -136,6 +138,7 @@ class EntryRun:
         return IsolatedPlanner(
             locate_named_files(self.planner, self.folder),
             locate_named_files(self.options, self.folder),
+            LIMITS,
             readable=filter(Path.exists, [self.folder / PLANNER]),
             folder=Path("/"),  # somewhere else, so that files which the entry lacks are missed
             scene=scenario.tracks.scene if scenario.tracks else None,

@@ -281,9 +281,12 @@ def fill(
 
     if key is not None:
         find_signer(key, root)
+    chosen = [find_board(name, root) for name in boards or []] or read_boards(root)
+    if data is not None and not any(board.spec.recorded for board in chosen):
+        raise InputError(f"--data goes with boards whose people were recorded, and those of {chosen[0].name} were not")
     announce_compilation()
     with exit_on_interrupt(f"the same command goes on with what is kept in {root} and {work}"):
-        for board in [find_board(name, root) for name in boards or []] or read_boards(root):
+        for board in chosen:
             if board.spec.recorded and data is None:
                 say(f"{board.name}: left out, because its people were recorded: give their tracks, --data DIR")
                 continue

@@ -49,6 +49,7 @@ def certify(
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
     loaded = catalog.load_scenario(scenario, changes, data=data, all_cases=True)
+    loaded.check_data(data)
     directory = out or Path("runs") / f"certified-{loaded.name}"
     announce_compilation()
     start = time.monotonic()

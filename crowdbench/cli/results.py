@@ -225,6 +225,7 @@ def _replay(
     run = RunResult.read_unchecked(directory)
     source = str(directory / RESULT)
     scenario = catalog.load_recorded_scenario(run.result["scenario"], source, pedestrians, layout, data)
+    scenario.check_data(data)
     cases = len(run.commands.case)
     with progress(cases) as tell:
         found = replay(run, scenario, measured, tell)

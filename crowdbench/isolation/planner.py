@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,11 +41,13 @@ class Limits:
     Attributes:
         construction: Seconds until the planner is made, starting Python included.
         decision: Seconds for a decision of a whole batch, and for `reset`.
+        total: Seconds for all that it is asked together.
         memory: Bytes of memory, that of the processes which it starts included.
     """
 
     construction: float = 120.0
     decision: float = DECISION_LIMIT
+    total: float = math.inf
     memory: float = 8e9
 
 
@@ -158,14 +161,18 @@ class IsolatedPlanner(Planner):
             TimeLimit: It took too long in a decision.
             OneStepOnly: It decides one step at a time.
         """
+        left = self.limits.total - self.process.spent
         try:
-            answer, content = self.process.ask(limit, kind, *parts)
+            answer, content = self.process.ask(min(limit, left), kind, *parts)
             if answer == Kind.FAILED:
                 raise self._failure(where, from_json(content))
             if answer != (Kind.COMMANDS if kind == Kind.OBSERVATION else Kind.READY):
                 raise Broken(f"sent a message of kind {answer} where another was due")
             return read(content)
         except TooSlow:
+            if left < limit:
+                total = f"{self.limits.total:g} s for all its answers together"
+                raise self._fault(f"took longer than {total}", where) from None
             if not where:
                 raise TimeLimit from None
             raise self._fault(f"took longer than {limit:g} s", where) from None

@@ -42,6 +42,7 @@ class Process:
 
     Attributes:
         seconds: Time in which it was waited for, so far.
+        spent: The same without time in which it waited for a processor itself, as far as answers took long.
         memory: The largest memory in bytes that it was seen to have.
 
     Raises:
@@ -55,7 +56,7 @@ class Process:
             raise InputError(f"a planner cannot be isolated on {sys.platform}: this takes Linux or macOS")
         self.most_memory = most_memory
         self.temporary = temporary
-        self.seconds = 0.0
+        self.seconds = self.spent = 0.0
         self.memory = 0
         self._looked = 0.0
         # In a session of its own, so that Ctrl-C at a terminal reaches the parent alone, which then ends it.
@@ -99,6 +100,7 @@ class Process:
             raise
         finally:
             self.seconds += time.monotonic() - start
+            self.spent += self._limit.spent()
 
     def _write(self, content: memoryview) -> int:
         self._wait(self._sink, select.POLLOUT)

@@ -111,4 +111,7 @@ def _load(spec: StudySpec, path: Path, data: Path | None = None) -> Study:
     ]
     if not tables:
         raise InputError(f"{path.name} has no table: a study needs [[tables]] or [[crowds]]")
-    return Study(path.stem, spec.description, tables, spec.sources)
+    study = Study(path.stem, spec.description, tables, spec.sources)
+    if data is not None and not any(run.scenario.tracks for run in study.runs):
+        raise InputError(f"--data does not go with {path.name}, none of whose scenarios has a table [tracks]")
+    return study

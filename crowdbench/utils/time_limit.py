@@ -39,16 +39,20 @@ class FairLimit:
 
     def over(self) -> bool:
         """Whether it is over. Ask now and then once `head` is: the leaving out starts with the first answer."""
+        return self.spent() > self.seconds or time.perf_counter() - self._start > MOST * self.seconds
+
+    def spent(self) -> float:
+        """The seconds that count so far."""
         now = time.perf_counter()
-        if now - self._start < self.head:
-            return False
+        passed = now - self._start
+        if passed < self.head:
+            return passed
         waited = _waited(self._processes())
         if self._first_look is None:
             self._first_look = now, waited
         then, before = self._first_look
         left_out = max((seconds - before.get(thread, 0.0) for thread, seconds in waited.items()), default=0.0)
-        passed = now - self._start
-        return passed - min(left_out, now - then) > self.seconds or passed > MOST * self.seconds
+        return passed - min(left_out, now - then)
 
 
 def _waited(processes: Iterable[int]) -> dict[Path, float]:
