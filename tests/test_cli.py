@@ -125,7 +125,7 @@ def test_json_is_all_that_json_prints():
         (["run-board", "twenty", "--planner", "orca"], "no board is called 'twenty'; there are five, ten"),
         (["run", "--planner", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["check", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
-        (["train", "sarl", "--data", "."], "--data does not go with circle_crossing_5"),
+        (["train", "sarl", "--data", "."], "--data does not go with circle_crossing_mixed"),
         (["certify", "circle_crossing_5", "--data", "."], "--data does not go with circle_crossing_5"),
         (["study", f"{ROOT}/docs/studies/crowds.toml", "--data", "."], "--data does not go with crowds.toml"),
         (["score", str(ORCA_RUN), "--replay", "--data", "."], "--data does not go with circle_crossing_5"),
