@@ -44,6 +44,17 @@ def flatten(obs: Observation) -> Float[np.ndarray, "world features"]:
     return out
 
 
+def flatten_vehicle(world: World) -> Float[np.ndarray, "world features"]:
+    """`flatten(observe(world))`, without the copies that an observation has where the vehicle sees everybody."""
+    worlds, agents = world.radius.shape
+    sensor = world.rules.sensor
+    if sensor.nearest or not sensor.sees_all:
+        return flatten(observe(world))
+    out = np.zeros((worlds, 1, AGENT_FEATURES * agents))
+    _flatten(*_states(world), out)
+    return out[:, 0]
+
+
 def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]:
     """The observation of each agent; zeros for agents that are not present.
 
@@ -51,20 +62,26 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
     is not visible. Where each agent sees the nearest others only, these are in their order.
     """
     worlds, agents = world.radius.shape
-    bounded, sensor = with_bounding_disc(world), world.rules.sensor
-    seen = world.present.copy()
-    seen[:, 0] &= world.rules.visible
-    own = goals_on_way(world), world.preferred_speed
-    states = bounded.position, world.velocity, bounded.radius, *own, world.present, seen
+    states, sensor = _states(world), world.rules.sensor
     number = min(sensor.nearest or agents, agents - 1)
     out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + number)))
     if number < agents - 1:
-        _flatten_nearest(*states, cells_of(bounded.position, seen), number, out)
+        _flatten_nearest(*states, cells_of(states[0], states[-1]), number, out)
     else:
         _flatten(*states, out)
     if number < agents - 1 or not sensor.sees_all:
         out[:, 0] = flatten(observe(world))
     return out
+
+
+def _states(world: World) -> tuple[np.ndarray, ...]:
+    """The arrays that `_flatten` takes: agents as others see them, and whom pedestrians see."""
+    bounded, seen = with_bounding_disc(world), world.present
+    if not world.rules.visible:
+        seen = seen.copy()
+        seen[:, 0] = False
+    own = goals_on_way(world), world.preferred_speed
+    return bounded.position, world.velocity, bounded.radius, *own, world.present, seen
 
 
 def ego_views(world: World) -> World:

@@ -30,7 +30,7 @@ from jaxtyping import Float
 from crowdbench.core.dynamics import SPEED_TOLERANCE, State
 from crowdbench.core.rng import MOST_NORMAL
 from crowdbench.core.types import HISTORY, Observation, World
-from crowdbench.envs.observations import AGENT_FEATURES, flatten
+from crowdbench.envs.observations import AGENT_FEATURES, flatten, flatten_vehicle
 from crowdbench.planners.features import (
     PEDESTRIAN_FEATURES,
     VEHICLE_FEATURES,
@@ -113,7 +113,7 @@ class View:
 
     def observe(self, worlds: World) -> Observed:
         """What the vehicle sees in each world."""
-        return self.encode(observe(worlds))
+        return flatten_vehicle(worlds) if self.observation == "flat" else self.encode(observe(worlds))
 
     def encode(self, obs: Observation) -> Observed:
         """What a policy is shown of what a planner sees."""
