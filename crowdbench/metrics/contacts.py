@@ -127,10 +127,13 @@ def _find_touched(discs, position, radius, present):
     agents = radius.shape[1]
     begin, motion, counts = np.empty((agents, 2)), np.empty((agents, 2)), np.zeros(agents, np.bool_)
     for w in range(len(discs)):
-        begin[:], motion[:], counts[1:] = position[w, 0], position[w, 1] - position[w, 0], present[w]
+        for a in range(1, agents):
+            begin[a, 0], begin[a, 1], counts[a] = position[w, 0, a, 0], position[w, 0, a, 1], present[w, a - 1]
+            motion[a, 0], motion[a, 1] = position[w, 1, a, 0] - begin[a, 0], position[w, 1, a, 1] - begin[a, 1]
         least = np.inf
         for d in range(discs.shape[2]):
-            begin[0], motion[0] = discs[w, 0, d], discs[w, 1, d] - discs[w, 0, d]
+            begin[0, 0], begin[0, 1] = discs[w, 0, d, 0], discs[w, 0, d, 1]
+            motion[0, 0], motion[0, 1] = discs[w, 1, d, 0] - begin[0, 0], discs[w, 1, d, 1] - begin[0, 1]
             gap, nearest = nearest_in_step(0, Discs(begin, motion, radius[w], counts))
             if gap < least:
                 least, touched[w, 0], touched[w, 1] = gap, d, nearest

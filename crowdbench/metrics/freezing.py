@@ -82,8 +82,12 @@ def _find_open(row, t, way, stride, ahead, body, position, radius, person, obsta
             if first >= length or not is_open[s]:
                 break
             now = t[s] + k
-            begin[:], motion[:] = position[w, now], position[w, now + 1] - position[w, now]
-            counts[1:] = (person[w, now] == person[w, now + 1]) & ~np.isnan(motion[1:, 0])
+            for a in range(1, agents):
+                begin[a, 0], begin[a, 1] = position[w, now, a, 0], position[w, now, a, 1]
+                motion[a, 0] = position[w, now + 1, a, 0] - begin[a, 0]
+                motion[a, 1] = position[w, now + 1, a, 1] - begin[a, 1]
+                is_same = person[w, now, a - 1] == person[w, now + 1, a - 1]
+                counts[a] = is_same and not math.isnan(motion[a, 0])
             motion[0, 0], motion[0, 1] = (last - first) * ux, (last - first) * uy
             for centre in body:
                 begin[0, 0], begin[0, 1] = x + (centre + first) * ux, y + (centre + first) * uy

@@ -69,6 +69,7 @@ def try_commands(scene: Scene, commands: Float[np.ndarray, "row 2"], world: Int[
     rows, (modes, _, pedestrians) = len(commands), scene.crowd.position.shape[1:4]
     joint = np.empty((rows, modes, max(pedestrians, 1), SIZE), np.float32)
     result = StepResult(np.empty((rows, modes), np.int64), np.empty((rows, modes)), np.empty((rows, 2)), joint)
+    world = np.ascontiguousarray(world)  # for another layout the kernel would be compiled once more
     _try_commands(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, world, result)
     return result
 
@@ -94,7 +95,9 @@ def _try_commands(vehicle, crowd, obstacles, dt, commands, world, result):
             stopping = stopping_gap(body, limits[0], x, y, vx, vy, facing, radius, obstacles[w])
         tolerance, dx, dy = vehicle.goal_tolerance[w], vehicle.goal[w, 0] - x, vehicle.goal[w, 1] - y
         own = VehicleState(x, y, vx, vy, radius, vehicle.local_goal[w], speed)
-        radii[0], radii[1:], present[1:] = radius, crowd.radius[w], crowd.present[w]
+        radii[0] = radius
+        for p in range(agents - 1):  # loops compile in a fraction of the time of slices
+            radii[1 + p], present[1 + p] = crowd.radius[w, p], crowd.present[w, p]
         start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = before.x, before.y, vx * dt, vy * dt
         for m in range(position.shape[1]):
             fill_crowd(position, w, m, 0, start, motion)
