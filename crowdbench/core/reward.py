@@ -48,13 +48,13 @@ def reward(outcome: Int[np.ndarray, "*batch"], gap: Numbers, dt: float) -> Numbe
         The reward.
     """
     rewards = np.empty(outcome.shape)
-    _fill_reward(np.ascontiguousarray(outcome), np.ascontiguousarray(gap), dt, rewards)
+    fill_reward(np.ascontiguousarray(outcome), np.ascontiguousarray(gap), dt, rewards)
     return rewards
 
 
 @no_type_check
 @njit
-def _fill_reward(outcome, gap, dt, rewards):
+def fill_reward(outcome, gap, dt, rewards):
     """Fill `rewards [...]`, see `reward`. Compiled, because NumPy takes as long for one world as a step does."""
     outcome, gap, rewards = outcome.reshape(-1), gap.reshape(-1), rewards.reshape(-1)
     for i in range(len(rewards)):

@@ -51,7 +51,7 @@ def flatten_vehicle(world: World) -> Float[np.ndarray, "world features"]:
     if sensor.nearest or not sensor.sees_all:
         return flatten(observe(world))
     out = np.zeros((worlds, 1, AGENT_FEATURES * agents))
-    _flatten(*_states(world), out)
+    flatten_agents(*states_of(world), out)
     return out[:, 0]
 
 
@@ -62,20 +62,20 @@ def flatten_everybody(world: World) -> Float[np.ndarray, "world agent features"]
     is not visible. Where each agent sees the nearest others only, these are in their order.
     """
     worlds, agents = world.radius.shape
-    states, sensor = _states(world), world.rules.sensor
+    states, sensor = states_of(world), world.rules.sensor
     number = min(sensor.nearest or agents, agents - 1)
     out = np.zeros((worlds, agents, AGENT_FEATURES * (1 + number)))
     if number < agents - 1:
         _flatten_nearest(*states, cells_of(states[0], states[-1]), number, out)
     else:
-        _flatten(*states, out)
+        flatten_agents(*states, out)
     if number < agents - 1 or not sensor.sees_all:
         out[:, 0] = flatten(observe(world))
     return out
 
 
-def _states(world: World) -> tuple[np.ndarray, ...]:
-    """The arrays that `_flatten` takes: agents as others see them, and whom pedestrians see."""
+def states_of(world: World) -> tuple[np.ndarray, ...]:
+    """The arrays that `flatten_agents` takes: agents as others see them, and whom pedestrians see."""
     bounded, seen = with_bounding_disc(world), world.present
     if not world.rules.visible:
         seen = seen.copy()
@@ -117,7 +117,7 @@ def _flatten_vehicle(position, velocity, radius, goal, preferred_speed, position
 
 @no_type_check
 @njit
-def _flatten(position, velocity, radius, goal, preferred_speed, present, seen, out):
+def flatten_agents(position, velocity, radius, goal, preferred_speed, present, seen, out):
     """Write the observations `[world, agent, features]`, which are zeros before.
 
     Args:
@@ -145,7 +145,7 @@ def _flatten(position, velocity, radius, goal, preferred_speed, present, seen, o
 @no_type_check
 @njit
 def _flatten_nearest(position, velocity, radius, goal, preferred_speed, present, seen, cells, number, out):
-    """As `_flatten`, where each agent sees so many others, the nearest; `cells` are `Cells` of those seen, or None."""
+    """As `flatten_agents`, for the nearest of so many others; `cells` are `Cells` of those seen, or None."""
     neighbor, distance, no_walls = np.empty(number, np.int64), np.empty(number), np.empty((0, 0, 2))
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):

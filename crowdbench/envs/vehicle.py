@@ -10,6 +10,7 @@ import numpy as np
 
 from crowdbench.core.types import Outcome
 from crowdbench.envs import stepping
+from crowdbench.envs.compiled_step import CompiledStep
 from crowdbench.envs.render import RENDER_MODES
 from crowdbench.envs.rewards import Reward
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
@@ -53,6 +54,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
     ) -> None:
         loaded = stepping.as_scenario(scenario)
         super().__init__(loaded, render_mode, reward, View(loaded, observation, action, nearest))
+        self._compiled: CompiledStep | None = None
         self.observation_space, self.action_space = self.view.observation_space, self.view.action_space
 
     def reset(
@@ -73,6 +75,8 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         case = stepping.check_options(options, "case").get("case")
         super().reset(seed=seed)
         self._start(case, self.np_random)
+        fits = CompiledStep.fits(self._world, self.view, self.reward)
+        self._compiled = CompiledStep(self._world) if fits else None
         return self._observation(), {"case": self._case}
 
     def step(self, action: np.ndarray) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
@@ -88,12 +92,19 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
             InputError: The action is not a finite velocity.
         """
         self._check_reset()
-        step = stepping.drive(self.view, self._world, stepping.check_actions(action, (2,))[None])
-        self._enter(step.after)
-        outcome, gap = int(step.outcome[0]), float(step.gap[0])
+        action = stepping.check_actions(action, (2,))
+        if self._compiled is not None:
+            observed = self._compiled.step(action)
+            self._enter(self._compiled.world)
+            outcome, gap, reward = self._compiled.outcome, self._compiled.gap, self._compiled.reward
+        else:
+            step = stepping.drive(self.view, self._world, action[None])
+            self._enter(step.after)
+            observed, reward = self._observation(), float(self.reward(step)[0])
+            outcome, gap = int(step.outcome[0]), float(step.gap[0])
         return (
-            self._observation(),
-            float(self.reward(step)[0]),
+            observed,
+            reward,
             outcome not in (Outcome.RUNNING, Outcome.TIMEOUT),
             outcome == Outcome.TIMEOUT,
             {"outcome": stepping.LABELS[outcome], "gap": gap, "case": self._case},

@@ -253,13 +253,13 @@ def _step(*arrays):
     rules, before = RuleNumbers(*arrays[:7]), Before(*arrays[7:18])
     command, crowd = arrays[18:20]
     after, check = After(*arrays[20:26]), StepCheck(*arrays[26:])
-    _move_agents(rules, before, command, crowd, after)
+    move_agents(rules, before, command, crowd, after)
     check_step(rules, before, after, check)
 
 
 @no_type_check
 @njit
-def _move_agents(rules, before, command, crowd, after):
+def move_agents(rules, before, command, crowd, after):
     """Move all agents, limit their speeds, and update heading and history."""
     worlds, agents = before.radius.shape
     dt, length = rules.dt, before.history.shape[1]

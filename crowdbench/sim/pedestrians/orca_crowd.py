@@ -26,7 +26,7 @@ TIME_HORIZON_OBST = 1.0
 walls that they go past goals beside them: the planner `orca` takes 13.0 s in `room` then, and 9.1 s with 1 s."""
 
 
-_ORDER = operator.itemgetter("neighbor_distance", "max_neighbors", "time_horizon", "time_horizon_obst", "line_of_sight")
+ORDER = operator.itemgetter("neighbor_distance", "max_neighbors", "time_horizon", "time_horizon_obst", "line_of_sight")
 """What ORCA's kernels take of the parameters, in their order."""
 
 
@@ -71,12 +71,12 @@ def orca_pedestrians(world: World, parameters: Parameters, pace: Float[np.ndarra
     """
     radius, place, velocity = world.radius, world.position, world.velocity
     speed, present, dt, obstacles = world.preferred_speed, world.present, world.rules.dt, world.obstacles
-    goal, margin, limits = goals_on_way(world), parameters["safety_space"], _ORDER(parameters)
+    goal, margin, limits = goals_on_way(world), parameters["safety_space"], ORDER(parameters)
     worlds, agents = radius.shape
     is_small = worlds * agents < PARALLEL_AGENTS
     if is_small and agents < CELLS_FROM:
         out = np.empty((worlds, agents - 1, 2))
-        _in_one(goal, pace, margin, out, place, velocity, radius, speed, present, dt, obstacles, *limits)
+        orca_in_one(goal, pace, margin, out, place, velocity, radius, speed, present, dt, obstacles, *limits)
         return out
     preferred, everybody = np.empty(place.shape), np.empty(place.shape)
     size, moves = np.empty(radius.shape), np.empty(radius.shape, bool)
@@ -111,7 +111,7 @@ def _prepare(goal, pace, safety_space, position, radius, present, preferred, siz
 
 @no_type_check
 @njit
-def _in_one(goal, pace, safety_space, out, position, velocity, radius, speed, present, *avoidance):
+def orca_in_one(goal, pace, safety_space, out, position, velocity, radius, speed, present, *avoidance):
     """`_prepare` and `orca_serial`; `out [world, pedestrian, 2]` is filled with velocities in m/s."""
     preferred, everybody = np.empty(position.shape), np.empty(position.shape)
     size, moves = np.empty(radius.shape), np.empty(radius.shape, np.bool_)
