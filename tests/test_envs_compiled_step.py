@@ -5,6 +5,7 @@ import pytest
 
 from crowdbench.catalog import load_scenario
 from crowdbench.envs.compiled_step import CompiledStep
+from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vehicle import VehicleEnv
 
 USUAL = [
@@ -45,6 +46,38 @@ def test_episodes_are_those_of_the_composed_step(name, changes, monkeypatch):
             assert said == meant
     for field in ("step", "position", "velocity", "heading", "angular_speed", "history", "waypoint"):
         np.testing.assert_array_equal(getattr(world, field), getattr(env._world, field))
+
+
+def drive_everybody(env, case, acting, steps=60):
+    """Everything that an episode shows, where some agents act and head for their goals with noise."""
+    draw = np.random.default_rng(4)
+    shown = [env.reset(options={"case": case})]
+    while len(shown) < steps and env.agents:
+        actions = {}
+        for agent in env.agents:
+            if agent == "vehicle" or draw.random() < acting:
+                way = shown[-1][0][agent][:2]
+                actions[agent] = way / max(np.hypot(*way), 1.0) + 0.4 * draw.standard_normal(2)
+        shown.append(env.step(actions))
+    return shown
+
+
+@pytest.mark.parametrize(("name", "changes"), USUAL)
+@pytest.mark.parametrize("acting", [0.0, 0.5, 1.0])
+def test_episodes_of_all_agents_are_those_of_the_composed_step(name, changes, acting, monkeypatch):
+    env = parallel_env(load_scenario(name, changes))
+    fast = [drive_everybody(env, f"val:{case}", acting) for case in range(3)]
+    assert env._compiled is not None
+    monkeypatch.setattr(CompiledStep, "fits", lambda *_: False)
+    slow = [drive_everybody(env, f"val:{case}", acting) for case in range(3)]
+    assert env._compiled is None
+    for one, other in zip(fast, slow, strict=True):
+        assert len(one) == len(other)
+        for (observed, *said), (expected, *meant) in zip(one, other, strict=True):
+            assert observed.keys() == expected.keys()
+            for agent, seen in observed.items():
+                np.testing.assert_array_equal(seen, expected[agent])
+            assert said == meant
 
 
 def test_what_was_observed_stays_as_it_was():

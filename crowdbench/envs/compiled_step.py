@@ -6,7 +6,8 @@ so that the results are the same to the last bit. In one world, most of a step i
 
 from __future__ import annotations
 
-from typing import no_type_check
+import math
+from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +15,8 @@ from jaxtyping import Float
 from crowdbench.core.dynamics import DISC, Holonomic
 from crowdbench.core.reward import fill_reward
 from crowdbench.core.types import RuleNumbers, World
-from crowdbench.envs.observations import AGENT_FEATURES, flatten_agents, states_of
+from crowdbench.envs.observations import AGENT_FEATURES, flatten_agents
+from crowdbench.envs.outcomes import check_pedestrians
 from crowdbench.envs.rewards import CheckedReward, crowdnav
 from crowdbench.envs.views import View
 from crowdbench.sim.episode import StepCheck, check_step
@@ -29,39 +31,39 @@ class CompiledStep:
 
     Attributes:
         world: The world as it is now. The step after the next one changes it.
-        outcome: The `Outcome` of the last step.
-        gap: The smallest distance in metres to a pedestrian's rim in it.
+        outcome: The `Outcome` of the last step, for the vehicle or for each agent: see `outcomes_of_agents`.
+        gap: The smallest distance in metres between its rim and another's in it.
         reward: Its reward, that of CrowdNav.
 
     Args:
         world: The world at its start; see `fits`.
+        everybody: Whether every agent observes and has a reward, and not the vehicle alone.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, everybody: bool) -> None:
         self.world = world = world.replace(**_copies(world))
         self._next = world.replace(**_copies(world))
-        (name,) = world.parameters
-        present = world.present.copy()
-        present[:, 0] &= world.rules.visible
-        limits = ORDER(world.parameters[name])
-        pedestrians = world.radius.shape[1] - 1
-        self._command, crowd = np.empty((1, 2)), np.empty((1, pedestrians, 2))
-        self._check = StepCheck(np.empty(1, np.int64), np.empty(1), np.empty(1))
-        self._observed, self._reward = np.zeros((1, 1, AGENT_FEATURES * (1 + pedestrians))), np.empty(1)
-        own = world.parameters[name]["safety_space"], present, *limits
-        seen = states_of(world)[-1]
-        self._arguments = [
-            (
-                *world.rules.numbers,
-                *map(np.ascontiguousarray, (getattr(before, field) for field in Before._fields)),
-                *(self._command, crowd),
-                *(getattr(after, field) for field in After._fields),
-                *self._check,
-                *map(np.ascontiguousarray, own),
-                *(self._observed, seen, self._reward),
-            )
-            for before, after in ((world, self._next), (self._next, world))
-        ]
+        agents = world.radius.shape[1]
+        observers = agents if everybody else 1
+        self._action = np.empty((agents, 2))
+        self._observed = np.zeros((1, observers, AGENT_FEATURES * agents))
+        self.outcome, self.gap, self.reward = np.empty(observers, np.int64), np.empty(observers), np.empty(observers)
+        self._arguments = [self._collect(world, self._next), self._collect(self._next, world)]
+
+    def _collect(self, before: World, after: World) -> tuple[Any, ...]:
+        """The arguments of the kernel for a step from one state to the other."""
+        (parameters,) = before.parameters.values()
+        visible = before.present.copy()
+        visible[:, 0] &= before.rules.visible
+        return (
+            *before.rules.numbers,
+            *(np.ascontiguousarray(getattr(before, field)) for field in Before._fields),
+            *(np.empty((1, 2)), np.empty((1, before.radius.shape[1] - 1, 2))),
+            *(getattr(after, field) for field in After._fields),
+            *StepCheck(np.empty(1, np.int64), np.empty(1), np.empty(1)),
+            *map(np.ascontiguousarray, (parameters["safety_space"], *ORDER(parameters))),
+            *(visible, self._action, self._observed, self.outcome, self.gap, self.reward),
+        )
 
     @staticmethod
     def fits(world: World, view: View, reward: CheckedReward) -> bool:
@@ -81,19 +83,21 @@ class CompiledStep:
         is_small = world.radius.shape[1] < CELLS_FROM and not world.route.shape[2] and not world.track.shape[1]
         return is_usual and is_alone and sees_all and is_orca and everybody_sees and is_small
 
-    def step(self, command: Float[np.ndarray, "2"]) -> Float[np.ndarray, "features"]:
-        """Simulate a step, and return what the vehicle sees after it.
+    def step(
+        self, columns: int | list[int], actions: Float[np.ndarray, "*acting 2"]
+    ) -> Float[np.ndarray, "observer features"]:
+        """Simulate a step, and return what is observed after it.
 
         Args:
-            command: The vehicle's velocity in m/s.
+            columns: Which agents act; others follow the scenario's policy.
+            actions: Their velocities in m/s.
         """
-        self._command[0] = command
+        self._action.fill(np.nan)
+        self._action[columns] = actions
         _step_and_observe(*self._arguments[0])
         self._arguments.reverse()
         self.world, self._next = self._next, self.world
-        self.outcome, self.gap = int(self._check.outcome[0]), float(self._check.gap[0])
-        self.reward = float(self._reward[0])
-        return self._observed[0, 0].copy()
+        return self._observed[0].copy()
 
 
 def _copies(world: World) -> dict[str, np.ndarray]:
@@ -104,18 +108,32 @@ def _copies(world: World) -> dict[str, np.ndarray]:
 @no_type_check
 @njit
 def _step_and_observe(*arrays):
-    """Takes what `crowdbench.sim.simulator` gives its step; margins, who is there for ORCA, and ORCA's parameters; what
-    is observed `[1, 1, features]`, whom others see, and rewards. Commands of pedestrians, the state after the step, its
-    check, what is observed and rewards are filled."""
+    """All of a step, in one kernel.
+
+    Takes what `crowdbench.sim.simulator` gives its step; the safety space and ORCA's other parameters; whom pedestrians
+    see `[1, agent]`; actions `[agent, 2]`, NaN of those who do not act; and what is filled, beside the state after the
+    step and its check: what is observed `[1, observer, features]`, outcomes, gaps and rewards.
+    """
     rules, before = RuleNumbers(*arrays[:7]), Before(*arrays[7:18])
     command, crowd = arrays[18:20]
     after, check = After(*arrays[20:26]), StepCheck(*arrays[26:29])
-    margin, present, limits = arrays[29], arrays[30], arrays[31:36]
-    observed, seen, rewards = arrays[36:]
+    margin, limits, visible = arrays[29], arrays[30:35], arrays[35]
+    action, observed, outcome, gap, rewards = arrays[36:]
     goal, speed, radius = before.goal, before.preferred_speed, before.radius
-    state = before.position, before.velocity, radius, speed, present
-    orca_in_one(goal, speed, margin, crowd, *state, rules.dt, before.obstacles, *limits)
+    is_asked = False
+    for a in range(1, len(action)):
+        is_asked = is_asked or (before.present[0, a] and math.isnan(action[a, 0]))
+    if is_asked:
+        state = before.position, before.velocity, radius, speed, visible
+        orca_in_one(goal, speed, margin, crowd, *state, rules.dt, before.obstacles, *limits)
+    for a in range(1, len(action)):
+        if not math.isnan(action[a, 0]):
+            crowd[0, a - 1, 0], crowd[0, a - 1, 1] = action[a, 0], action[a, 1]
+    command[0, 0], command[0, 1] = action[0, 0], action[0, 1]
     move_agents(rules, before, command, crowd, after)
     check_step(rules, before, after, check)
-    fill_reward(check.outcome, check.gap, rules.dt, rewards)
-    flatten_agents(after.position, after.velocity, radius, goal, speed, before.present, seen, observed)
+    outcome[0], gap[0] = check.outcome[0], check.gap[0]
+    if len(outcome) > 1:
+        check_pedestrians(before.position, after.position, goal, radius, visible, None, None, outcome, gap)
+    fill_reward(outcome, gap, rules.dt, rewards)
+    flatten_agents(after.position, after.velocity, radius, goal, speed, before.present, visible, observed)

@@ -50,7 +50,7 @@ def outcomes_of_agents(
         speed, turn_rate = math.hypot(*after.velocity[0, 0]), float(after.angular_speed[0])
         arc = rules.numbers.body, float(before.heading[0]), speed, turn_rate, rules.dt
     states = before.position, after.position, before.goal, before.radius, counts
-    _check_pedestrians(*states, arc, cells_of(before.position, counts), outcomes, gaps)
+    check_pedestrians(*states, arc, cells_of(before.position, counts), outcomes, gaps)
     return outcomes, gaps
 
 
@@ -94,7 +94,7 @@ def _gap_in_cells(i, position, agents, cells, widest, fastest):
 
 @no_type_check
 @njit
-def _check_pedestrians(position, end, goal, radius, counts, arc, cells, outcomes, gaps):
+def check_pedestrians(position, end, goal, radius, counts, arc, cells, outcomes, gaps):
     """Check a step for the pedestrians of one world.
 
     Args:

@@ -15,6 +15,7 @@ from pettingzoo import ParallelEnv
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome, World
 from crowdbench.envs import stepping
+from crowdbench.envs.compiled_step import CompiledStep
 from crowdbench.envs.observations import ego_views, flatten_everybody
 from crowdbench.envs.outcomes import outcomes_of_agents
 from crowdbench.envs.render import RENDER_MODES
@@ -115,6 +116,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         self._generator: np.random.Generator | None = None
         self._bodies = 0
         self._ego: tuple[World, World] | None = None
+        self._compiled: CompiledStep | None = None
 
     def _refuse_thousands(self) -> None:
         """Raises InputError where every agent would need a world of its own, and these would not fit the memory."""
@@ -154,6 +156,8 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             self._generator, _ = seeding.np_random(seed)
         self._start(case, self._generator)
         self.agents = [agent for agent in self.possible_agents if self._world.present[0, self._column[agent]]]
+        fits = CompiledStep.fits(self._world, self.view, self.reward)
+        self._compiled = CompiledStep(self._world, everybody=True) if fits else None
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
         return self._observe(), {agent: {"case": self._case} for agent in self.agents}
 
@@ -173,12 +177,20 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         """
         if not self.agents and not actions:
             return {}, {}, {}, {}, {}
-        before, agents = self._world, self.agents
-        moved, check = move(*self._decide(actions))
-        outcomes, gaps = outcomes_of_agents(before, moved, check)
-        rewards = self._rewards(before, moved, outcomes, gaps)
-        self._enter(finish_step(moved, check, self.scenario.renewal))
-        observations = self._observe()
+        agents, (columns_of_actions, velocities) = self.agents, self._check_actions(actions)
+        if self._compiled is not None:
+            views = self._compiled.step(columns_of_actions, velocities)
+            self._enter(self._compiled.world)
+            outcomes, gaps = self._compiled.outcome, self._compiled.gap
+            rewards = self._compiled.reward.tolist()
+            observations = self._by_agent(views)
+        else:
+            before = self._world
+            moved, check = move(*self._decide(columns_of_actions, velocities))
+            outcomes, gaps = outcomes_of_agents(before, moved, check)
+            rewards = self._rewards(before, moved, outcomes, gaps)
+            self._enter(finish_step(moved, check, self.scenario.renewal))
+            observations = self._observe()
         outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
         columns = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
@@ -211,17 +223,13 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             views = self.view.observe(self._ego_views(self._world))
             if not self._world.rules.sensor.sees_all:  # only the vehicle's sight can be limited
                 views[0] = self.view.observe(self._world)[0]
+        return self._by_agent(views)
+
+    def _by_agent(self, views: Float[np.ndarray, "agent features"]) -> Observations:
         return {agent: views[self._column[agent]] for agent in self.agents}
 
-    def _decide(
-        self, actions: Mapping[str, np.ndarray | None]
-    ) -> tuple[World, Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
-        """What is done in a step.
-
-        Returns:
-            The world with the policies' memories after their decision, the vehicle's command, and the pedestrians'
-            velocities in m/s: their actions, or else their policies'.
-        """
+    def _check_actions(self, actions: Mapping[str, np.ndarray | None]) -> tuple[list[int], Float[np.ndarray, "n 2"]]:
+        """Who acts, and the velocities in m/s that actions ask for. Raises InputError where `step` says so."""
         given = {agent: action for agent, action in actions.items() if action is not None}
         if not self.agents:
             raise InputError("the episode is over: call reset()")
@@ -234,9 +242,25 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         columns, world = [self._column[agent] for agent in given], self._world
         if self.view.action == "goal_frame":
             chosen = self.view.commands(world.position[0, columns], goals_on_way(world)[0, columns], chosen)
+        return columns, chosen
+
+    def _decide(
+        self, columns: list[int], chosen: Float[np.ndarray, "n 2"]
+    ) -> tuple[World, Float[np.ndarray, "1 2"], Float[np.ndarray, "1 pedestrian 2"]]:
+        """What is done in a step.
+
+        Args:
+            columns: Who acts.
+            chosen: Their velocities in m/s.
+
+        Returns:
+            The world with the policies' memories after their decision, the vehicle's command, and the pedestrians'
+            velocities in m/s: their actions, or else their policies'.
+        """
+        world = self._world
         velocity = np.zeros(world.velocity.shape)
         # A policy with a memory sees every step, also those in which nobody follows it.
-        if len(given) < self._bodies or any(world.memory.values()):
+        if len(columns) < self._bodies or any(world.memory.values()):
             velocity[:, 1:], world = crowd_decisions(world, self.scenario.policies)
         velocity[0, columns] = chosen
         return world, self.view.to_command(world, velocity[:, 0]), velocity[:, 1:]

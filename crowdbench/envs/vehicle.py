@@ -76,7 +76,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         super().reset(seed=seed)
         self._start(case, self.np_random)
         fits = CompiledStep.fits(self._world, self.view, self.reward)
-        self._compiled = CompiledStep(self._world) if fits else None
+        self._compiled = CompiledStep(self._world, everybody=False) if fits else None
         return self._observation(), {"case": self._case}
 
     def step(self, action: np.ndarray) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
@@ -94,9 +94,10 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
         self._check_reset()
         action = stepping.check_actions(action, (2,))
         if self._compiled is not None:
-            observed = self._compiled.step(action)
+            observed = self._compiled.step(0, action)[0]
             self._enter(self._compiled.world)
-            outcome, gap, reward = self._compiled.outcome, self._compiled.gap, self._compiled.reward
+            outcome, gap = int(self._compiled.outcome[0]), float(self._compiled.gap[0])
+            reward = float(self._compiled.reward[0])
         else:
             step = stepping.drive(self.view, self._world, action[None])
             self._enter(step.after)
