@@ -1,5 +1,6 @@
 """Compiled code on disk: never out of date, never damaged, and never in the way."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -211,3 +212,16 @@ def test_named_tuples_whose_fields_differ_are_different_arguments():
     first, second = (numba.typeof(namedtuple("Pair", fields)(1.0, 2.0)) for fields in names)
     assert repr(first) == repr(second)
     assert named_tuples([first]) != named_tuples([second])
+
+
+def test_garbage_is_collected_again_after_a_kernel_was_compiled_or_could_not_be():
+    assert gc.isenabled()
+    numba.njit(lambda x: x + 1.5)(2)
+    assert gc.isenabled()
+    with pytest.raises(numba.TypingError):
+        numba.njit(lambda x: x.missing)(2)
+    assert gc.isenabled()
+    gc.disable()
+    numba.njit(lambda x: x + 2.5)(2)
+    assert not gc.isenabled()
+    gc.enable()
