@@ -206,3 +206,17 @@ def test_three_steps_of_adam_reduce_the_loss(name):
         optimizer.step()
     assert np.isfinite(losses).all()
     assert losses[3] < 0.9 * losses[0]
+
+
+@EVERY
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_products_are_the_same_where_nothing_is_learned(name, kind):
+    network = NETWORKS[name]().to(kind)
+    joint, present = crowds()
+    joint = joint.to(kind)
+    with torch.no_grad():
+        expected = network.attend(joint, present)
+    with torch.inference_mode():
+        found = network.attend(joint, present)
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import abc
 import itertools
+from collections.abc import Iterable
+from typing import cast
 
 import numpy as np
 import torch
@@ -18,6 +20,7 @@ from crowdbench.core.reward import DISCOUNT, SUCCESS
 from crowdbench.networks.joint_state import DISTANCE, SIZE, VEHICLE
 from crowdbench.networks.weights import load_into, weights_file
 from crowdbench.utils.errors import InputError, find_named
+from crowdbench.utils.memory import keep_freed_memory
 
 Joint = Float[Tensor, "*batch pedestrian 13"]
 Present = Bool[Tensor, "*batch pedestrian"]
@@ -27,7 +30,39 @@ PresentBatch = Bool[Tensor, "batch pedestrian"]
 ValueAndAttention = tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]
 
 
-def perceptron(*sizes: int, last: bool = False) -> nn.Sequential:
+keep_freed_memory()
+
+
+def linear(layer: nn.Linear, x: Float[Tensor, "*batch in"], rectify: bool = False) -> Float[Tensor, "*batch out"]:
+    """A linear layer, and a ReLU after it if wanted.
+
+    Where nothing is learned, on a processor, both are one product of oneDNN, which takes half the time of PyTorch's
+    default (MKL's) on processors that are not Intel's, and gives the same numbers up to rounding.
+    """
+    is_plain = x.device.type == "cpu" and x.dtype == torch.float32
+    if _HAS_ONEDNN and is_plain and torch.is_inference_mode_enabled():
+        after = "relu" if rectify else "none"
+        product: Tensor = torch.ops.mkldnn._linear_pointwise(x, layer.weight, layer.bias, after, [], "")
+        return product
+    result: Tensor = layer(x)
+    return result.relu_() if rectify else result
+
+
+_HAS_ONEDNN = bool(torch._C._has_mkldnn) and hasattr(torch.ops.mkldnn, "_linear_pointwise")
+
+
+class Perceptron(nn.Sequential):
+    """Linear layers with ReLU between them; see `perceptron`."""
+
+    def forward(self, x: Float[Tensor, "*batch in"]) -> Float[Tensor, "*batch out"]:
+        """What the last layer gives."""
+        layers = list(self)
+        for index in range(0, len(layers), 2):
+            x = linear(cast("nn.Linear", layers[index]), x, rectify=index + 1 < len(layers))
+        return x
+
+
+def perceptron(*sizes: int, last: bool = False) -> Perceptron:
     """Linear layers with ReLU between them.
 
     Args:
@@ -40,7 +75,7 @@ def perceptron(*sizes: int, last: bool = False) -> nn.Sequential:
     layers: list[nn.Module] = []
     for inputs, outputs in itertools.pairwise(sizes):
         layers += [nn.Linear(inputs, outputs), nn.ReLU(inplace=True)]
-    return nn.Sequential(*(layers if last else layers[:-1]))
+    return Perceptron(*(layers if last else layers[:-1]))
 
 
 class ValueNetwork(nn.Module, abc.ABC):
@@ -155,13 +190,14 @@ class SARL(ValueNetwork):
         embedding = self.embedding(_gather(joint, present))
         number = present.sum(-1)
         mean = _scatter(embedding, present).sum(1) / number.clamp(min=1)[:, None]
-        mean_part = self.attention_mean(mean).repeat_interleave(number, dim=0)
-        scores = self.attention((self.attention_own(embedding) + mean_part).relu_())[:, 0]
+        mean_part = linear(self.attention_mean, mean).repeat_interleave(number, dim=0)
+        scores = self.attention((linear(self.attention_own, embedding) + mean_part).relu_())[:, 0]
         # Without pedestrians, the softmax is NaN.
         attention = _scatter(scores, present, float("-inf")).softmax(-1).nan_to_num(0.0)
         # The last layer of the features is linear, and the weights sum to 1: it can be applied to the weighted sum.
-        hidden, rectify, last = self.features
-        crowd = last((_scatter(rectify(hidden(embedding)), present) * attention[..., None]).sum(1))
+        hidden, _, last = cast("Iterable[nn.Linear]", self.features)
+        features = _scatter(linear(hidden, embedding, rectify=True), present)
+        crowd = linear(last, (features * attention[..., None]).sum(1))
         value = self.value(torch.cat([joint[:, 0, :VEHICLE], crowd], -1))[:, 0]
         return value, attention
 
