@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from statistics import mean, median
 from typing import Any
 
@@ -20,7 +21,7 @@ from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox
 from crowdbench.isolation.planner import IsolatedPlanner
-from crowdbench.networks.value import SARL
+from crowdbench.networks.value import HAS_ONEDNN, SARL, linear
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict import ConstantVelocity
@@ -92,9 +93,10 @@ def measure_share_of_limit(worlds: int = 500, size: int = 1024, rounds: int = 10
         size: Rows and columns of the matrices.
         rounds: How many times both are measured, by turns.
     """
-    matrix = torch.rand(size, size)
-    works: list[Callable[[], object]] = [functools.partial(torch.mm, matrix, matrix), sarl_decision(5, worlds)]
-    durations = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
+    product = functools.partial(linear, torch.nn.Linear(size, size), torch.rand(size, size))
+    works: list[Callable[[], object]] = [product, sarl_decision(5, worlds)]
+    with torch.inference_mode():
+        durations = in_turns(rounds, *(functools.partial(seconds, work) for work in works))
     limit, reached = (operations(work) / time / 1e9 for work, time in zip(works, durations, strict=True))
     yield Measurement(f"matrix product of {size} x {size} float32, the limit", limit, "GFLOP/s")
     work = f"share of that limit: SARL decision, 5 pedestrians, {worlds} worlds"
@@ -166,9 +168,15 @@ def one_by_one(decide: Callable[[Observation], object], pedestrians: int, worlds
 
 def operations(work: Callable[[], object]) -> int:
     """The multiplications and additions in all matrix products that torch computes in a call."""
-    with FlopCounterMode(display=False) as counter:
+    products = {torch.ops.mkldnn._linear_pointwise: _count_linear} if HAS_ONEDNN else {}
+    with torch.inference_mode(), FlopCounterMode(display=False, custom_mapping=products) as counter:
         work()
     return counter.get_total_flops()
+
+
+def _count_linear(rows: Sequence[int], weight: Sequence[int], *_: object, **__: object) -> int:
+    """The operations of `crowdbench.networks.value.linear`, of the shapes of its arguments."""
+    return 2 * math.prod(rows) * weight[0]
 
 
 def observation(pedestrians: int, worlds: int) -> Observation:

@@ -30,6 +30,9 @@ PresentBatch = Bool[Tensor, "batch pedestrian"]
 ValueAndAttention = tuple[Float[Tensor, "batch"], Float[Tensor, "batch pedestrian"]]
 
 
+HAS_ONEDNN = bool(torch._C._has_mkldnn) and hasattr(torch.ops.mkldnn, "_linear_pointwise")
+"""Whether PyTorch comes with oneDNN, and its product with a ReLU after it."""
+
 keep_freed_memory()
 
 
@@ -39,16 +42,13 @@ def linear(layer: nn.Linear, x: Float[Tensor, "*batch in"], rectify: bool = Fals
     Where nothing is learned, on a processor, both are one product of oneDNN, which takes half the time of PyTorch's
     default (MKL's) on processors that are not Intel's, and gives the same numbers up to rounding.
     """
-    is_plain = x.device.type == "cpu" and x.dtype == torch.float32
-    if _HAS_ONEDNN and is_plain and torch.is_inference_mode_enabled():
+    is_plain = x.device.type == "cpu" and x.dtype == torch.float32 and not torch.is_autocast_enabled("cpu")
+    if HAS_ONEDNN and is_plain and torch.is_inference_mode_enabled():
         after = "relu" if rectify else "none"
         product: Tensor = torch.ops.mkldnn._linear_pointwise(x, layer.weight, layer.bias, after, [], "")
         return product
     result: Tensor = layer(x)
     return result.relu_() if rectify else result
-
-
-_HAS_ONEDNN = bool(torch._C._has_mkldnn) and hasattr(torch.ops.mkldnn, "_linear_pointwise")
 
 
 class Perceptron(nn.Sequential):

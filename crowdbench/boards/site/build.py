@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from crowdbench.boards.board import METRIC_TITLES, read_boards
+from crowdbench.boards.board import METRIC_TITLES, Board, read_boards
 from crowdbench.boards.ranking import ALPHA
 from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
 from crowdbench.boards.site import tables, texts
