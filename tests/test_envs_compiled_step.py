@@ -1,5 +1,8 @@
 """A whole step in one compiled call gives what the composed steps give, to the last bit."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -78,6 +81,16 @@ def test_episodes_of_all_agents_are_those_of_the_composed_step(name, changes, ac
             for agent, seen in observed.items():
                 np.testing.assert_array_equal(seen, expected[agent])
             assert said == meant
+
+
+def test_a_copy_of_an_environment_goes_on_by_itself():
+    env = VehicleEnv()
+    env.reset(options={"case": "val:1"})
+    env.step(np.array([0.3, 0.4]))
+    for copied in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        ahead = [copied.step(np.array([0.0, 1.0]))[0] for _ in range(5)]
+        again = copy.deepcopy(env)
+        np.testing.assert_array_equal([again.step(np.array([0.0, 1.0]))[0] for _ in range(5)], ahead)
 
 
 def test_what_was_observed_stays_as_it_was():

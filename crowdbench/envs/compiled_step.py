@@ -1,7 +1,7 @@
-"""A whole step of one world in one compiled call: people decide, everybody moves, the step is checked and observed.
+"""A whole step of one world in one compiled call: pedestrians decide, agents move, the step is checked and observed.
 
-It is for the usual case, and what it does is put together of the kernels that every other step takes one after another,
-so that the results are the same to the last bit. In one world, most of a step is the way into kernels.
+It is for the usual case (see `CompiledStep.fits`). It calls the kernels that other steps call one after another from
+Python, so that results are the same to the last bit. In one world, to enter a kernel takes longer than what it does.
 """
 
 from __future__ import annotations
@@ -86,11 +86,14 @@ class CompiledStep:
     def step(
         self, columns: int | list[int], actions: Float[np.ndarray, "*acting 2"]
     ) -> Float[np.ndarray, "observer features"]:
-        """Simulate a step, and return what is observed after it.
+        """Simulate a step.
 
         Args:
             columns: Which agents act; others follow the scenario's policy.
             actions: Their velocities in m/s.
+
+        Returns:
+            What is observed after it.
         """
         self._action.fill(np.nan)
         self._action[columns] = actions

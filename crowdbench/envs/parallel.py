@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from gymnasium.spaces import Box, Space
@@ -159,7 +159,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         fits = CompiledStep.fits(self._world, self.view, self.reward)
         self._compiled = CompiledStep(self._world, everybody=True) if fits else None
         self._bodies = int(self._world.present[0].sum()) if self.scenario.tracks is None else self.scenario.max_agents
-        return self._observe(), {agent: {"case": self._case} for agent in self.agents}
+        return self._by_agent(self._observe()), {agent: {"case": self._case} for agent in self.agents}
 
     def step(
         self, actions: Mapping[str, np.ndarray | None]
@@ -177,21 +177,10 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         """
         if not self.agents and not actions:
             return {}, {}, {}, {}, {}
-        agents, (columns_of_actions, velocities) = self.agents, self._check_actions(actions)
-        if self._compiled is not None:
-            views = self._compiled.step(columns_of_actions, velocities)
-            self._enter(self._compiled.world)
-            outcomes, gaps = self._compiled.outcome, self._compiled.gap
-            rewards = self._compiled.reward.tolist()
-            observations = self._by_agent(views)
-        else:
-            before = self._world
-            moved, check = move(*self._decide(columns_of_actions, velocities))
-            outcomes, gaps = outcomes_of_agents(before, moved, check)
-            rewards = self._rewards(before, moved, outcomes, gaps)
-            self._enter(finish_step(moved, check, self.scenario.renewal))
-            observations = self._observe()
+        agents = self.agents
+        outcomes, gaps, rewards, views = self._advance(*self._check_actions(actions))
         outcome, gap, present = outcomes.tolist(), gaps.tolist(), self._world.present[0].tolist()
+        observations = self._by_agent(views)
         columns = [(agent, self._column[agent]) for agent in agents]
         truncated = outcome[0] == _TIMEOUT
         over = outcome[0] not in (_RUNNING, _TIMEOUT)
@@ -201,6 +190,29 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
         infos = {a: {"outcome": stepping.LABELS[outcome[c]], "gap": gap[c], "case": self._case} for a, c in columns}
         of_agents = {agent: rewards[c] for agent, c in columns}
         return observations, of_agents, terminations, dict.fromkeys(agents, truncated), infos
+
+    def _advance(
+        self, acting: list[int], velocities: Float[np.ndarray, "n 2"]
+    ) -> tuple[Int[np.ndarray, "agent"], Float[np.ndarray, "agent"], list[float], Float[np.ndarray, "agent features"]]:
+        """Go on by a step.
+
+        Args:
+            acting: Who acts.
+            velocities: Their velocities in m/s.
+
+        Returns:
+            Outcomes, gaps in metres, rewards, and what each agent observes then.
+        """
+        if (compiled := self._compiled) is not None:
+            views = compiled.step(acting, velocities)
+            self._enter(compiled.world)
+            return compiled.outcome, compiled.gap, compiled.reward.tolist(), views
+        before = self._world
+        moved, check = move(*self._decide(acting, velocities))
+        outcomes, gaps = outcomes_of_agents(before, moved, check)
+        rewards = self._rewards(before, moved, outcomes, gaps)
+        self._enter(finish_step(moved, check, self.scenario.renewal))
+        return outcomes, gaps, rewards, self._observe()
 
     def _rewards(
         self, before: World, after: World, outcomes: Int[np.ndarray, "agent"], gaps: Float[np.ndarray, "agent"]
@@ -216,14 +228,13 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
             self._ego = world, ego_views(world)
         return self._ego[1]
 
-    def _observe(self) -> Observations:
+    def _observe(self) -> Float[np.ndarray, "agent features"]:
         if self.view.observation == "flat":
-            views = flatten_everybody(self._world)[0]
-        else:
-            views = self.view.observe(self._ego_views(self._world))
-            if not self._world.rules.sensor.sees_all:  # only the vehicle's sight can be limited
-                views[0] = self.view.observe(self._world)[0]
-        return self._by_agent(views)
+            return flatten_everybody(self._world)[0]
+        views = cast("Float[np.ndarray, 'agent features']", self.view.observe(self._ego_views(self._world)))
+        if not self._world.rules.sensor.sees_all:  # only the vehicle's sight can be limited
+            views[0] = cast("np.ndarray", self.view.observe(self._world))[0]
+        return views
 
     def _by_agent(self, views: Float[np.ndarray, "agent features"]) -> Observations:
         return {agent: views[self._column[agent]] for agent in self.agents}
