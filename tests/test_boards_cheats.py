@@ -1,13 +1,12 @@
 """What an entrant can try against a board: each attempt is refused, or changes nothing."""
 
 import json
-import shutil
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from boards import card, verified_root, write_board
+from boards import card, write_board
 from typer.testing import CliRunner
 
 from crowdbench.boards.board import read_board
@@ -23,16 +22,10 @@ from crowdbench.utils.files import sha256
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    return verified_root(tmp_path_factory)
-
-
 @pytest.fixture
-def folder(made, tmp_path):
-    """The folder of an entry in a copy of the folder of boards, which a test may change."""
-    shutil.copytree(made / "leaderboards", tmp_path / "leaderboards")
-    return tmp_path / "leaderboards" / "small" / "entries" / "careful"
+def folder(root):
+    """The folder of an entry in a folder of boards, which a test may change."""
+    return root / "small" / "entries" / "careful"
 
 
 def forge(folder, **changes):

@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from boards import BOARD, SEASON, card, verified_root, write_board
+from boards import BOARD, SEASON, card, write_board
 
 from crowdbench.boards.board import find_board, read_board, read_boards
 from crowdbench.boards.entry import read_entry
@@ -44,22 +44,10 @@ def planner():
 """Careful in the worlds that it knows, which takes it to the goal in a third of all cases, and to no goal elsewhere."""
 
 
-@pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    return verified_root(tmp_path_factory)
-
-
 @pytest.fixture(autouse=True)
 def _few_timed(monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
     monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
-
-
-@pytest.fixture
-def root(made, tmp_path):
-    """A copy of the folder of boards, which a test may change."""
-    shutil.copytree(made / "leaderboards", tmp_path / "leaderboards")
-    return tmp_path / "leaderboards"
 
 
 def entry_of(root, name="careful"):

@@ -3,7 +3,7 @@ import json
 import shutil
 
 import pytest
-from boards import SEASON, card, verified_root
+from boards import SEASON, card
 
 from crowdbench.boards.board import read_board
 from crowdbench.boards.entry import read_entry
@@ -21,18 +21,6 @@ from crowdbench.runs.shards import Shard
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    return verified_root(tmp_path_factory)
-
-
-@pytest.fixture
-def root(made, tmp_path):
-    """A copy of the folder of boards, which a test may change."""
-    shutil.copytree(made / "leaderboards", tmp_path / "leaderboards")
-    return tmp_path / "leaderboards"
 
 
 def entry_of(root, name="careful"):

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 
 import pytest
-from boards import card, make_key, verified_root
+from boards import card, make_key
 from typer.testing import CliRunner
 
 from crowdbench.boards.board import read_board
@@ -20,18 +20,6 @@ from crowdbench.cli import app
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    return verified_root(tmp_path_factory)
-
-
-@pytest.fixture
-def root(made, tmp_path):
-    """A copy of the folder of boards, which a test may change."""
-    shutil.copytree(made / "leaderboards", tmp_path / "leaderboards")
-    return tmp_path / "leaderboards"
 
 
 @pytest.fixture
@@ -188,6 +176,16 @@ def test_who_is_no_maintainer_verifies_nothing(root, key, tmp_path):
         find_signer(tmp_path / "damaged", root)
     assert find_signer(key, root) == "tester"
     assert not list(tmp_path.glob("**/trial*"))
+
+
+def test_a_planner_of_others_does_not_come_near_the_key(root, key, tmp_path, monkeypatch):
+    shutil.rmtree(root / "small" / "verifications")
+    monkeypatch.setattr("crowdbench.isolation.sandbox.level", lambda: "process")
+    settings = {"board": read_board(root / "small"), "work": tmp_path, "season": read_season(root), "key": key}
+    with pytest.raises(InputError, match="without bubblewrap its planner could read the key that signs"):
+        verify(read_entry(root / "small" / "entries" / "careful"), **settings)
+    monkeypatch.setattr("crowdbench.boards.run_entry.EntryRun.time_decisions", lambda *_: "")
+    assert verify(read_entry(root / "small" / "entries" / "orca"), **settings).level == "process"
 
 
 def test_a_name_is_no_pattern(root, tmp_path, key):

@@ -18,10 +18,10 @@ from typing import Any
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.consistency_test import lower_than_claimed
-from crowdbench.boards.entry import Entry, read_entry
+from crowdbench.boards.entry import MAINTAINERS, Entry, read_entry
 from crowdbench.boards.method import method_cases, method_networks, network_runs, summarize_method
 from crowdbench.boards.planner_files import check_size as check_files_size
-from crowdbench.boards.planner_files import describe_change
+from crowdbench.boards.planner_files import describe_change, package
 from crowdbench.boards.run_entry import (
     EntryRun,
     InUse,
@@ -124,7 +124,7 @@ def verify(
         Unfinished: Runs are missing that other shards make.
         MachineFault: `work` or the entry cannot be written, or crowdbench has changed meanwhile.
         InputError: The entry is not one of this board, or takes no part in the season, or was verified in it before, or
-            the key is no maintainer's.
+            the key is no maintainer's, or the planner could read it because there is no sandbox.
         KeyboardInterrupt: Somebody interrupted it. In a season, the same call goes on with what is finished.
     """
     if season is not None and key is None:
@@ -183,6 +183,11 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
         raise InputError(
             f"{entry.directory} takes no part in the season {season.spec.name}: it was not among the entries that were "
             "frozen, or was changed since"
+        )
+    if sandbox.level() == sandbox.PROCESS and not package(entry.spec.planner).startswith(f"{MAINTAINERS}=="):
+        raise InputError(
+            f"{entry.directory} cannot be verified in a season on this machine: without bubblewrap its planner could "
+            "read the key that signs"
         )
     if is_verified(entry, board, season):
         raise InUse(f"{entry.directory} was verified in the season {season.spec.name} before, which is done once")
