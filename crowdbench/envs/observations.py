@@ -121,14 +121,14 @@ def flatten_agents(position, velocity, radius, goal, preferred_speed, present, s
     """Write the observations `[world, agent, features]`, which are zeros before.
 
     Args:
-        position: `[world, agent, 2]`, in metres.
-        velocity: `[world, agent, 2]`, in m/s.
-        radius: `[world, agent]`, in metres.
-        goal: `[world, agent, 2]`, in metres.
-        preferred_speed: `[world, agent]`, in m/s.
-        present: `[world, agent]`, who observes.
-        seen: `[world, agent]`, whom pedestrians see.
-        out: Filled.
+        position (ndarray): `[world, agent, 2]`, in metres.
+        velocity (ndarray): `[world, agent, 2]`, in m/s.
+        radius (ndarray): `[world, agent]`, in metres.
+        goal (ndarray): `[world, agent, 2]`, in metres.
+        preferred_speed (ndarray): `[world, agent]`, in m/s.
+        present (ndarray): `[world, agent]`, who observes.
+        seen (ndarray): `[world, agent]`, whom pedestrians see.
+        out (ndarray): Filled.
     """
     for w in range(out.shape[0]):
         for i in range(out.shape[1]):

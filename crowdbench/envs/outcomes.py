@@ -98,15 +98,15 @@ def check_pedestrians(position, end, goal, radius, counts, arc, cells, outcomes,
     """Check a step for the pedestrians of one world.
 
     Args:
-        position: `[1, agent, 2]`, before the step, in metres, as are all lengths.
-        end: `[1, agent, 2]`, after the step.
-        goal: `[1, agent, 2]`.
-        radius: `[1, agent]`.
-        counts: `[1, agent]`, whom pedestrians see and who moves straight: a vehicle on wheels does not.
-        arc: How a vehicle on wheels that pedestrians see drives, the first arguments of `gaps_on_arc`; or None.
-        cells: `Cells` of the agents that count, or None.
-        outcomes: `[agent]`, filled but for the vehicle's: an `Outcome`.
-        gaps: `[agent]`, filled but for the vehicle's, in metres.
+        position (ndarray): `[1, agent, 2]`, before the step, in metres, as are all lengths.
+        end (ndarray): `[1, agent, 2]`, after the step.
+        goal (ndarray): `[1, agent, 2]`.
+        radius (ndarray): `[1, agent]`.
+        counts (ndarray): `[1, agent]`, whom pedestrians see and who moves straight: a vehicle on wheels does not.
+        arc (tuple or None): How a vehicle on wheels drives that pedestrians see, the first arguments of `gaps_on_arc`.
+        cells (Cells or None): Those of the agents that count.
+        outcomes (ndarray): `[agent]`, filled but for the vehicle's: an `Outcome`.
+        gaps (ndarray): `[agent]`, filled but for the vehicle's, in metres.
     """
     motion = end[0] - position[0]
     widest, fastest = 0.0, 0.0

@@ -115,16 +115,16 @@ def orca_in_one(goal, pace, safety_space, out, position, velocity, radius, speed
     """What pedestrians do by ORCA, in few and small worlds.
 
     Args:
-        goal: `[world, agent, 2]`, in metres.
-        pace: `[world, agent]`, speeds of the velocities towards the goals in m/s.
-        safety_space: `[world, agent]`, in metres.
-        out: `[world, pedestrian, 2]`, filled: velocities in m/s.
-        position: `[world, agent, 2]`, in metres.
-        velocity: `[world, agent, 2]`, in m/s.
-        radius: `[world, agent]`, in metres.
-        speed: `[world, agent]`, preferred speeds in m/s.
-        present: `[world, agent]`, who moves or is avoided.
-        avoidance: The last arguments of `orca_serial`, from `dt` on.
+        goal (ndarray): `[world, agent, 2]`, in metres.
+        pace (ndarray): `[world, agent]`, speeds of the velocities towards the goals in m/s.
+        safety_space (ndarray): `[world, agent]`, in metres.
+        out (ndarray): `[world, pedestrian, 2]`, filled: velocities in m/s.
+        position (ndarray): `[world, agent, 2]`, in metres.
+        velocity (ndarray): `[world, agent, 2]`, in m/s.
+        radius (ndarray): `[world, agent]`, in metres.
+        speed (ndarray): `[world, agent]`, preferred speeds in m/s.
+        present (ndarray): `[world, agent]`, who moves or is avoided.
+        avoidance (tuple): The last arguments of `orca_serial`, from `dt` on.
     """
     preferred, everybody = np.empty(position.shape), np.empty(position.shape)
     size, moves = np.empty(radius.shape), np.empty(radius.shape, np.bool_)
