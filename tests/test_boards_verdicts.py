@@ -217,6 +217,8 @@ def test_fill_says_what_it_costs_and_what_it_took(root, key, tmp_path, monkeypat
     (root / "cards" / "orca.toml").write_text(card())
     (root / "shipped.toml").write_text('[[shipped]]\nname = "orca"\nplanner = "orca"\n')
     command = ["leaderboard", "fill", "small", "--root", str(root), "--work", str(tmp_path / "work")]
+    unknown = CliRunner().invoke(app, [*command[:2], "five", *command[3:]])
+    assert "no board is called 'five'; there are small" in str(unknown.exception)
     said = CliRunner().invoke(app, command).output
     assert "small: no entry is verified: give the key of a maintainer, --key FILE" in said
     said = CliRunner().invoke(app, [*command, "--key", str(key)]).output

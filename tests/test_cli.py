@@ -16,7 +16,8 @@ from crowdbench import InputError, cli
 from crowdbench.cli import app
 
 ROOT = Path(__file__).parents[1]
-ORCA_RUN = ROOT / "leaderboards/five/entries/orca/public/circle_crossing_5"
+BOARDS = ROOT / "leaderboards"
+ORCA_RUN = BOARDS / "five/entries/orca/public/circle_crossing_5"
 
 SLOW_PLANNER = """
 import time
@@ -129,7 +130,7 @@ def test_json_is_all_that_json_prints():
         (["certify", "circle_crossing_5", "--data", "."], "--data does not go with circle_crossing_5"),
         (["study", f"{ROOT}/docs/studies/crowds.toml", "--data", "."], "--data does not go with crowds.toml"),
         (["score", str(ORCA_RUN), "--replay", "--data", "."], "--data does not go with circle_crossing_5"),
-        (["leaderboard", "fill", "five", "--data", "."], "--data goes with boards whose people were recorded"),
+        (["leaderboard", "fill", "five", "--data", ".", "--root", str(BOARDS)], "--data goes with boards whose people"),
         (["run-board", "five", "--planner", "orca", "--set", "dt=0.1"], "No such option: --set"),
     ],
 )

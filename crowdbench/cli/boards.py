@@ -16,7 +16,7 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, find_named
 
 if TYPE_CHECKING:
     from crowdbench.boards.board import Board
@@ -276,12 +276,13 @@ def fill(
             verified.
     """
     use_threads(threads)
-    from crowdbench.boards.board import find_board, read_boards
+    from crowdbench.boards.board import read_boards
     from crowdbench.boards.signature import find_signer
 
     if key is not None:
         find_signer(key, root)
-    chosen = [find_board(name, root) for name in boards or []] or read_boards(root)
+    by_name = {board.name: board for board in read_boards(root)}
+    chosen = [find_named("board", name, by_name) for name in boards or by_name]
     if data is not None and not any(board.spec.recorded for board in chosen):
         raise InputError(f"--data goes with boards whose people were recorded, and those of {chosen[0].name} were not")
     announce_compilation()
