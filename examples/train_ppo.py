@@ -1,8 +1,8 @@
 """Trains a policy with stable-baselines3's PPO: python examples/train_ppo.py --out ppo.safetensors
 
 Then drive it as a planner: crowdbench run --planner examples/ppo_planner.py --option path=ppo.safetensors
-Needs `pip install 'crowdbench[ppo]'`. Change algorithm, network or reward as you like; `crowdbench train ppo` does the
-same as this with a validation curve, checkpoints and a card.
+Needs `pip install 'crowdbench[ppo]'`. Change algorithm, network or reward as you like. `crowdbench train ppo` trains
+the same network by a loop of its own, with a validation curve, checkpoints and a card.
 """
 
 import argparse
@@ -12,12 +12,27 @@ import numba
 import torch
 from safetensors.torch import save_file
 from stable_baselines3 import PPO
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from crowdbench.envs.stable_baselines import CrowdVecEnv
-from crowdbench.train.ppo import CrowdExtractor
+from crowdbench.networks.policy import Seen, SetEncoder
 
 NEAREST = 5
 """How many pedestrians the policy sees, at most."""
+
+
+class CrowdExtractor(BaseFeaturesExtractor):
+    """The set encoder of the policies that come with crowdbench."""
+
+    def __init__(self, observation_space):
+        encoder = SetEncoder()
+        super().__init__(observation_space, encoder.encoded)
+        self.encoder = encoder
+
+    def forward(self, observed):
+        """The code of what each world shows."""
+        return self.encoder(Seen(observed["vehicle"], observed["pedestrians"], observed["mask"] > 0.5))
+
 
 NETWORK = {"features_extractor_class": CrowdExtractor, "net_arch": [64], "log_std_init": -0.5}
 

@@ -15,8 +15,9 @@ from crowdbench.envs.observations import ego_views
 from crowdbench.envs.rewards import COLLISION, PROGRESS, CheckedReward, Step, crowdnav, load_reward, progress
 from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS
-from crowdbench.planners.features import features, in_disc, to_world
-from crowdbench.planners.policy import Policy, PolicyPlanner
+from crowdbench.networks.features import features, in_disc, to_world
+from crowdbench.networks.policy import Policy, Seen
+from crowdbench.planners.policy import PolicyPlanner
 from crowdbench.plugins.load import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
@@ -213,7 +214,7 @@ def test_the_vec_env_tells_the_end_of_an_episode_as_it_was():
     env.reset()
     action, returned, ends = np.tile([[1.0, 0.0], [0.2, 0.1]], (3, 1)), np.zeros(6), []
     for _ in range(70):
-        before = env._worlds
+        before = env._running.worlds
         command = env.view.commands(before.position[:, 0], before.goal[:, 0], action)
         after, (outcome, gap, _) = step(before, command, crowd_velocities(before, scenario.policies))
         last = env.view.observe(after)
@@ -353,8 +354,8 @@ def test_a_policy_drives_as_it_was_trained(speed):
     policy = Policy()
     inputs = (torch.as_tensor(seen[name], dtype=torch.float32) for name in ("vehicle", "pedestrians"))
     with torch.no_grad():
-        action = policy(*inputs, torch.as_tensor(seen["mask"] > 0.5)).double().numpy()
-    command = PolicyPlanner(policy, 5).plan(observe(env._worlds))
+        action = policy(Seen(*inputs, torch.as_tensor(seen["mask"] > 0.5))).double().numpy()
+    command = PolicyPlanner(policy, 5).plan(observe(env._running.worlds))
     env.step_async(action)
     env.step_wait()
-    np.testing.assert_allclose(env._worlds.velocity[:, 0], command, atol=1e-6)
+    np.testing.assert_allclose(env._running.worlds.velocity[:, 0], command, atol=1e-6)

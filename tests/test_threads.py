@@ -1,4 +1,5 @@
-from threading import Event, Thread
+import os
+from threading import Event, Thread, get_ident
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ import torch
 
 from crowdbench import load_planner, load_scenario
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.threads import in_chunks
+from crowdbench.utils.threads import in_chunks, one_torch_thread
 
 
 @pytest.fixture
@@ -42,6 +43,42 @@ def test_what_work_raises_is_raised_and_leaves_the_threads_as_they_were(number, 
     with pytest.raises(ValueError, match="0"):
         in_chunks(work, 10, 3)
     assert torch.get_num_threads() == number
+
+
+def test_work_within_work_is_done_by_the_thread_that_it_is_in(threads):
+    threads(2)
+    found = []
+
+    def outer(part):
+        in_chunks(lambda inner: found.append((part.start, inner.start, get_ident())), 4, 2)
+
+    in_chunks(outer, 4, 2)
+    assert sorted((start, inner) for start, inner, _ in found) == [(0, 0), (0, 2), (2, 0), (2, 2)]
+    assert len({(start, thread) for start, _, thread in found}) == 2
+    assert torch.get_num_threads() == 2
+
+
+def test_within_one_torch_thread_chunks_are_shared_and_torch_stays_alone(threads):
+    threads(2)
+    found = set()
+    with one_torch_thread() as number:
+        assert number == 2
+        in_chunks(lambda part: found.add(get_ident()), 64, 1)
+        assert get_ident() not in found
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes cannot be forked here")
+def test_a_forked_process_has_workers_of_its_own(threads):
+    threads(2)
+    in_chunks(lambda part: None, 4, 1)
+    child = os.fork()
+    if child == 0:
+        done = []
+        in_chunks(lambda part: done.append(part.start), 4, 1)
+        os._exit(0 if sorted(done) == [0, 1, 2, 3] else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 def test_work_that_overlaps_in_several_threads_leaves_torch_as_it_was(threads):

@@ -1,12 +1,15 @@
 import dataclasses
 import json
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
 from crowdbench import InputError, load_planner, load_scenario
+from crowdbench.core.types import Outcome
+from crowdbench.envs.rewards import Step
 from crowdbench.networks.weights import digest, weights_file
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.policy import load_policy
@@ -23,7 +26,15 @@ torch.set_num_threads(1)  # for so little work threads cost more than they save,
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    for name, size in {"WORLDS": 8, "STEPS": 16, "BATCH": 64, "EPOCHS": 2, "VALIDATIONS": 3, "CASES": 16}.items():
+    for name, size in {
+        "WORLDS": 8,
+        "STEPS": 16,
+        "SEGMENTS": 4,
+        "CHUNK": 2,
+        "EPOCHS": 2,
+        "VALIDATIONS": 3,
+        "CASES": 16,
+    }.items():
         monkeypatch.setattr(ppo, name, size)
     monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
     cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in driving.CASES.items()}
@@ -62,13 +73,15 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
     """Drawing the first cases alone takes longer than the time until the next validation."""
     request = dataclasses.replace(REQUEST, minutes=100.0)
     training = TrainingRun.new(request, tmp_path / "run", "cpu").training
-    draw = training.ppo._setup_learn
+    draw, clock = training.worlds.start, ppo.time.perf_counter
+    late = [0.0]
 
-    def slowly(*arguments, **options):
-        training.seconds += 5000.0
-        return draw(*arguments, **options)
+    def slowly():
+        late[0] += 5000.0
+        return draw()
 
-    monkeypatch.setattr(training.ppo, "_setup_learn", slowly)
+    monkeypatch.setattr(training.worlds, "start", slowly)
+    monkeypatch.setattr(ppo, "time", SimpleNamespace(perf_counter=lambda: clock() + late[0]))
     training.run(ignore)
     assert [point.steps for point in training.curve] == [0, 128, 256]
 
@@ -97,6 +110,51 @@ def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):
     assert [dataclasses.replace(point, seconds=0.0) for point in again.training.curve] == [
         dataclasses.replace(point, seconds=0.0) for point in whole.curve
     ]
+
+
+def test_threads_share_the_work_of_an_update_without_changing_a_bit(tmp_path):
+    found = []
+    for threads in (1, 2):
+        training = TrainingRun.new(REQUEST, tmp_path / str(threads), "cpu").training
+        torch.set_num_threads(threads)
+        try:
+            training._train_until(0.1)
+        finally:
+            torch.set_num_threads(1)
+        found.append(digest(training.current))
+    assert found[0] == found[1]
+
+
+def test_the_advantage_is_the_discounted_sum_of_differences_up_to_the_end_of_the_episode():
+    """Against the definition (Schulman et al. 2016, equation 16), with an end in the middle."""
+    generator = torch.Generator().manual_seed(0)
+    reward, value = torch.rand(5, 2, generator=generator), torch.rand(6, 2, generator=generator)
+    goes_on = torch.ones(5, 2, dtype=torch.bool)
+    goes_on[2, 0] = False
+    found = ppo.advantages(reward, value, goes_on)
+    for world in range(2):
+        for start in range(5):
+            expected, weight = 0.0, 1.0
+            for step in range(start, 5):
+                after = value[step + 1, world] if goes_on[step, world] else 0.0
+                expected += weight * (reward[step, world] + ppo.GAMMA * after - value[step, world])
+                weight *= ppo.GAMMA * ppo.LAMBDA
+                if not goes_on[step, world]:
+                    break
+            assert found[start, world] == pytest.approx(float(expected), abs=1e-6)
+
+
+def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(tmp_path):
+    training = TrainingRun.new(REQUEST, tmp_path / "a", "cpu").training
+    training.worlds.seed(0)
+    world = training.worlds.start()
+    outcome = np.full(len(world), Outcome.COLLISION)
+    outcome[3] = Outcome.TIMEOUT
+    with torch.no_grad():
+        value = training._cut_off(Step(world, world, outcome, np.ones(len(world))))
+        expected = training.network(training._see(world))[1].numpy()
+    assert value[3] == pytest.approx(expected[3], rel=1e-5)
+    assert not value[np.arange(len(world)) != 3].any()
 
 
 @pytest.mark.slow

@@ -59,6 +59,11 @@ class Step:
         return _distance_left(self.before) - _distance_left(self.after)
 
     @property
+    def ended(self) -> Bool[np.ndarray, "world"]:
+        """Where the step ended the episode."""
+        return self.outcome != Outcome.RUNNING
+
+    @property
     def collided(self) -> Bool[np.ndarray, "world"]:
         """Where the step ended in a collision, with a pedestrian or an obstacle."""
         return np.isin(self.outcome, (Outcome.COLLISION, Outcome.WALL_COLLISION))

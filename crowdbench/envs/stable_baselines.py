@@ -11,15 +11,13 @@ from gymnasium import error
 from jaxtyping import Bool, Float
 from stable_baselines3.common.vec_env import VecEnv
 
-from crowdbench.core.types import Outcome, World
+from crowdbench.core.types import Outcome
 from crowdbench.envs import stepping
 from crowdbench.envs.rewards import Reward, load_reward
+from crowdbench.envs.training_worlds import CASES, TrainingWorlds
 from crowdbench.envs.views import NEAREST, Observed, View, row_of
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
-
-CASES = 2048
-"""Training cases that are drawn at the start. Drawing one takes as long as hundreds of steps of a world."""
 
 
 class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not looked into
@@ -61,14 +59,10 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
                 raise InputError(f"{name} is {number}, but must be 1 or more")
         self.scenario = stepping.as_scenario(scenario)
         self.view = View(self.scenario, observation, action, nearest)
-        self.reward = load_reward(reward)
         self.render_mode = None
-        self._cases = cases
+        self._running = TrainingWorlds(num_envs, self.view, load_reward(reward), cases)
+        self._is_reset = False
         self._action = np.zeros((num_envs, 2))
-        self._return = np.zeros(num_envs)
-        self._length = np.zeros(num_envs, np.int64)
-        self._starts: World | None = None
-        self._worlds: World | None = None
         super().__init__(num_envs, self.view.observation_space, self.view.action_space)
         self.seed(seed)
 
@@ -79,17 +73,13 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
         """
         if seed is not None and seed < 0:
             raise InputError(f"seed is {seed}, but must be 0 or more")
-        self._order, self._starts = np.random.default_rng(seed), None
+        self._running.seed(seed)
         return [seed] * self.num_envs
 
     def reset(self) -> Observed:
         """Start new episodes in all worlds, and return what is seen."""
-        if self._starts is None:
-            numbers = self._order.choice(stepping.TRAINING_CASES, self._cases, replace=False)
-            self._starts = self.scenario.draw("train", numbers)
-        self._return[:], self._length[:] = 0.0, 0
-        self._worlds = self._fresh(self.num_envs)
-        return self.view.observe(self._worlds)
+        self._is_reset = True
+        return self.view.observe(self._running.start())
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions `[world, 2]` of `step_wait`."""
@@ -97,32 +87,20 @@ class CrowdVecEnv(VecEnv):  # type: ignore[misc]  # stable_baselines3 is not loo
 
     def step_wait(self) -> tuple[Observed, Float[np.ndarray, "world"], Bool[np.ndarray, "world"], list[dict[str, Any]]]:
         """Simulate one step in all worlds: observations, rewards, whether episodes are over, and infos."""
-        if self._worlds is None:
+        if not self._is_reset:
             raise error.ResetNeeded("call reset() first")
-        step = stepping.drive(self.view, self._worlds, self._action)
-        worlds, outcome, rewards = step.after, step.outcome, self.reward(step)
-        self._return += rewards
-        self._length += 1
-        done = outcome != Outcome.RUNNING
+        step, reward, returned, length = self._running.step(self._action)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        if done.any():
-            rows = np.flatnonzero(done)
-            last = self.view.observe(worlds.take(rows))
+        if len(rows := np.flatnonzero(step.ended)):
+            last = self.view.observe(step.after.take(rows))
             for index, row in enumerate(rows.tolist()):
                 infos[row] = {
                     "terminal_observation": row_of(last, index),
-                    "TimeLimit.truncated": bool(outcome[row] == Outcome.TIMEOUT),
-                    "outcome": stepping.LABELS[outcome[row]],
-                    "episode": {"r": float(self._return[row]), "l": int(self._length[row])},
+                    "TimeLimit.truncated": bool(step.outcome[row] == Outcome.TIMEOUT),
+                    "outcome": stepping.LABELS[step.outcome[row]],
+                    "episode": {"r": float(returned[row]), "l": int(length[row])},
                 }
-            worlds = worlds.put(rows, self._fresh(len(rows)))
-            self._return[rows], self._length[rows] = 0.0, 0
-        self._worlds = worlds
-        return self.view.observe(worlds), rewards, done, infos
-
-    def _fresh(self, number: int) -> World:
-        assert self._starts is not None  # drawn by the first reset
-        return self._starts.take(self._order.integers(len(self._starts), size=number))
+        return self.view.observe(self._running.worlds), reward, step.ended, infos
 
     def close(self) -> None:
         """Nothing is left open."""

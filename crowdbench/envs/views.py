@@ -3,7 +3,7 @@
 Observations, of the vehicle:
 
 - `flat`: a vector along the axes of the world, see `crowdbench.envs.observations`.
-- `goal_frame`: a vector in the frame of the goal, see `crowdbench.planners.features`: the vehicle's numbers,
+- `goal_frame`: a vector in the frame of the goal, see `crowdbench.networks.features`: the vehicle's numbers,
   then those of each pedestrian and 1 where there is one.
 - `dict`: the same as a dictionary of `vehicle`, `pedestrians`, `mask` (1 where there is a pedestrian), and `history`,
   the last 8 positions of each pedestrian; and `lidar` where the vehicle has one, as `Observation.lidar`.
@@ -31,7 +31,7 @@ from crowdbench.core.dynamics import SPEED_TOLERANCE, State
 from crowdbench.core.rng import MOST_NORMAL
 from crowdbench.core.types import HISTORY, Observation, World
 from crowdbench.envs.observations import AGENT_FEATURES, flatten, flatten_vehicle
-from crowdbench.planners.features import (
+from crowdbench.networks.features import (
     PEDESTRIAN_FEATURES,
     VEHICLE_FEATURES,
     direction,

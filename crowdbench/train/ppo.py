@@ -1,45 +1,51 @@
-"""Trains a policy with stable-baselines3's proximal policy optimization (PPO, Schulman et al. 2017).
+"""Trains a policy by proximal policy optimization (PPO, Schulman et al. 2017).
 
 The policy sees the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in that frame. It
-learns from a reward in many worlds at once. Each update collects `STEPS` steps of every world, then goes
-through them `EPOCHS` times in batches.
+learns from a reward in many worlds at once. Each update drives `STEPS` steps of every world, then goes through them
+`EPOCHS` times in minibatches.
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
-import random
-import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from crowdbench.envs.stable_baselines import CASES, CrowdVecEnv
+from crowdbench.core.types import Outcome, World
+from crowdbench.envs.rewards import Step, load_reward
+from crowdbench.envs.training_worlds import CASES, TrainingWorlds
+from crowdbench.envs.views import View
 from crowdbench.metrics.motion import jerk
 from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
-from crowdbench.planners.policy import Policy, PolicyPlanner, SetEncoder
-from crowdbench.train.checkpoint import State, optimizer_state, part_of, restore_optimizer, tensors_of
+from crowdbench.networks.features import features
+from crowdbench.networks.policy import ActorCritic, Policy, Seen
+from crowdbench.planners.policy import PolicyPlanner
+from crowdbench.sim.sensor import observe
+from crowdbench.train.checkpoint import State, parts_state, restore_parts
 from crowdbench.train.driving import DrivingTraining
+from crowdbench.utils.memory import keep_freed_memory
+from crowdbench.utils.threads import in_chunks, one_torch_thread
 
-WORLDS = 128
+WORLDS = 256
 """Worlds that are driven at once."""
 
-STEPS = 64
+STEPS = 32
 """Steps of each world between two updates."""
 
-BATCH = 1024
-"""Steps per step of the optimizer."""
+SEGMENTS = 32
+"""Worlds in a minibatch, each with all its steps in order of time, as recurrent policies need them too."""
 
-EPOCHS = 6
+CHUNK = 16
+"""Worlds of a minibatch that a thread goes through at once: few enough for the cache of a core."""
+
+EPOCHS = 4
 """How often each update goes through its steps."""
 
 GAMMA = 0.97
@@ -48,17 +54,25 @@ GAMMA = 0.97
 LAMBDA = 0.95
 """Of the generalized advantage estimate (Schulman et al. 2016)."""
 
+CLIP = 0.2
+"""By how much the ratio of two probabilities differs from 1 at most, where it counts (Schulman et al., equation 7)."""
+
+VALUE_WEIGHT = 0.5
+"""Weight of the value's squared error in the loss."""
+
+MAX_NORM = 0.5
+"""The largest norm of a gradient: larger ones are scaled down."""
+
 LEARNING_RATE = 7e-4
 """At the start; it falls linearly to 0."""
-
-LOG_STD = -0.5
-"""Logarithm of the standard deviation of actions at the start, in m/s."""
 
 VALIDATIONS = 20
 """Validations of a training, after which it can be resumed."""
 
-ALIAS = re.compile("(pi_|vf_)(?=features_extractor)")
-"""Stable-baselines3 names the encoder that action and value share three times; one of them is kept."""
+PARTS = ("network", "optimizer")
+"""The network and the optimizer of a training."""
+
+keep_freed_memory()
 
 
 @dataclass(frozen=True)
@@ -88,51 +102,46 @@ class CurvePoint:
         )
 
 
-class CrowdExtractor(BaseFeaturesExtractor):  # type: ignore[misc]  # stable_baselines3 is not looked into
-    """The set encoder as a features extractor of stable-baselines3, for observations that are a `dict`.
+class Experience(NamedTuple):
+    """Steps that the policy learns from: the segment of every world, in order of time.
 
-    Args:
-        observation_space: The space of the observations.
+    Attributes:
+        seen: What was seen.
+        action: What was tried, in m/s.
+        log_probability: The logarithm of its probability density then.
+        advantage: By how much it did better than the value, normalized to mean 0 and standard deviation 1.
+        returned: What the value should have been.
     """
 
-    def __init__(self, observation_space: Any) -> None:
-        encoder = SetEncoder()
-        super().__init__(observation_space, encoder.encoded)
-        self.encoder = encoder
+    seen: Seen
+    action: Float[Tensor, "*step 2"]
+    log_probability: Float[Tensor, "*step"]
+    advantage: Float[Tensor, "*step"]
+    returned: Float[Tensor, "*step"]
 
-    def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        """Encode what worlds show."""
-        mask = observations["mask"] > 0.5
-        return self.encoder(observations["vehicle"], observations["pedestrians"], mask)
-
-
-class _Returns(BaseCallback):  # type: ignore[misc]
-    """Keeps the returns of the episodes that ended."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.returns: list[float] = []
-
-    def _on_step(self) -> bool:
-        self.returns += [info["episode"]["r"] for info in self.locals["infos"] if "episode" in info]
-        return True
+    def take(self, worlds: Int[Tensor, "world"]) -> Experience:
+        """The segments of some worlds, all steps on one axis, shown no more pedestrians than one of them has."""
+        vehicle, pedestrians, mask, *others = (part[:, worlds].flatten(0, 1) for part in (*self.seen, *self[1:]))
+        most = max(int(mask.sum(dim=1).max()), 1)
+        return Experience(Seen(vehicle, pedestrians[:, :most], mask[:, :most]), *others)
 
 
-@contextlib.contextmanager
-def _own_randomness() -> Iterator[None]:
-    """Leave the generators of others as they were: stable-baselines3 seeds and uses those that all share."""
-    python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002
-    try:
-        with torch.random.fork_rng(devices=[]):
-            yield
-    finally:
-        random.setstate(python)
-        np.random.set_state(numpy)  # noqa: NPY002
+def advantages(
+    reward: Float[Tensor, "step world"], value: Float[Tensor, "step+1 world"], goes_on: Bool[Tensor, "step world"]
+) -> Float[Tensor, "step world"]:
+    """The generalized advantage estimate (Schulman et al. 2016, equation 16).
 
-
-def _untrained() -> Policy:
-    with torch.random.fork_rng(devices=[]):
-        return Policy()
+    Args:
+        reward: The rewards.
+        value: The values before each step, and after the last one.
+        goes_on: Whether the episode goes on after each step.
+    """
+    after = torch.where(goes_on, value[1:], 0.0)
+    difference = reward + GAMMA * after - value[:-1]
+    estimate = difference.clone()
+    for step in reversed(range(len(reward) - 1)):
+        estimate[step] += GAMMA * LAMBDA * goes_on[step] * estimate[step + 1]
+    return estimate
 
 
 class Training(DrivingTraining[Policy, CurvePoint]):
@@ -146,30 +155,16 @@ class Training(DrivingTraining[Policy, CurvePoint]):
     def __init__(self, request: Any, device: str) -> None:
         super().__init__(request)
         self.nearest = request.nearest or max(self.scenario.max_agents - 1, 1)
+        self.device = device
         self.steps = 0
-        self.worlds = CrowdVecEnv(
-            WORLDS, self.scenario, request.seed, reward=request.reward, nearest=self.nearest, cases=CASES
-        )
-        with _own_randomness():
-            self.ppo = PPO(
-                "MultiInputPolicy",
-                self.worlds,
-                learning_rate=lambda left: LEARNING_RATE * left,
-                n_steps=STEPS,
-                batch_size=BATCH,
-                n_epochs=EPOCHS,
-                gamma=GAMMA,
-                gae_lambda=LAMBDA,
-                seed=request.seed,
-                device=device,
-                policy_kwargs={
-                    "features_extractor_class": CrowdExtractor,
-                    "net_arch": {"pi": [64], "vf": [64]},
-                    "activation_fn": nn.Tanh,
-                    "log_std_init": LOG_STD,
-                },
-            )
-        self.returns = _Returns()
+        view = View(self.scenario, action="goal_frame")
+        self.worlds = TrainingWorlds(WORLDS, view, load_reward(request.reward), CASES)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(request.seed)
+            self.network = ActorCritic().to(device)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE, eps=1e-5)
+        self.generator = torch.Generator()
+        self.returns: list[float] = []
 
     @property
     def progress(self) -> float:
@@ -178,12 +173,8 @@ class Training(DrivingTraining[Policy, CurvePoint]):
 
     @property
     def current(self) -> Policy:
-        """See `DrivingTraining`: a copy of what a planner needs."""
-        actor, found = self.ppo.policy, _untrained()
-        found.encoder.load_state_dict(actor.features_extractor.encoder.state_dict())
-        found.hidden.load_state_dict(actor.mlp_extractor.policy_net.state_dict())
-        found.action.load_state_dict(actor.action_net.state_dict())
-        return found.cpu()
+        """See `DrivingTraining`."""
+        return self.network.policy
 
     def planner(self, network: Policy) -> PolicyPlanner:
         """See `DrivingTraining`."""
@@ -191,35 +182,99 @@ class Training(DrivingTraining[Policy, CurvePoint]):
 
     def run(self, after_validation: Callable[[], None]) -> None:
         """Train to the end, and call `after_validation` whenever the curve has a new point."""
-        with _own_randomness():
-            if not self.curve:
-                self._validate()
-                after_validation()
-            while self.progress < 1.0:
-                self._segment()
-                self._validate()
-                after_validation()
+        if not self.curve:
+            self._validate()
+            after_validation()
+        while self.progress < 1.0:
+            self._train_until((math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS)
+            self._validate()
+            after_validation()
 
-    def _segment(self) -> None:
+    def _train_until(self, goal: float) -> None:
         """Train until the next validation. All that is random in it follows from the seed and the curve so far."""
-        goal = (math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS
-        self.ppo.set_random_seed(self.request.seed + 1000 * len(self.curve))  # new training cases, too
-        self.ppo._last_obs = None  # so that all worlds start anew, as after a resume
-        start = time.perf_counter()  # training cases are drawn
-        _, callback = self.ppo._setup_learn(self.ppo.num_timesteps, self.returns, reset_num_timesteps=False)
-        self.seconds += time.perf_counter() - start
-        self._update(callback)  # in any case: where cases take long to draw, they alone may have taken until the goal
-        while self.progress < min(goal, 1.0):
-            self._update(callback)
-
-    def _update(self, callback: BaseCallback) -> None:
         start = time.perf_counter()
-        ppo = self.ppo
-        ppo.collect_rollouts(self.worlds, callback, ppo.rollout_buffer, n_rollout_steps=STEPS)
-        ppo._current_progress_remaining = 1.0 - self.progress
-        ppo.train()
+        seed = self.request.seed + 1000 * len(self.curve)
+        self.generator.manual_seed(seed)
+        self.worlds.seed(seed)
+        self.seen = self._see(self.worlds.start())  # draws new cases
+        while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
+            self._update()
+            now = time.perf_counter()
+            self.seconds += now - start
+            start = now
+            if self.progress >= min(goal, 1.0):
+                return
+
+    def _update(self) -> None:
+        """Drive, and learn from it."""
+        with one_torch_thread():  # whose sums are the same with any number of threads
+            experience = self._drive()
+            for _ in range(EPOCHS):
+                order = torch.randperm(WORLDS, generator=self.generator)
+                for start in range(0, WORLDS, SEGMENTS):
+                    self._descend(experience, order[start : start + SEGMENTS])
         self.steps += STEPS * WORLDS
-        self.seconds += time.perf_counter() - start
+
+    @torch.no_grad()
+    def _drive(self) -> Experience:
+        """Drive `STEPS` steps of every world."""
+        steps, values, rewards, goes_on = [], [], [], []
+        for _ in range(STEPS):
+            mean, value = self.network(self.seen)
+            noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
+            action = mean + self.network.log_std.exp() * noise
+            steps.append((*self.seen, action, self.network.log_probability(action, mean)))
+            step, reward, returned, _ = self.worlds.step(action.double().cpu().numpy())
+            values.append(value)
+            rewards.append(self._tensor(reward + GAMMA * self._cut_off(step)))
+            goes_on.append(self._tensor(~step.ended))
+            self.returns += returned[step.ended].tolist()
+            self.seen = self._see(self.worlds.worlds)
+        value = torch.stack([*values, self.network(self.seen)[1]])
+        advantage = advantages(torch.stack(rewards).float(), value, torch.stack(goes_on))
+        normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        *seen, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
+        return Experience(Seen(*seen), action, log_probability, normalized, advantage + value[:-1])
+
+    def _cut_off(self, step: Step) -> Float[np.ndarray, "world"]:
+        """The value after a step in the worlds where the time limit ended the episode, which cuts off what would have
+        followed (Pardo et al. 2018); 0 in all others."""
+        value = np.zeros(len(step.gap))
+        if len(rows := np.flatnonzero(step.outcome == Outcome.TIMEOUT)):
+            value[rows] = self.network(self._see(step.after.take(rows)))[1].double().cpu().numpy()
+        return value
+
+    def _descend(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
+        """One step of the optimizer on the segments of some worlds."""
+        # Those with as many pedestrians come together, so that a chunk has few empty places.
+        worlds = worlds[experience.seen.mask[:, worlds].sum(dim=(0, 2)).argsort(stable=True)]
+        parameters = list(self.network.parameters())
+        gradients: dict[int, tuple[Tensor, ...]] = {}
+
+        def differentiate(part: slice) -> None:
+            loss = self._losses(experience.take(worlds[part])).sum() / (STEPS * len(worlds))
+            gradients[part.start] = torch.autograd.grad(loss, parameters)
+
+        in_chunks(differentiate, len(worlds), CHUNK)
+        for parameter, *parts in zip(parameters, *(gradients[start] for start in sorted(gradients)), strict=True):
+            parameter.grad = torch.stack(parts).sum(dim=0)
+        nn.utils.clip_grad_norm_(parameters, MAX_NORM)
+        self.optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1.0 - self.progress)
+        self.optimizer.step()
+
+    def _losses(self, steps: Experience) -> Float[Tensor, "row"]:
+        """What is minimized: the clipped objective (Schulman et al. 2017, equations 7 and 9) and the value's error."""
+        mean, value = self.network(steps.seen)
+        ratio = (self.network.log_probability(steps.action, mean) - steps.log_probability).exp()
+        clipped = ratio.clamp(1.0 - CLIP, 1.0 + CLIP)
+        gain = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
+        return VALUE_WEIGHT * (value - steps.returned) ** 2 - gain
+
+    def _see(self, worlds: World) -> Seen:
+        return Seen.of(features(observe(worlds), self.nearest), self.device)
+
+    def _tensor(self, array: np.ndarray) -> Tensor:
+        return torch.from_numpy(array).to(self.device)
 
     def _validate(self) -> None:
         """Add a point to the curve, and keep its policy."""
@@ -228,25 +283,21 @@ class Training(DrivingTraining[Policy, CurvePoint]):
             CurvePoint(
                 steps=self.steps,
                 seconds=self.seconds,
-                reward=float(np.mean(self.returns.returns)) if self.returns.returns else 0.0,
+                reward=float(np.mean(self.returns)) if self.returns else 0.0,
                 success=mean(success_rate),
                 navigation_time_or_limit=mean(navigation_time_or_limit),
                 jerk=mean(jerk),
             )
         )
-        self.returns.returns.clear()
+        self.returns.clear()
 
     def state(self) -> State:
         """The state of the training, for a checkpoint. Worlds are not in it: each segment begins with new episodes."""
-        own = {name: tensor for name, tensor in tensors_of("policy", self.ppo.policy).items() if not ALIAS.search(name)}
-        tensors = own | optimizer_state("optimizer", self.ppo.policy.optimizer) | self.validated_tensors()
+        tensors = parts_state(self, PARTS) | self.validated_tensors()
         return State(tensors, {"steps": self.steps, "seconds": self.seconds}, self.curve)
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        own = part_of("policy", state.tensors)
-        whole = {name: own[ALIAS.sub("", name)] for name in self.ppo.policy.state_dict()}
-        self.ppo.policy.load_state_dict(whole)
-        restore_optimizer(self.ppo.policy.optimizer, part_of("optimizer", state.tensors))
+        restore_parts(self, PARTS, state.tensors)
         self.restore_curve(state, CurvePoint)
         self.steps = state.facts["steps"]

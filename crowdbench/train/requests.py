@@ -192,13 +192,9 @@ class PPORequest(DrivingRequest):
     use = "run --planner ppo"
 
     def training(self, device: str) -> Training:
-        """See `Request`. Raises InputError where there is no such scenario, or stable-baselines3 is missing."""
-        try:
-            from crowdbench.train.ppo import Training
-        except ModuleNotFoundError as error:
-            if error.name != "stable_baselines3":
-                raise
-            raise InputError("crowdbench train ppo needs stable-baselines3: pip install 'crowdbench[ppo]'") from None
+        """See `Request`. Raises InputError where there is no such scenario or reward."""
+        from crowdbench.train.ppo import Training
+
         return Training(self, device)
 
     def about(self, training: Any) -> dict[str, Any]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import os
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import torch
 
@@ -27,16 +29,42 @@ def in_chunks(work: Callable[[slice], None], rows: int, chunk: int) -> None:
         chunk: Number of rows of a slice; the last may have fewer.
     """
     slices = [slice(start, start + chunk) for start in range(0, rows, chunk)]
-    with _one_torch_thread() as threads:
-        if min(len(slices), threads) <= 1:
+    with one_torch_thread() as threads:
+        if min(len(slices), threads) <= 1 or _here.is_worker:
             for each in slices:
                 work(each)
         else:
-            # A new thread of Python would get the number of torch's threads that was set last, by anybody.
-            with ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
-                # The results are read, because an exception is raised only when its result is read.
-                list(pool.map(work, slices))
+            futures = [_workers(threads).submit(work, each) for each in slices]
+            wait(futures)  # all of them, so that none works on after an exception
+            for future in futures:
+                future.result()
 
+
+class _Here(threading.local):
+    """What a thread knows of itself."""
+
+    is_worker = False
+    is_alone = False
+
+
+_here = _Here()
+
+
+def _start_worker() -> None:
+    # Or else a new thread would get the number of torch's threads that was set last, by anybody.
+    torch.set_num_threads(1)
+    _here.is_worker = _here.is_alone = True
+
+
+@functools.cache
+def _workers(number: int) -> ThreadPoolExecutor:
+    """Threads that are kept: those that are made anew have no buffers for matrix products yet, which takes long."""
+    return ThreadPoolExecutor(number, initializer=_start_worker)
+
+
+# A forked process has no threads but the one that forked.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_workers.cache_clear)
 
 _lock = threading.Lock()
 _inside = 0
@@ -44,9 +72,12 @@ _number = 1
 
 
 @contextlib.contextmanager
-def _one_torch_thread() -> Iterator[int]:
+def one_torch_thread() -> Iterator[int]:
     """Let torch compute in the calling thread alone, and yield the number of threads that it has otherwise."""
     global _inside, _number
+    if _here.is_alone:
+        yield _number
+        return
     with _lock:
         # Only the first one inside finds the number that the user set: torch gives new threads of Python what was set
         # last.
@@ -55,9 +86,11 @@ def _one_torch_thread() -> Iterator[int]:
         number = _number
         _inside += 1
         torch.set_num_threads(1)
+    _here.is_alone = True
     try:
         yield number
     finally:
+        _here.is_alone = False
         with _lock:
             _inside -= 1
             torch.set_num_threads(number)

@@ -1,0 +1,84 @@
+"""Worlds in which a policy is trained: as soon as an episode is over, its world starts another one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.core.types import World
+from crowdbench.envs import stepping
+from crowdbench.envs.rewards import CheckedReward, Step
+from crowdbench.envs.views import View
+
+CASES = 2048
+"""Training cases that are drawn at the start. Drawing one takes as long as hundreds of steps of a world."""
+
+
+class Driven(NamedTuple):
+    """A step of many worlds in which a policy is trained.
+
+    Attributes:
+        step: The step.
+        reward: What each vehicle was given for it.
+        returned: The sum of the rewards of each episode up to it.
+        length: The number of steps of each episode up to it.
+    """
+
+    step: Step
+    reward: Float[np.ndarray, "world"]
+    returned: Float[np.ndarray, "world"]
+    length: Int[np.ndarray, "world"]
+
+
+class TrainingWorlds:
+    """Many worlds of a scenario. Their episodes start from training cases that are drawn once; each comes by chance.
+
+    Attributes:
+        worlds: The worlds as they are now. There are none before `start`.
+
+    Args:
+        number: How many worlds there are.
+        view: What the vehicles' actions mean, and the scenario.
+        reward: What a vehicle is given for a step.
+        cases: How many training cases are drawn.
+    """
+
+    def __init__(self, number: int, view: View, reward: CheckedReward, cases: int = CASES) -> None:
+        self.worlds: World
+        self._number, self._view, self._reward, self._cases = number, view, reward, cases
+        self._starts: World | None = None
+        self._returned, self._length = np.zeros(number), np.zeros(number, np.int64)
+
+    def seed(self, seed: int | None) -> None:
+        """Have training cases and their order drawn anew at the next `start`; by chance where the seed is None."""
+        self._order, self._starts = np.random.default_rng(seed), None
+
+    def start(self) -> World:
+        """Start new episodes in all worlds."""
+        if self._starts is None:
+            numbers = self._order.choice(stepping.TRAINING_CASES, self._cases, replace=False)
+            self._starts = self._view.scenario.draw("train", numbers)
+        self.worlds = self._draw(self._number)
+        self._returned[:], self._length[:] = 0.0, 0
+        return self.worlds
+
+    def step(self, actions: Float[np.ndarray, "world 2"]) -> Driven:
+        """Simulate one step in all worlds. Where it ends an episode, `worlds` are at the start of the next one.
+
+        Args:
+            actions: The vehicles' actions, checked.
+        """
+        step = stepping.drive(self._view, self.worlds, actions)
+        reward, ended = self._reward(step), np.flatnonzero(step.ended)
+        driven = Driven(step, reward, self._returned + reward, self._length + 1)
+        self.worlds = step.after.put(ended, self._draw(len(ended))) if len(ended) else step.after
+        self._returned = np.where(step.ended, 0.0, driven.returned)
+        self._length = np.where(step.ended, 0, driven.length)
+        return driven
+
+    def _draw(self, number: int) -> World:
+        """Starts that are drawn by chance."""
+        assert self._starts is not None  # drawn by `start`
+        return self._starts.take(self._order.integers(len(self._starts), size=number))
