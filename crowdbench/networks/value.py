@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import itertools
+import math
 from collections.abc import Iterable
 from typing import cast
 
@@ -258,12 +259,39 @@ def evaluate(
     Raises:
         InputError: A value is not finite.
     """
-    device = next(network.parameters()).device
-    value, attention = network.attend(torch.from_numpy(joint).to(device), torch.from_numpy(present).to(device))
-    values = value.double().cpu().numpy()
+    device, batch = next(network.parameters()).device, present.shape[:-1]
+    states, those_present = _fill_up(joint.reshape(-1, *joint.shape[-2:]), present.reshape(-1, present.shape[-1]))
+    value, attention = network.attend(torch.from_numpy(states).to(device), torch.from_numpy(those_present).to(device))
+    number = math.prod(batch)
+    values = value[:number].double().cpu().numpy().reshape(batch)
     if not np.isfinite(values).all():
         raise InputError(
             f"the value network {network.name} gave a value of {values[~np.isfinite(values)][0]}, but values must be "
             "finite: its weights or the predicted positions are too large"
         )
-    return values, attention.double().cpu().numpy()
+    return values, attention[:number].double().cpu().numpy().reshape(present.shape)
+
+
+def _fill_up(
+    joint: Float[np.ndarray, "batch pedestrian 13"], present: Bool[np.ndarray, "batch pedestrian"]
+) -> tuple[Float[np.ndarray, "filled pedestrian 13"], Bool[np.ndarray, "filled pedestrian"]]:
+    """The states with some of zeros after them, so that the numbers of states and of pedestrians are round.
+
+    OneDNN compiles a product anew for every number of rows that it has not had yet, which takes longer than the product.
+    """
+    states, pedestrians = present.shape
+    seen = int(present.sum())
+    more = _round_up(seen) - seen
+    filled = _round_up(states + -(-more // pedestrians))
+    present_too = np.zeros((filled, pedestrians), bool)
+    present_too[:states] = present
+    present_too[states:].reshape(-1)[:more] = True
+    joint_too = np.zeros((filled, *joint.shape[1:]), joint.dtype)
+    joint_too[:states] = joint
+    return joint_too, present_too
+
+
+def _round_up(number: int) -> int:
+    """The next number of which all binary digits but the first four are 0."""
+    unit = 1 << max(number.bit_length() - 4, 0)
+    return -(-number // unit) * unit
