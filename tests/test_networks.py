@@ -5,7 +5,7 @@ from test_joint_state import scenes
 from torch import nn
 
 from crowdbench.networks.joint_state import DISTANCE, VEHICLE, joint_states
-from crowdbench.networks.value import NETWORKS
+from crowdbench.networks.value import NETWORKS, evaluate
 
 EVERY = pytest.mark.parametrize("name", list(NETWORKS))
 
@@ -220,3 +220,22 @@ def test_products_are_the_same_where_nothing_is_learned(name, kind):
         found = network.attend(joint, present)
     for one, other in zip(found, expected, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
+
+
+@EVERY
+@pytest.mark.parametrize("everybody", [True, False])
+@pytest.mark.parametrize("number", [1, 3, 40, 67])
+def test_a_network_is_asked_for_few_numbers_of_rows_and_answers_for_all_that_were_given(name, everybody, number):
+    net, given = network(name), []
+    joint, present = crowds((max(number, 2),))
+    joint, present = joint[:number], (present | everybody)[:number]
+    expected = net.attend(joint, present)
+    attend = net.attend
+    net.attend = lambda *arguments: given.append(arguments[1]) or attend(*arguments)
+    found = evaluate(net, joint.numpy(), present.numpy())
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other.detach(), rtol=0.0, atol=1e-12)
+    [asked] = given
+    assert asked.all() == everybody
+    for rows in (len(asked),) if everybody else (len(asked), int(asked.sum())):
+        assert rows < 32 or rows % 2 ** (rows.bit_length() - 5) == 0

@@ -277,21 +277,24 @@ def _fill_up(
 ) -> tuple[Float[np.ndarray, "filled pedestrian 13"], Bool[np.ndarray, "filled pedestrian"]]:
     """The states with some of zeros after them, so that the numbers of states and of pedestrians are round.
 
-    OneDNN compiles a product anew for every number of rows that it has not had yet, which takes longer than the product.
+    OneDNN compiles a product anew for each number of rows that it has not had yet, which takes longer than the product.
     """
     states, pedestrians = present.shape
-    seen = int(present.sum())
-    more = _round_up(seen) - seen
-    filled = _round_up(states + -(-more // pedestrians))
-    present_too = np.zeros((filled, pedestrians), bool)
-    present_too[:states] = present
-    present_too[states:].reshape(-1)[:more] = True
+    if present.all():
+        filled = _round_up(states)
+        present_too = np.ones((filled, pedestrians), bool)
+    else:
+        more = _round_up(seen := int(present.sum())) - seen
+        filled = _round_up(states + -(-more // pedestrians))
+        present_too = np.zeros((filled, pedestrians), bool)
+        present_too[:states] = present
+        present_too[states:].reshape(-1)[:more] = True
     joint_too = np.zeros((filled, *joint.shape[1:]), joint.dtype)
     joint_too[:states] = joint
     return joint_too, present_too
 
 
 def _round_up(number: int) -> int:
-    """The next number of which all binary digits but the first four are 0."""
-    unit = 1 << max(number.bit_length() - 4, 0)
+    """The next number whose binary digits are 0 but for the first five."""
+    unit = 1 << max(number.bit_length() - 5, 0)
     return -(-number // unit) * unit
