@@ -26,6 +26,7 @@ from crowdbench.runs.decision_time import decide_alone
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP
 from crowdbench.scenario.cases import Cases
+from crowdbench.train import ppo
 from crowdbench.train import value as method
 from crowdbench.utils.errors import InputError
 
@@ -88,8 +89,8 @@ def short_training(monkeypatch):
 @pytest.mark.slow
 def test_every_measurement_of_the_simulator_gives_a_time(monkeypatch):
     monkeypatch.setattr(simulator, "ROUNDS", 1)
-    measured = [*simulator.measure_steps(), *simulator.measure_environment()]
-    assert len(measured) == 5
+    measured = [*simulator.measure_steps(), *simulator.measure_environments()]
+    assert len(measured) == 6
     assert all(one.value > 0 and one.unit == "us" for one in measured)
 
 
@@ -127,6 +128,16 @@ def test_the_share_of_the_limit_is_of_operations_per_second(monkeypatch):
     assert limit.value == pytest.approx(2 * 10**3 / 1e-6 / 1e9)
     reached = 2 * 84 * (5 * SARL_PER_PEDESTRIAN + SARL_PER_STATE) / 4e-3 / 1e9
     assert share.value == pytest.approx(100 * reached / limit.value)
+
+
+def test_a_training_of_a_policy_and_cases_of_large_crowds_are_measured(monkeypatch):
+    for name, size in {"WORLDS": 4, "STEPS": 8, "SEGMENTS": 4, "CASES": 8}.items():
+        monkeypatch.setattr(ppo, name, size)
+    monkeypatch.setattr(decisions, "PAPER", ("sarl_lin",))
+    [trained], [driven] = decisions.measure_ppo_training(steps=50), decisions.measure_large_crowds(cases=1)
+    assert trained.unit == "steps/s"
+    assert driven.unit == "s"
+    assert trained.value > 0 < driven.value
 
 
 @pytest.mark.usefixtures("short_training")
@@ -241,9 +252,18 @@ def test_a_command_that_fails_is_no_measurement(tmp_path):
 
 def test_every_measurement_is_taken():
     names = [measure.__name__.removeprefix("measure_") for measure in SUITE]
-    of_simulator = ["steps", "sight", "thousands", "environment", "vec_env"]
-    of_decisions = ["isolation", "sarl", "share_of_limit", "training", "sarl_sgan_kce", "sarl_sgan_seq"]
-    of_commands = ["start_up", "orca_runs", "sarl_runs", "sarl_sgan_kce_run"]
+    of_simulator = ["steps", "sight", "thousands", "environments", "vec_env"]
+    of_trainings = ["training", "ppo_training"]
+    of_decisions = [
+        "isolation",
+        "sarl",
+        "share_of_limit",
+        *of_trainings,
+        "large_crowds",
+        "sarl_sgan_kce",
+        "sarl_sgan_seq",
+    ]
+    of_commands = ["start_up", "orca_runs", "first_run", "sarl_runs", "sarl_sgan_kce_run"]
     assert names == of_simulator + of_decisions + of_commands
 
 

@@ -118,7 +118,7 @@ def test_threads_share_the_work_of_an_update_without_changing_a_bit(tmp_path):
         training = TrainingRun.new(REQUEST, tmp_path / str(threads), "cpu").training
         torch.set_num_threads(threads)
         try:
-            training._train_until(0.1)
+            training.train_until(0.1)
         finally:
             torch.set_num_threads(1)
         found.append(digest(training.current))

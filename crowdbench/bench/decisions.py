@@ -28,8 +28,9 @@ from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
+from crowdbench.train import ppo
 from crowdbench.train import value as method
-from crowdbench.train.requests import EPISODES, ValueRequest
+from crowdbench.train.requests import EPISODES, PPORequest, ValueRequest
 
 CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
 """Seconds that CrowdNav's code took for a decision of SARL, by number of pedestrians. Recorded once, not measured
@@ -41,6 +42,9 @@ AT_ONCE = "{} worlds at once, per world"
 
 SEQUENCE = 8
 """Commands of a decision of SARL-SGAN-SEQ."""
+
+PAPER = ("sarl_lin", "sarl_cvm", "sarl_sgan", "sarl_sgan_kce")
+"""The planners of the paper that predict."""
 
 PARTS = (1 / 6, 1 / 2, 5 / 6)
 """Shares of the training after which a round is measured: the middles of its thirds, whose mean exploration is the
@@ -118,6 +122,31 @@ def measure_training(episodes: int = EPISODES) -> Iterator[Measurement]:
         durations.append(seconds(training.improve))
     work = f"training of SARL, {episodes:,} episodes, estimated from imitation and {len(PARTS)} of {rounds:.0f} rounds"
     yield Measurement(work, (imitation + rounds * mean(durations)) / 60, "min")
+
+
+def measure_ppo_training(steps: int = 100_000) -> Iterator[Measurement]:
+    """Steps per second of a training of a policy, without validations.
+
+    Args:
+        steps: Number of steps of the training.
+    """
+    training = ppo.Training(PPORequest(network="ppo", steps=steps), "cpu")
+    duration = seconds(functools.partial(training.train_until, 1.0))
+    yield Measurement("training of a policy by PPO, 1 to 10 pedestrians", training.steps / duration, "steps/s")
+
+
+def measure_large_crowds(cases: int = 10) -> Iterator[Measurement]:
+    """Cases with 20 pedestrians, of the paper's planners.
+
+    Args:
+        cases: Number of cases that each planner drives at once.
+    """
+    scenario, driven = load_scenario("circle_crossing_20"), Cases("test", 0, cases)
+    for name in PAPER:
+        driver = Driver(load_planner(name)[1], name)
+        work = functools.partial(rollout, driver, scenario, driven)
+        duration = in_turns(1, functools.partial(seconds, work))[0] / cases
+        yield Measurement(f"{name}, 20 pedestrians, {cases} cases at once, per case", duration, "s")
 
 
 def measure_sarl_sgan_kce(

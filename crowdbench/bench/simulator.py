@@ -88,9 +88,10 @@ def measure_thousands() -> Iterator[Measurement]:
         yield _measure_time(work, 5, functools.partial(thousands, start_of_thousands(agents)))
 
 
-def measure_environment() -> Iterator[Measurement]:
-    """A step of the PettingZoo environment."""
+def measure_environments() -> Iterator[Measurement]:
+    """A step of the environments of one world."""
     yield _measure_time("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
+    yield _measure_time("Gymnasium environment, 6 agents, per step", ROUNDS * 3, functools.partial(vehicle, STEPS))
 
 
 def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]:
@@ -203,6 +204,13 @@ def environment(steps: int) -> float:
     env.reset(seed=0)
     actions = {agent: np.array([0.1, 0.0]) for agent in env.agents}
     return _repeat(functools.partial(env.step, actions), steps)
+
+
+def vehicle(steps: int) -> float:
+    """Seconds per step of the Gymnasium environment, in which the vehicle alone is given actions."""
+    env = gymnasium.make(VEHICLE, scenario=SCENARIO, disable_env_checker=True).unwrapped
+    env.reset(seed=0)
+    return _repeat(functools.partial(env.step, np.array([0.1, 0.0])), steps)
 
 
 def gymnasium_step(worlds: int, steps: int) -> float:

@@ -186,12 +186,12 @@ class Training(DrivingTraining[Policy, CurvePoint]):
             self._validate()
             after_validation()
         while self.progress < 1.0:
-            self._train_until((math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS)
+            self.train_until((math.floor(self.progress * VALIDATIONS) + 1) / VALIDATIONS)
             self._validate()
             after_validation()
 
-    def _train_until(self, goal: float) -> None:
-        """Train until the next validation. All that is random in it follows from the seed and the curve so far."""
+    def train_until(self, goal: float) -> None:
+        """Train up to some progress. All that is random in it follows from the seed and the curve so far."""
         start = time.perf_counter()
         seed = self.request.seed + 1000 * len(self.curve)
         self.generator.manual_seed(seed)
