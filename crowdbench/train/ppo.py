@@ -30,8 +30,9 @@ from crowdbench.planners.policy import PolicyPlanner
 from crowdbench.sim.sensor import observe
 from crowdbench.train.checkpoint import State, parts_state, restore_parts
 from crowdbench.train.driving import DrivingTraining
+from crowdbench.train.gradients import set_gradients
 from crowdbench.utils.memory import keep_freed_memory
-from crowdbench.utils.threads import in_chunks, one_torch_thread
+from crowdbench.utils.threads import one_torch_thread
 
 WORLDS = 256
 """Worlds that are driven at once."""
@@ -249,15 +250,11 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         # Those with as many pedestrians come together, so that a chunk has few empty places.
         worlds = worlds[experience.seen.mask[:, worlds].sum(dim=(0, 2)).argsort(stable=True)]
         parameters = list(self.network.parameters())
-        gradients: dict[int, tuple[Tensor, ...]] = {}
 
-        def differentiate(part: slice) -> None:
-            loss = self._losses(experience.take(worlds[part])).sum() / (STEPS * len(worlds))
-            gradients[part.start] = torch.autograd.grad(loss, parameters)
+        def loss(part: slice) -> Tensor:
+            return self._losses(experience.take(worlds[part])).sum() / (STEPS * len(worlds))
 
-        in_chunks(differentiate, len(worlds), CHUNK)
-        for parameter, *parts in zip(parameters, *(gradients[start] for start in sorted(gradients)), strict=True):
-            parameter.grad = torch.stack(parts).sum(dim=0)
+        set_gradients(parameters, loss, len(worlds), CHUNK)
         nn.utils.clip_grad_norm_(parameters, MAX_NORM)
         self.optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1.0 - self.progress)
         self.optimizer.step()
