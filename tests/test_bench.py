@@ -116,7 +116,7 @@ def test_a_batch_is_counted_per_world(monkeypatch):
 
 @pytest.mark.parametrize("pedestrians", [5, 10])
 def test_the_operations_of_a_decision_are_those_of_its_layers(pedestrians):
-    states = 248  # 3 * 81, filled up to a multiple of 8
+    states = 256  # 3 * 81, filled up to a multiple of 16
     by_hand = 2 * states * (pedestrians * SARL_PER_PEDESTRIAN + SARL_PER_STATE)
     assert decisions.operations(decisions.sarl_decision(pedestrians, 3)) == by_hand
 
@@ -126,7 +126,7 @@ def test_the_share_of_the_limit_is_of_operations_per_second(monkeypatch):
     limit, share = decisions.measure_share_of_limit(worlds=1, size=10, rounds=1)
     assert (limit.unit, share.unit) == ("GFLOP/s", "%")
     assert limit.value == pytest.approx(2 * 10**3 / 1e-6 / 1e9)
-    reached = 2 * 84 * (5 * SARL_PER_PEDESTRIAN + SARL_PER_STATE) / 4e-3 / 1e9
+    reached = 2 * 88 * (5 * SARL_PER_PEDESTRIAN + SARL_PER_STATE) / 4e-3 / 1e9
     assert share.value == pytest.approx(100 * reached / limit.value)
 
 

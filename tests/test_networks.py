@@ -238,4 +238,4 @@ def test_a_network_is_asked_for_few_numbers_of_rows_and_answers_for_all_that_wer
     [asked] = given
     assert asked.all() == everybody
     for rows in (len(asked),) if everybody else (len(asked), int(asked.sum())):
-        assert rows < 32 or rows % 2 ** (rows.bit_length() - 5) == 0
+        assert rows < 16 or rows % 2 ** (rows.bit_length() - 4) == 0

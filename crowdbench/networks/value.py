@@ -295,6 +295,6 @@ def _fill_up(
 
 
 def _round_up(number: int) -> int:
-    """The next number whose binary digits are 0 but for the first five."""
-    unit = 1 << max(number.bit_length() - 5, 0)
+    """The next number whose binary digits are 0 but for the first four."""
+    unit = 1 << max(number.bit_length() - 4, 0)
     return -(-number // unit) * unit

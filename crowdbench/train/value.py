@@ -39,7 +39,6 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train.checkpoint import State, part_of, parts_state, restore_parts
 from crowdbench.train.driving import DrivingTraining
-from crowdbench.train.gradients import set_gradients
 from crowdbench.train.replay import ReplayBuffer, Transitions, transitions
 
 DEMONSTRATIONS = 2000
@@ -65,9 +64,6 @@ REPLAY_RATIO = 10
 
 BATCH = 512
 """Transitions in a minibatch."""
-
-CHUNK = 256
-"""Transitions of a minibatch that a thread goes through at once."""
 
 N_STEPS = 6
 """The n of the n-step temporal-difference target."""
@@ -183,7 +179,7 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
         for _ in range(IMITATION_EPOCHS):
             order = generator.permutation(len(steps))
             batches = [steps.take(order[start : start + BATCH]) for start in range(0, len(steps), BATCH)]
-            loss = np.mean([self._update(optimizer, batch, self._demonstrated) for batch in batches])
+            loss = np.mean([self._update(optimizer, batch, self._tensor(batch.episode_return)) for batch in batches])
         self.average.load_state_dict(self.network.state_dict())
         return float(loss)
 
@@ -197,7 +193,7 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
         losses = []
         for _ in range(REPLAY_RATIO * len(steps) // BATCH):
             batch = self.replay.sample(generator, BATCH)
-            losses.append(self._update(self.optimizer, batch, self._target))
+            losses.append(self._update(self.optimizer, batch, self._target(batch)))
             with torch.no_grad():
                 torch._foreach_lerp_(list(self.average.parameters()), list(self.network.parameters()), AVERAGING)
         self.rounds += 1
@@ -227,25 +223,14 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
         value = self.average(self._tensor(batch.next_joint), self._tensor(batch.next_present))
         return self._tensor(batch.reward) + self._tensor(batch.bootstrap) * value
 
-    def _demonstrated(self, batch: Transitions) -> Float[Tensor, "step"]:
-        return self._tensor(batch.episode_return)
-
-    def _update(
-        self,
-        optimizer: torch.optim.Optimizer,
-        batch: Transitions,
-        target: Callable[[Transitions], Float[Tensor, "step"]],
-    ) -> float:
-        """One step of the optimizer on the mean squared error to the target of a batch. Returns the loss."""
-
-        def loss(part: slice) -> Tensor:
-            some = batch.take(part)
-            values = self.network(self._tensor(some.joint), self._tensor(some.present))
-            return ((values - target(some)) ** 2).sum() / len(batch)
-
-        mean = set_gradients(list(self.network.parameters()), loss, len(batch), CHUNK)
+    def _update(self, optimizer: torch.optim.Optimizer, batch: Transitions, target: Float[Tensor, "step"]) -> float:
+        """One step of the optimizer on the mean squared error to the target. Returns the loss."""
+        values = self.network(self._tensor(batch.joint), self._tensor(batch.present))
+        loss = torch.nn.functional.mse_loss(values, target)
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
-        return mean
+        return loss.item()
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.from_numpy(array).to(self.device)
