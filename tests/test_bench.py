@@ -114,6 +114,16 @@ def test_a_batch_is_counted_per_world(monkeypatch):
     assert [one.value for one in measured] == [500.0, 500.0, 1500.0, 1500.0]
 
 
+def test_operations_are_counted_where_threads_share_them():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        assert decisions.operations(decisions.sarl_decision(5, 60)) > 60 * 81 * 5 * SARL_PER_PEDESTRIAN
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(threads)
+
+
 @pytest.mark.parametrize("pedestrians", [5, 10])
 def test_the_operations_of_a_decision_are_those_of_its_layers(pedestrians):
     states = 256  # 3 * 81, filled up to a multiple of 16

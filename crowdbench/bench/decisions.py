@@ -198,8 +198,13 @@ def one_by_one(decide: Callable[[Observation], object], pedestrians: int, worlds
 def operations(work: Callable[[], object]) -> int:
     """The multiplications and additions in all matrix products that torch computes in a call."""
     products = {torch.ops.mkldnn._linear_pointwise: _count_linear} if HAS_ONEDNN else {}
-    with torch.inference_mode(), FlopCounterMode(display=False, custom_mapping=products) as counter:
-        work()
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # what other threads compute is not counted
+    try:
+        with torch.inference_mode(), FlopCounterMode(display=False, custom_mapping=products) as counter:
+            work()
+    finally:
+        torch.set_num_threads(threads)
     return counter.get_total_flops()
 
 
