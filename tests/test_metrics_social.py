@@ -223,52 +223,6 @@ def test_nobody_is_delayed_by_a_vehicle_that_is_far(arrival):
     assert np.array_equal(value("imposed_detour", episode), 0.0)
 
 
-def collided(vehicle, pedestrian, **options):
-    return trace(together(vehicle, pedestrian), Outcome.COLLISION, **options)
-
-
-def facing(episode, angle):
-    return dataclasses.replace(episode, heading=np.full(episode.heading.shape, angle))
-
-
-WHO = ("struck_standing_rate", "struck_behind_rate", "hit_behind_rate")
-
-
-def test_impact_speed_is_the_relative_speed_of_those_who_touch():
-    # They meet head-on at 1 m/s and 0.5 m/s; somebody who is farther runs.
-    way = together(walk([0, 0], [1, 0], 4), walk([1.9, 0], [-0.5, 0], 4), walk([9, 9], [-1, -1], 4))
-    episode = facing(trace(way, Outcome.COLLISION), 0.0)
-    assert value("impact_speed", episode) == pytest.approx(1.5)
-    assert [value(name, episode) for name in WHO] == [False, False, False]
-    assert np.isnan(value("impact_speed", trace(way)))
-
-
-def test_who_is_struck_while_standing():
-    stands, comes = walk([0, 0], [0, 0], 4), walk([1.5, 0], [-1, 0], 4)
-    for angle, behind in ((0.0, False), (np.pi, True), (np.radians(130), False), (np.radians(140), True)):
-        episode = facing(collided(stands, comes), angle)
-        assert [value(name, episode) for name in WHO] == [True, behind, False]
-    assert [value(name, facing(trace(together(stands, comes)), np.pi)) for name in WHO] == [False, False, False]
-
-
-def test_who_runs_into_whose_back():
-    slow, fast = walk([1.1, 0], [0.4, 0], 4), walk([0, 0], [1, 0], 4)
-    assert [value(name, facing(collided(fast, slow), 0.0)) for name in WHO] == [False, False, True]
-    assert [value(name, facing(collided(slow, fast), 0.0)) for name in WHO] == [False, True, False]
-    assert value("impact_speed", facing(collided(slow, fast), 0.0)) == pytest.approx(0.6)
-    # A vehicle that backs into somebody is not struck, and who stands has no back.
-    backs = collided(walk([0, 0], [-1, 0], 4), walk([-1.5, 0], [0, 0], 4))
-    assert [value(name, facing(backs, 0.0)) for name in WHO] == [False, False, False]
-
-
-def test_a_long_body_is_touched_where_it_is():
-    # The front disc is 1 m ahead: the pedestrian, who comes from the side, touches it and not the rear one.
-    episode = facing(collided(walk([0, 0], [1, 0], 4), walk([2.0, 1.4], [0, -1], 4)), 0.0)
-    episode = dataclasses.replace(episode, rules=Rules(body=(0.0, 0.5, 1.0)))
-    assert value("impact_speed", episode) == pytest.approx(np.sqrt(2))
-    assert value("struck_behind_rate", episode) is np.False_
-
-
 def frozen(pedestrian, steps=12, goal=(9.0, 0), **changes):
     way = together(walk([0, 0], [0, 0], steps), pedestrian)
     episode = trace(way, Outcome.TIMEOUT, goal=[goal, FAR])

@@ -25,7 +25,7 @@ def positions(scenario, cases="val:0:12"):
 def test_each_pedestrian_walks_as_in_a_crowd_that_sees_or_as_in_one_that_does_not():
     scenario = crossing(**{"pedestrians.sees_vehicle": 0.5})
     world = scenario.worlds(Cases.parse("val:40"))
-    sees = sees_vehicle(world)
+    sees = sees_vehicle(world.key, world.person, world.rules)
     blind = crossing(False).worlds(Cases.parse("val:40"))
     nobody_sees = crowd_velocities(blind, scenario.policies)
     all_see = crowd_velocities(crossing().worlds(Cases.parse("val:40")), scenario.policies)

@@ -13,7 +13,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from crowdbench.core.types import Trace
-from crowdbench.metrics.contacts import hit_behind_rate, impact_speed, struck_behind_rate, struck_standing_rate
+from crowdbench.metrics.contacts import (
+    at_fault_rate,
+    at_fault_seen_rate,
+    hit_alone_rate,
+    hit_both_rate,
+    impact_speed,
+    struck_behind_rate,
+    struck_otherwise_rate,
+    struck_standing_rate,
+)
 from crowdbench.metrics.distances import (
     clearing_distance,
     discomfort,
@@ -69,7 +78,9 @@ SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "acceleration": (max_velocity_change, max_acceleration, mean_acceleration, jerk),
     "heading": (max_turn, cumulative_heading_change, success_heading_change),
     "standstill": (stopped_time, success_stopped_time, frozen_time, failures_to_progress),
-    "contact": (impact_speed, struck_standing_rate, struck_behind_rate, hit_behind_rate),
+    "contact": (impact_speed,),
+    "fault": (at_fault_rate, at_fault_seen_rate, hit_alone_rate, hit_both_rate),
+    "struck": (struck_standing_rate, struck_behind_rate, struck_otherwise_rate),
     "reward": (discounted_return,),
     "cost to pedestrians": (deflection, imposed_delay, imposed_detour),
 }

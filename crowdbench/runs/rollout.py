@@ -18,7 +18,7 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.episode import StepCheck
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import ages, observe
-from crowdbench.sim.simulator import crowd_decisions, limit_velocities, step, walk
+from crowdbench.sim.simulator import crowd_decisions, differ_in_sight, limit_velocities, sees_vehicle, step, walk
 from crowdbench.utils.errors import InputError
 
 LOG_MEMORY = 256e6
@@ -263,6 +263,7 @@ class _States:
             command=self.command,
             preferred_speed=self.start.preferred_speed,
             seen=self._seen(),
+            sees_vehicle=self._sees_vehicle(),
             **self.people,
             route=self.start.route[:, 0],
             obstacles=self.start.obstacles,
@@ -279,6 +280,16 @@ class _States:
             return self.people["present"][:, :, 1:]
         late = (self.start.rules.sensor.delay + 0.5) * self.start.rules.dt
         return np.asarray(self.sight["age"][self._last_states()] < late)
+
+    def _sees_vehicle(self) -> Bool[np.ndarray, "world time pedestrian"] | None:
+        """Who sees the vehicle; None where all are alike."""
+        if not differ_in_sight(self.start.rules):
+            return None
+        if not self.changing:
+            return self._always(sees_vehicle(self.start.key, self.start.person, self.start.rules))
+        person = self.people["person"]
+        key = np.repeat(self.start.key, person.shape[1])
+        return sees_vehicle(key, person.reshape(-1, person.shape[2]), self.start.rules).reshape(person.shape)
 
     def _last_states(self) -> tuple[Int[np.ndarray, "world 1"], Int[np.ndarray, "world time"]]:
         """The indices by which the last state of each world is repeated beyond the end of its episode."""

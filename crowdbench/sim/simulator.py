@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt
 
 from crowdbench.core import rng
 from crowdbench.core.dynamics import DISC, SPEED_TOLERANCE, hull
@@ -57,10 +57,10 @@ def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> t
         InputError: A policy raises an exception, does not return a finite velocity per pedestrian, or no memory.
     """
     velocity, memories = _query_policies(_policy_view(world), policies)
-    if _differ_in_sight(world.rules):
+    if differ_in_sight(world.rules):
         blind = world.replace(memory=world.memory[BLIND])
         other, blind_memories = _query_policies(_without_vehicle(blind), policies)
-        velocity = np.where(sees_vehicle(world)[:, :, None], velocity, other)
+        velocity = np.where(sees_vehicle(world.key, world.person, world.rules)[:, :, None], velocity, other)
         memories[BLIND] = {**blind.memory, **blind_memories}
     return velocity, _with_memories(world, memories)
 
@@ -81,15 +81,23 @@ def init_memories(world: World, policies: Mapping[str, PedestrianPolicy]) -> Wor
         return {name: init_memory(policy, name, view) for name, policy in remembering.items()}
 
     memories = memories_of(_policy_view(world))
-    if _differ_in_sight(world.rules):
+    if differ_in_sight(world.rules):
         memories[BLIND] = {**world.memory, **memories_of(_without_vehicle(world))}
     return _with_memories(world, memories)
 
 
-def sees_vehicle(world: World) -> Bool[np.ndarray, "world pedestrian"]:
-    """Who sees a vehicle that only a share of the pedestrians sees: the same people throughout a case."""
-    draws = rng.uniforms(world.key, "sees_vehicle", np.zeros_like(world.step), world.person)
-    return draws < world.rules.sees_vehicle
+def sees_vehicle(
+    key: UInt[np.ndarray, "world"], person: Int[np.ndarray, "world pedestrian"], rules: Rules
+) -> Bool[np.ndarray, "world pedestrian"]:
+    """Who sees a vehicle that only a share of the pedestrians sees: the same people throughout a case.
+
+    Args:
+        key: The key of each case.
+        person: The number of each pedestrian as a person.
+        rules: The rules of the scenario, which say how large the share is.
+    """
+    draws = rng.uniforms(key, "sees_vehicle", np.zeros(len(key), np.int64), person)
+    return draws < rules.sees_vehicle
 
 
 def with_bounding_disc(world: World) -> World:
@@ -101,7 +109,7 @@ def with_bounding_disc(world: World) -> World:
     return world.replace(position=position, radius=radius)
 
 
-def _differ_in_sight(rules: Rules) -> bool:
+def differ_in_sight(rules: Rules) -> bool:
     """Whether some pedestrians see the vehicle and others do not."""
     return rules.visible and rules.sees_vehicle < 1.0
 

@@ -183,6 +183,7 @@ class Trace:
             where nobody is recorded.
         group: Number of the group that each pedestrian walks with, unique within the case; -1 for those who walk alone.
             None where the scenario has no groups.
+        sees_vehicle: Whether each pedestrian sees the vehicle. None where all are alike: `rules.visible`.
         logs: What the planner logged, `[world, step, ...]` by name; NaN in steps in which it logged nothing.
     """
 
@@ -210,6 +211,7 @@ class Trace:
     age: Float[np.ndarray, "world time pedestrian"] | None = None
     block: Int[np.ndarray, "world"] | None = None
     group: Int[np.ndarray, "world time pedestrian"] | None = None
+    sees_vehicle: Bool[np.ndarray, "world time pedestrian"] | None = None
     logs: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
