@@ -197,11 +197,6 @@ class Moment:
         return gaps
 
 
-def pedestrian_hit(trace: Trace, row: int) -> int:
-    """Number of the pedestrian nearest to the vehicle in the last step, by the rule of the collision check."""
-    return int(np.argmin(Moment.of_trace(trace, row, int(trace.steps[row])).gaps()))
-
-
 def extent(
     position: Float[np.ndarray, "*_ 2"],
     goal: Float[np.ndarray, "*_ 2"],

@@ -8,7 +8,7 @@ from helpers import drive, trace
 
 from crowdbench.core.types import Outcome, Rules
 from crowdbench.metrics import METRICS
-from crowdbench.metrics.contacts import Fault, find_contacts
+from crowdbench.sim.contacts import Fault, find_contacts
 
 FAR = [50.0, 50.0]
 

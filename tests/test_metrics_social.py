@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import Still, drive, same, trace
 
-from crowdbench.core.types import Outcome, Rules
+from crowdbench.core.types import Outcome
 from crowdbench.metrics import METRICS
 from crowdbench.record.contents import read
 from crowdbench.record.write import Recorder

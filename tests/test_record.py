@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import Outcome
-from crowdbench.drawing import SCALE, pedestrian_hit
+from crowdbench.drawing import SCALE
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.record import contents, rrd, viewer
@@ -24,6 +24,7 @@ from crowdbench.record.plots import draw_logs
 from crowdbench.record.write import Recorder
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
+from crowdbench.sim.contacts import find_contacts
 from crowdbench.utils.errors import InputError
 
 RUN = {"planner": "orca", "scenario": "circle_crossing_5", "scenario_digest": "abc", "cases": 12}
@@ -282,7 +283,7 @@ def test_a_viewer_that_does_not_start_is_told_in_a_sentence(recorded, tmp_path, 
 def test_the_ending_names_whom_the_vehicle_hits(tmp_path):
     hit = line(4, 3, Outcome.COLLISION, gap=[1, 1, 1, -0.1])
     hit.position[0, :, 2] = hit.position[0, :, 0] + [0.5, 0.0]
-    assert pedestrian_hit(hit, 0) == 1
+    assert find_contacts(hit).agent[0] == 2
 
 
 def test_without_a_display_a_picture_is_offered(recorded, tmp_path, monkeypatch):

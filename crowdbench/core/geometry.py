@@ -70,6 +70,11 @@ def norm(vector: Vectors) -> Numbers:
     return np.sqrt(x * x + y * y)
 
 
+def dot(a: Vectors, b: Vectors) -> Numbers:
+    """The scalar product of each pair of vectors."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
+
+
 @no_type_check
 @njit
 def turn(before, after):

@@ -22,6 +22,7 @@ from crowdbench.metrics.contacts import (
     struck_behind_rate,
     struck_otherwise_rate,
     struck_standing_rate,
+    vehicle_share,
 )
 from crowdbench.metrics.distances import (
     clearing_distance,
@@ -78,7 +79,7 @@ SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "acceleration": (max_velocity_change, max_acceleration, mean_acceleration, jerk),
     "heading": (max_turn, cumulative_heading_change, success_heading_change),
     "standstill": (stopped_time, success_stopped_time, frozen_time, failures_to_progress),
-    "contact": (impact_speed,),
+    "contact": (impact_speed, vehicle_share),
     "fault": (at_fault_rate, at_fault_seen_rate, hit_alone_rate, hit_both_rate),
     "struck": (struck_standing_rate, struck_behind_rate, struck_otherwise_rate),
     "reward": (discounted_return,),
@@ -95,7 +96,14 @@ def _names(*metrics: Metric) -> frozenset[str]:
 
 
 OVER_ALL = _names(
-    navigation_time_or_limit, spl, sct, discounted_return, frozen_time, failures_to_progress, impact_speed
+    navigation_time_or_limit,
+    spl,
+    sct,
+    discounted_return,
+    frozen_time,
+    failures_to_progress,
+    impact_speed,
+    vehicle_share,
 )
 """Metrics that count failures. Two planners are compared in all cases, not only in those that both solve."""
 

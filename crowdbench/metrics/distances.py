@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.core.geometry import norm
+from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
-from crowdbench.metrics.sums import dot, total
+from crowdbench.metrics.sums import total
 
 Pairs = Int[np.ndarray, "pair"]
 

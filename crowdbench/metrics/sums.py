@@ -12,8 +12,3 @@ def total(values: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch
     if values.shape[-1] == 0:
         return np.zeros(values.shape[:-1])
     return np.cumsum(np.where(np.isnan(values), 0.0, values), axis=-1)[..., -1]
-
-
-def dot(a: Float[np.ndarray, "*batch 2"], b: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
-    """The scalar product of each pair of vectors."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]

@@ -21,9 +21,10 @@ from crowdbench.core.geometry import polygons
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import CURVES, DARK, GRID, SUCCESS, Color
 from crowdbench.record.decisions import draw_decisions
-from crowdbench.record.marks import draw_approach, draw_sensor
+from crowdbench.record.marks import draw_approach, draw_sensor, draw_shares
 from crowdbench.record.plots import draw_logs, draw_plots, is_curve, metrics_text, summary_text
 from crowdbench.record.rrd import moments, moving, still, width
+from crowdbench.sim.contacts import Contacts, Fault, find_contacts
 
 HATCHING = 0.25
 """Distance in metres between the lines that fill an obstacle."""
@@ -92,8 +93,10 @@ def draw_episode(trace: Trace, row: int, title: str, values: Mapping[str, float 
     if not isinstance(trace.rules.dynamics, Holonomic):
         yield from _draw_body(agents)
     yield from _draw_names(agents)
-    sentence, mark = _draw_ending(agents)
+    contacts = find_contacts(trace, np.array([row]))
+    sentence, mark = _draw_ending(agents, contacts)
     yield mark
+    yield from draw_shares(trace, row, contacts, agents.label)
     yield from draw_plots(trace, row)
     yield from draw_logs(trace, row)
     yield from draw_decisions(trace, row)
@@ -244,15 +247,26 @@ def _name_colors(agents: _Agents) -> list[Color]:
     return [DARK.vehicle, *each, DARK.vehicle]
 
 
-def _draw_ending(agents: _Agents) -> tuple[str, Chunk]:
+_HOW = {
+    Fault.STRUCK_STANDING: "stands, and {} touches it",
+    Fault.STRUCK_BEHIND: "is struck from behind by {}",
+    Fault.STRUCK: "is struck by {}",
+    Fault.ALONE: "hits {}",
+    Fault.BOTH: "collides with {}",
+    Fault.UNDETERMINED: "touches {}",
+}
+"""What a vehicle does that ends an episode in contact with somebody."""
+
+
+def _draw_ending(agents: _Agents, contacts: Contacts) -> tuple[str, Chunk]:
     """How the episode ended, as a sentence, and its mark in the last state: green or red rims and a ring."""
     trace, row, label = agents.trace, agents.row, agents.label
     steps, dt, outcome = int(trace.steps[row]), trace.rules.dt, Outcome(int(trace.outcome[row]))
     sentences = {Outcome.TIMEOUT: "runs out of time", Outcome.WALL_COLLISION: "hits an obstacle"}
     sentence, involved = sentences.get(outcome, "reaches its goal"), [0]
     if outcome is Outcome.COLLISION:
-        hit = drawing.pedestrian_hit(trace, row)
-        sentence, involved = f"hits pedestrian {hit}", [0, hit + 1]
+        agent = int(contacts.agent[row])
+        sentence, involved = _HOW[Fault(contacts.fault[row])].format(f"pedestrian {agent - 1}"), [0, agent]
     centers, ring = trace.position[row, steps, involved], 3.0 * trace.radius[row, 0, 0]
     middle = centers.mean(0)
     color = SUCCESS if outcome is Outcome.SUCCESS else DARK.failure
@@ -266,6 +280,7 @@ def _draw_ending(agents: _Agents) -> tuple[str, Chunk]:
         above[1] = name[1] + 1.5 * label  # as both could not be read
     text = rr.Points2D.columns(positions=[above], labels=[sentence], colors=[color], radii=[width(0)])
     columns = [*rims.partition([len(sizes)]), *text.partition([1])]
-    return f"{sentence} after {steps * dt:g} s", Chunk.from_columns(
-        "world/ending", moments(np.array([steps]), dt), columns
-    )
+    told = f"{sentence} after {steps * dt:g} s"
+    if trace.sees_vehicle is not None and contacts.agent[row]:
+        told += "; the pedestrian saw it" if contacts.saw[row] else "; the pedestrian did not see it"
+    return told, Chunk.from_columns("world/ending", moments(np.array([steps]), dt), columns)

@@ -1,4 +1,4 @@
-"""Marks of a recording beside the agents: what the sensor sees, and where the closest approach would be."""
+"""Marks of a recording beside the agents: what is sensed, the closest approach ahead, the shares in a collision."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.drawing import DARK, MUTED, REMEMBERED
 from crowdbench.record.rrd import moments, moving, still, width
+from crowdbench.sim.contacts import WINDOW, Contacts
 from crowdbench.sim.lines_of_sight import measure_all_beams
 
 MOST_BEAMS = 90
@@ -35,6 +36,10 @@ APPROACH_KEY = (
     f"*line with a gap and a time: the closest approach in the next {AHEAD:g} s if both go on; red: they touch*"
 )
 """What the mark of the closest approach means."""
+
+
+SHARES_KEY = f"*red ways: the last {WINDOW:g} s before the collision, with the share of each in the approach*"
+"""What the marks of a collision with a pedestrian mean."""
 
 
 def draw_sensor(trace: Trace, row: int, timeline: Sequence[rr.TimeColumn]) -> Iterator[Chunk]:
@@ -147,3 +152,29 @@ def draw_approach(trace: Trace, row: int, label: float) -> Iterator[Chunk]:
     strips = rr.LineStrips2D.columns(strips=lines, colors=colors)
     texts = rr.Points2D.columns(positions=above, labels=labels, colors=colors)
     yield moving("world/approach", moments(state, trace.rules.dt), is_shown.astype(int), strips, texts)
+
+
+def draw_shares(trace: Trace, row: int, contacts: Contacts, label: float) -> Iterator[Chunk]:
+    """The ways of the last second before a collision with a pedestrian, with the share of each of the two in it.
+
+    Args:
+        trace: The trace with the episode.
+        row: Its row in the trace.
+        contacts: What ended it.
+        label: Height of a line of text in metres.
+    """
+    share, agent, steps = float(contacts.share[row]), int(contacts.agent[row]), int(trace.steps[row])
+    if agent == 0 or math.isnan(share):
+        return
+    first = max(0, steps - math.ceil(WINDOW / trace.rules.dt))
+    ways = [trace.position[row, first : steps + 1, who] for who in (0, agent)]
+    ways = [way[np.isfinite(way).all(axis=1)] for way in ways]
+    # Beside the start of each way, on the side that is away from the other one.
+    apart = ways[0][0] - ways[1][0]
+    apart *= 1.5 * label / max(float(norm(apart)), label)
+    labels = [f"vehicle {100 * share:.0f} %", f"pedestrian {100 * (1.0 - share):.0f} %"]
+    style = rr.LineStrips2D.from_fields(colors=[DARK.failure], radii=width(3), draw_order=47)
+    yield still("world/shares", style, rr.Points2D.from_fields(radii=width(0), colors=[DARK.failure]))
+    lines = rr.LineStrips2D.columns(strips=ways)
+    texts = rr.Points2D.columns(positions=[ways[0][0] + apart, ways[1][0] - apart], labels=labels)
+    yield moving("world/shares", moments(np.array([steps]), trace.rules.dt), [2], lines, texts)

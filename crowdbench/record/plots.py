@@ -12,7 +12,7 @@ from rerun.chunk import Chunk
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome, Trace
 from crowdbench.record import decisions
-from crowdbench.record.marks import APPROACH_KEY, SENSOR_KEY
+from crowdbench.record.marks import APPROACH_KEY, SENSOR_KEY, SHARES_KEY
 from crowdbench.record.rrd import moments, moving
 
 KEY = "*yellow: vehicle, blue: pedestrians, small dots: their goals · arrow: the way of 1 s · grid: 1 m*"
@@ -68,7 +68,9 @@ def is_curve(logged: np.ndarray) -> bool:
 def summary_text(trace: Trace, row: int, title: str, sentence: str) -> str:
     """The text beside the picture: which case of which run it is, how it ended, and what the marks mean."""
     lines = [f"# {Outcome(int(trace.outcome[row])).label.capitalize().replace('_', ' ')}: {sentence}"]
-    keys = [KEY, APPROACH_KEY, *([] if trace.perceived is None else [SENSOR_KEY]), decisions.key_text(trace)]
+    hit = trace.outcome[row] == Outcome.COLLISION
+    keys = [KEY, APPROACH_KEY, SHARES_KEY * bool(hit), SENSOR_KEY * (trace.perceived is not None)]
+    keys.append(decisions.key_text(trace))
     lines += [f"{trace.split} case {trace.case[row]} · {title}", "", " · ".join(filter(None, keys))]
     return "\n".join(lines)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.core.types import Rules, Sensor
 from crowdbench.scenario.certified import LEFT_OUT, CasesBySplit, CertificateStatus, Certified
+from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
 from crowdbench.scenario.population import RECORDED, Crowd, GoalChange, Quantity
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from crowdbench.scenario.recorded import TrackedCrowd
 
 MAX_STEPS = 100_000
-OF_TRACKS = ("number", "preferred_speed", "arrival", "goal_change", "groups")
+OF_TRACKS = ("number", "preferred_speed", "arrival", "goal_change", "groups", "clear_space")
 """Keys of `[pedestrians]` that recorded tracks stand for."""
 
 
@@ -79,6 +80,9 @@ def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Sc
             f"{source}: seed is {top.seed}, which changes no test case below crowdnav_cases = {top.crowdnav_cases}, "
             "because these are drawn with CrowdNav's seeds: set crowdnav_cases = 0 too"
         )
+    if top.crowdnav_cases and top.pedestrians.clear_space:
+        right = "left out where crowdnav_cases is not 0: those cases start as in CrowdNav"
+        raise file.at("pedestrians", "clear_space").wrong("given", right)
     with file.at("layout", "generator").named():
         generator, layout, layout_file = load.layout(top.layout.generator)
         options_of_layout = layout_spec(layout)
@@ -90,6 +94,7 @@ def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Sc
         policies[RECORDED] = _Policy(Recorded(), 0.0, None)  # which moves the other cars
     kind = pedestrians_spec({policy: each.policy.parameters for policy, each in policies.items()})
     pedestrians = parse_table(kind, table.get("pedestrians", {}), file.at("pedestrians")).complete()
+    space = top.pedestrians.clear_space
     call = LayoutCall(layout, {option: value for option, value in options.items() if option != "generator"})
     complete = {**top.complete(), "layout": options, "vehicle": vehicle.complete()}
     complete["pedestrians"] = pedestrians | _write_policies(policies)
@@ -117,6 +122,7 @@ def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Sc
             groups={int(size): share for size, share in (top.pedestrians.groups or {}).items()},
             arrival=top.pedestrians.arrival,
             goal_change=_goal_change(top.pedestrians.goal_change, top.dt, file.at("pedestrians", "goal_change")),
+            clear_space=ClearSpace(space.distance, space.time) if space else None,
         ),
         starts=tracks or _layout_starts(call, top.crowdnav_cases),
         policies={policy: each.policy for policy, each in policies.items()},

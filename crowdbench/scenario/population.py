@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from crowdbench.scenario.clear_space import ClearSpace
+
 ARRIVALS = ("walk_on", "stop", "leave", "new_goal", "respawn", "back_and_forth")
 """What a pedestrian does that has reached its goal:
 
@@ -107,6 +109,7 @@ class Crowd:
         groups: By size, the share of the groups that are so large; empty where all walk alone.
         arrival: What becomes of those who arrive, one of `ARRIVALS`.
         goal_change: How they change their goals on the way, if they do.
+        clear_space: The space around the vehicle in which nobody starts or comes in, if there is one.
     """
 
     number: tuple[int, int]
@@ -118,6 +121,7 @@ class Crowd:
     groups: Mapping[int, float]
     arrival: str
     goal_change: GoalChange | None
+    clear_space: ClearSpace | None = None
 
     @property
     def stands(self) -> Bool[np.ndarray, "policy"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import World
+from crowdbench.scenario.clear_space import MovingVehicle, velocities_ahead
 from crowdbench.scenario.groups import group_reach, spread
 from crowdbench.scenario.placement import LayoutCall, Position
 from crowdbench.scenario.population import Crowd, Traits
@@ -90,7 +92,7 @@ class Renewal:
         start, goal = found[0] + offset if is_new else start, found[1] + offset
         found_ways = [room.way(*place) for place in zip(start, goal, radius.tolist(), strict=True)]
         ways = [way for way in found_ways if way is not None]
-        if len(ways) < len(agents):
+        if len(ways) < len(agents) or (is_new and not self._is_clear(world, row, start, goal, ways, radius, speed)):
             return world
         world.origin[row, agents], world.goal[row, agents] = start, goal
         if traits is not None:
@@ -99,6 +101,24 @@ class Renewal:
         for agent, way in zip(agents.tolist(), ways, strict=True):
             world = _with_route(world, row, agent, way)
         return world
+
+    def _is_clear(
+        self,
+        world: World,
+        row: int,
+        start: Float[np.ndarray, "member 2"],
+        goal: Float[np.ndarray, "member 2"],
+        ways: Sequence[Float[np.ndarray, "waypoint 2"]],
+        radius: Float[np.ndarray, "member"],
+        speed: float,
+    ) -> bool:
+        """Whether those who come in stay out of the vehicle's clear space; arguments as in `_replace`."""
+        if self.crowd.clear_space is None:
+            return True
+        toward = np.stack([way[0] if len(way) else end for way, end in zip(ways, goal, strict=True)])
+        velocity = velocities_ahead(start, toward, None, np.full(len(start), speed))
+        own = world.position[row, 0], float(world.heading[row]), world.velocity[row, 0], float(world.radius[row, 0])
+        return self.crowd.clear_space.holds(MovingVehicle(*own, world.rules.body), start, velocity, radius)
 
 
 def _add_groups(

@@ -175,6 +175,13 @@ class GoalChangeSpec(TomlTable):
     chance: float = Field(ge=0, le=1, description="a probability from 0 to 1")
 
 
+class ClearSpaceSpec(TomlTable):
+    """`[pedestrians] clear_space`: see `crowdbench.scenario.clear_space.ClearSpace`."""
+
+    distance: float = number(least=0.0, below=1e3)
+    time: float = number(least=0.0, below=1e3)
+
+
 class PedestriansSpec(TomlTable, extra="allow"):
     """`[pedestrians]`, with a table for each policy besides; see `pedestrians_spec`.
 
@@ -209,6 +216,9 @@ class PedestriansSpec(TomlTable, extra="allow"):
     arrival: str = choice(ARRIVALS, default="walk_on")
     goal_change: GoalChangeSpec | None = Field(
         default=None, description="a table with the keys of { period = 5.0, chance = 0.5 }"
+    )
+    clear_space: ClearSpaceSpec | None = Field(
+        default=None, description="a table with the keys of { distance = 1.5, time = 1.5 }"
     )
 
 

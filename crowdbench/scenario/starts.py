@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,13 +13,17 @@ from jaxtyping import Int
 from crowdbench.core import rng
 from crowdbench.core.dynamics import reach
 from crowdbench.core.types import Rules, World
+from crowdbench.scenario.clear_space import ClearSpace, MovingVehicle, velocities_ahead
 from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
 from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, complete_placement
 from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.renewal import Renewal
 from crowdbench.sim import simulator
-from crowdbench.utils.errors import plugin_errors
+from crowdbench.utils.errors import InputError, plugin_errors
 from crowdbench.utils.toml import Location
+
+TRIES = 1000
+"""Placements that are drawn until one keeps the vehicle's space clear."""
 
 CROWDNAV_TEST_SEED = 1000
 """CrowdNav draws test case c with NumPy's legacy generator, seeded with this number plus c."""
@@ -96,13 +101,18 @@ class LayoutStarts:
             with plugin_errors("the layout raised"):
                 return self.layout(stream, radius, speed)
 
+        standing = rng.generator(case.key, "standing")
+        walkers = traits._replace(preferred_speed=np.where(stands, 0.0, traits.preferred_speed))
         with case.location.named():
-            if crowd.groups or stands.any():
-                standing = rng.generator(case.key, "standing")
-                answer: object = place_groups(call_layout, leader, radius, speed, stands, standing)
-            else:
-                answer = call_layout(radius, speed)
-            return Start(traits, complete_placement(answer, radius), group)
+            for _ in range(TRIES):
+                if crowd.groups or stands.any():
+                    answer: object = place_groups(call_layout, leader, radius, speed, stands, standing)
+                else:
+                    answer = call_layout(radius, speed)
+                placement = complete_placement(answer, radius)
+                if crowd.clear_space is None or _is_clear(crowd.clear_space, placement, vehicle, rules, walkers):
+                    return Start(traits, placement, group)
+            raise InputError(f"somebody starts in the clear_space of the vehicle in each of {TRIES} placements")
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
         """Worlds at their start, with what only these cases have."""
@@ -113,6 +123,15 @@ class LayoutStarts:
         if crowd.arrival == "walk_on" and crowd.goal_change is None:
             return None
         return Renewal(crowd, self.layout)
+
+
+def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
+    """Whether nobody starts in the clear space of the vehicle, or so that they soon touch as they set out."""
+    start, goal = placement.start, placement.goal
+    velocity = velocities_ahead(start, goal, placement.route, np.append(vehicle.speed, people.preferred_speed))
+    heading = math.atan2(velocity[0, 1], velocity[0, 0])
+    moving = MovingVehicle(start[0], heading, velocity[0], vehicle.radius, rules.body)
+    return space.holds(moving, start[1:], velocity[1:], people.radius)
 
 
 def seed_legacy(seed: int) -> np.random.MT19937:

@@ -1,0 +1,83 @@
+"""The space around the vehicle in which nobody starts or comes in."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.dynamics import Body
+from crowdbench.core.geometry import dot, norm
+
+Agents = Float[np.ndarray, "agent 2"]
+
+
+class MovingVehicle(NamedTuple):
+    """A vehicle in motion.
+
+    Attributes:
+        position: In metres.
+        heading: In radians.
+        velocity: In m/s.
+        radius: Of each of its discs, in metres.
+        body: Where the discs are, in metres ahead of the position.
+    """
+
+    position: Float[np.ndarray, "2"]
+    heading: float
+    velocity: Float[np.ndarray, "2"]
+    radius: float
+    body: Body
+
+
+class ClearSpace(NamedTuple):
+    """How much space there is.
+
+    Attributes:
+        distance: Smallest distance in metres between the vehicle's rim and that of somebody who starts or comes in.
+        time: Smallest time in seconds until they touch, if both keep their velocities.
+    """
+
+    distance: float
+    time: float
+
+    def holds(
+        self, vehicle: MovingVehicle, position: Agents, velocity: Agents, radius: Float[np.ndarray, "agent"]
+    ) -> bool:
+        """Whether there is so much space between a vehicle and people.
+
+        Args:
+            vehicle: The vehicle.
+            position: Where people are, in metres.
+            velocity: Theirs, in m/s.
+            radius: Theirs, in metres.
+        """
+        ahead = np.array([np.cos(vehicle.heading), np.sin(vehicle.heading)])
+        discs = vehicle.position + np.array(vehicle.body)[:, None] * ahead
+        way, reach = position[:, None] - discs, (radius + vehicle.radius)[:, None]
+        if (norm(way) - reach < self.distance).any():
+            return False
+        motion = np.broadcast_to((velocity - vehicle.velocity)[:, None], way.shape)
+        a, b, c = dot(motion, motion), dot(way, motion), dot(way, way) - reach**2
+        touches = (b < 0.0) & (b**2 >= a * c)
+        when = (-b - np.sqrt(np.maximum(b**2 - a * c, 0.0))) / np.where(a > 0.0, a, 1.0)
+        return not (touches & (when <= self.time)).any()
+
+
+def velocities_ahead(
+    start: Agents, goal: Agents, route: Float[np.ndarray, "agent waypoint 2"] | None, speed: Float[np.ndarray, "agent"]
+) -> Agents:
+    """The velocities in m/s with which agents set out: at their preferred speed to the first waypoint, or to the goal.
+
+    Args:
+        start: In metres.
+        goal: In metres.
+        route: Waypoints in metres, NaN beyond the last one of each; None without obstacles.
+        speed: Preferred speeds in m/s.
+    """
+    toward = goal
+    if route is not None and route.shape[1]:
+        toward = np.where(np.isfinite(route[:, 0]), route[:, 0], goal)
+    way = toward - start
+    return way * (speed / np.maximum(norm(way), 1e-9))[:, None]

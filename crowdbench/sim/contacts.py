@@ -1,0 +1,227 @@
+"""Contacts of the vehicle with pedestrians: whose part in it was how large, and how fast they were.
+
+The vehicle's share in a contact is
+
+    phi = D_v / (D_v + D_p),  D_v = integral of max(0, v_v . n),  D_p = integral of max(0, -v_p . n)
+
+over the last second before it, or since the start or since the person came, where that is later. n is the unit vector
+from the nearest point of the vehicle's body to the person, v_v the velocity of this point, v_p that of the person. So
+phi says which part of the approach was the vehicle's, and braking in the last moment does not change much in it.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core.geometry import dot, norm
+from crowdbench.core.types import Outcome, Trace
+
+WINDOW = 1.0
+"""Seconds before a contact over which the shares are measured."""
+
+SAMPLES = 64
+"""Times in the window at which it is looked, in the middles of equal parts."""
+
+STANDING = 0.05
+"""A vehicle whose path in the window is shorter stands, in metres."""
+
+UNDETERMINED = 0.01
+"""Where both together came nearer by less, in metres, nobody has a share."""
+
+LITTLE, MUCH = 0.1, 0.9
+"""A vehicle with a smaller share than the one was struck, and with a larger one than the other it alone drove."""
+
+BEHIND = np.cos(np.radians(120.0))
+"""Who is more than 120 degrees from the vehicle's heading is behind it."""
+
+SAME_TIME = 1e-9
+"""Contacts that are not further apart than so many steps are at the same time."""
+
+
+class Fault(enum.IntEnum):
+    """What the vehicle did when it was in contact with somebody, the first that holds."""
+
+    NONE = -1
+    """There was no contact."""
+    STRUCK_STANDING = 0
+    """It stood: its path in the window was under 5 cm."""
+    STRUCK_BEHIND = 1
+    """Its share is under 0.1, and who struck it was behind it."""
+    STRUCK = 2
+    """Its share is under 0.1."""
+    ALONE = 3
+    """Its share is over 0.9; also where it drove into an obstacle."""
+    BOTH = 4
+    """Both came nearer."""
+    UNDETERMINED = 5
+    """Both together came nearer by less than 1 cm, and the vehicle did not stand."""
+
+
+class Contacts(NamedTuple):
+    """The contact of each world, of several at the same time that in which the vehicle's share is largest.
+
+    Attributes:
+        fault: What the vehicle did, a `Fault`.
+        share: The vehicle's share phi, from 0 to 1; NaN without contact and where it is undetermined.
+        agent: Index of the pedestrian as an agent; 0 where there was no contact with a pedestrian.
+        speed: Relative speed of the two in m/s; NaN without contact with a pedestrian.
+        saw: Whether the pedestrian saw the vehicle.
+    """
+
+    fault: Int[np.ndarray, "world"]
+    share: Float[np.ndarray, "world"]
+    agent: Int[np.ndarray, "world"]
+    speed: Float[np.ndarray, "world"]
+    saw: Bool[np.ndarray, "world"]
+
+
+class _Touches(NamedTuple):
+    """First touches of the vehicle and pedestrians.
+
+    Attributes:
+        row: The row of each in the trace.
+        agent: Index of the pedestrian as an agent.
+        time: When they touched, in steps.
+    """
+
+    row: Int[np.ndarray, "touch"]
+    agent: Int[np.ndarray, "touch"]
+    time: Float[np.ndarray, "touch"]
+
+
+def find_contacts(trace: Trace, row: Int[np.ndarray, "row"] | None = None) -> Contacts:
+    """The contact that ended each episode, and the vehicle's share in it. See the top of this file.
+
+    Args:
+        trace: The episodes.
+        row: The rows of the trace that are looked at; all if None. Of others it says that there was no contact.
+    """
+    found = Contacts(
+        fault=np.full(len(trace), Fault.NONE),
+        share=np.full(len(trace), np.nan),
+        agent=np.zeros(len(trace), np.int64),
+        speed=np.full(len(trace), np.nan),
+        saw=np.zeros(len(trace), bool),
+    )
+    row = np.arange(len(trace)) if row is None else row
+    wall = row[trace.outcome[row] == Outcome.WALL_COLLISION]
+    found.fault[wall], found.share[wall] = Fault.ALONE, 1.0
+    if not len(row := row[trace.outcome[row] == Outcome.COLLISION]):
+        return found
+    touches = _first_touches(trace, row)
+    share, fault, speed = _attribute(trace, touches)
+    # The last of several in a world counts.
+    order = np.argsort(np.nan_to_num(share, nan=-1.0), kind="stable")
+    row, agent = touches.row[order], touches.agent[order]
+    found.fault[row], found.share[row], found.speed[row] = fault[order], share[order], speed[order]
+    found.agent[row] = agent
+    last = trace.steps[row] - 1
+    found.saw[row] = trace.rules.visible if trace.sees_vehicle is None else trace.sees_vehicle[row, last, agent - 1]
+    return found
+
+
+def _first_touches(trace: Trace, row: Int[np.ndarray, "contact"]) -> _Touches:
+    """The first touches in the last step of episodes that ended in a collision with a pedestrian.
+
+    Where nobody touches the vehicle but for rounding, it is the one who came nearest.
+    """
+    ends = np.stack([trace.steps[row] - 1, trace.steps[row]], axis=1)
+    position, person = trace.position[row[:, None], ends], trace.person[row[:, None], ends]
+    discs = _discs(trace, row[:, None], ends)
+    # Axes: contact, pedestrian, disc.
+    way = position[:, :, 1:, None] - discs[:, :, None]
+    between, motion = way[:, 0], way[:, 1] - way[:, 0]
+    radius = trace.radius[row, ends[:, 0]]
+    reach = (radius[:, :1] + radius[:, 1:])[..., None]
+    here = np.isfinite(way).all(axis=(1, 3, 4)) & (person[:, 0] == person[:, 1])
+    a, b, c = dot(motion, motion), dot(between, motion), dot(between, between) - reach**2
+    safe = np.where(a > 0.0, a, 1.0)
+    nearest = np.clip(-b / safe, 0.0, 1.0)
+    gap = np.where(here[..., None], norm(between + nearest[..., None] * motion) - reach, np.inf)
+    first = np.where(c <= 0.0, 0.0, (-b - np.sqrt(np.maximum(b**2 - a * c, 0.0))) / safe)
+    touches = (c <= 0.0) | ((b**2 >= a * c) & (b < 0.0) & (first <= 1.0))
+    time = np.where(here[..., None] & touches, first, np.inf).min(axis=2, initial=np.inf)
+    nobody = np.flatnonzero(np.isinf(time).all(axis=1))
+    flat = gap[nobody].reshape(len(nobody), gap.shape[1] * gap.shape[2]).argmin(axis=1)
+    pedestrian, disc = np.divmod(flat, gap.shape[2])
+    time[nobody, pedestrian] = nearest[nobody, pedestrian, disc]
+    contact, pedestrian = np.nonzero(time <= time.min(axis=1, keepdims=True) + SAME_TIME)
+    return _Touches(row[contact], pedestrian + 1, ends[contact, 0] + time[contact, pedestrian])
+
+
+def _attribute(
+    trace: Trace, touches: _Touches
+) -> tuple[Float[np.ndarray, "touch"], Int[np.ndarray, "touch"], Float[np.ndarray, "touch"]]:
+    """The vehicle's share in each touch, what it did (a `Fault`), and the relative speed at the touch in m/s."""
+    row, agent, time = touches
+    length = _window(trace, touches)
+    parts = length[:, None] * (np.arange(SAMPLES) + 0.5) / SAMPLES
+    # The touch itself comes first.
+    at = time[:, None] - np.concatenate([np.zeros((len(row), 1)), parts], axis=1)
+    step = np.clip(np.floor(at).astype(int), 0, trace.steps[row][:, None] - 1)
+    step[:, 0] = trace.steps[row] - 1
+    rows, part = row[:, None], (at - step)[..., None]
+    before, after = (trace.position[rows, step + late, agent[:, None]] for late in (0, 1))
+    discs, discs_after = (_discs(trace, rows, step + late) for late in (0, 1))
+    way = (before + part * (after - before))[:, :, None] - (discs + part[..., None] * (discs_after - discs))
+    disc = norm(way).argmin(axis=2)[..., None, None]
+    normal, moved = (np.take_along_axis(each, disc, axis=2)[:, :, 0] for each in (way, discs_after - discs))
+    normal = normal / np.maximum(norm(normal), np.finfo(float).tiny)[..., None]
+    dt = trace.rules.dt
+    pedestrian, vehicle = (after - before) / dt, moved / dt
+    seconds = length * dt / SAMPLES
+    own = _integrate(np.maximum(dot(vehicle, normal), 0.0), seconds)
+    other = _integrate(np.maximum(-dot(pedestrian, normal), 0.0), seconds)
+    both = own + other
+    share = np.where(both >= UNDETERMINED, own / np.where(both > 0.0, both, 1.0), np.nan)
+    centre = trace.position[rows, step + 1, 0] - trace.position[rows, step, 0]
+    path = _integrate(norm(centre) / dt, seconds)
+    heading = trace.heading[row, trace.steps[row]]
+    faces = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    is_behind = dot(faces, normal[:, 0]) < BEHIND
+    conditions = {
+        Fault.STRUCK_STANDING: path < STANDING,
+        Fault.STRUCK_BEHIND: (share < LITTLE) & is_behind,
+        Fault.STRUCK: share < LITTLE,
+        Fault.ALONE: share > MUCH,
+        Fault.BOTH: ~np.isnan(share),
+    }
+    fault = np.select(list(conditions.values()), list(conditions), Fault.UNDETERMINED)
+    return share, fault, norm(pedestrian[:, 0] - vehicle[:, 0])
+
+
+def _integrate(
+    values: Float[np.ndarray, "touch sample"], seconds: Float[np.ndarray, "touch"]
+) -> Float[np.ndarray, "touch"]:
+    """The integral over the window of values, the first of which are at the touch and do not count."""
+    # One after the other, so that a sum does not depend on how many there are.
+    return np.cumsum(values[:, 1:], axis=1)[:, -1] * seconds
+
+
+def _window(trace: Trace, touches: _Touches) -> Float[np.ndarray, "touch"]:
+    """The length of the window before each touch in steps: a second, or less where the person was not there before."""
+    row, agent, time = touches
+    most = WINDOW / trace.rules.dt
+    last = trace.steps[row] - 1
+    since = last.astype(float)
+    is_same = np.ones(len(row), bool)
+    for back in range(1, int(np.ceil(most)) + 1):
+        step = np.maximum(last - back, 0)
+        is_same &= (last >= back) & (trace.person[row, step, agent - 1] == trace.person[row, last, agent - 1])
+        is_same &= np.isfinite(trace.position[row, step, agent]).all(axis=1)
+        since = np.where(is_same, step, since)
+    return np.minimum(most, time - since)
+
+
+def _discs(
+    trace: Trace, row: Int[np.ndarray, "touch #time"], step: Int[np.ndarray, "touch time"]
+) -> Float[np.ndarray, "touch time disc 2"]:
+    """Centres of the vehicle's discs in some states, in metres."""
+    heading = trace.heading[row, step]
+    direction = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    body = np.array(trace.rules.body)
+    return trace.position[row, step, 0][:, :, None] + body[:, None] * direction[:, :, None]
