@@ -50,6 +50,7 @@ OTHERS = {
     "pedestrians.groups": {"1": 0.5, "2": 0.5},
     "pedestrians.arrival": "stop",
     "pedestrians.goal_change": {"period": 5.0, "chance": 0.5},
+    "pedestrians.clear_space": {"distance": 1.5, "time": 1.5},
 }
 
 
@@ -73,7 +74,7 @@ def test_every_other_value_than_a_default_has_a_digest_of_its_own():
     changes += [{"vehicle.dynamics": "unicycle", key: 1.0} for key in ("vehicle.length", "vehicle.max_angular_speed")]
     changes.append({"layout.generator": "square_crossing", "layout.square_width": 9.0})
     changes.append({"vehicle.visible": True, "pedestrians.sees_vehicle": 0.5})
-    assert len(changes) == 42
+    assert len(changes) == 43
     assert len({all_defaults(change).digest for change in changes}) == len(changes)
 
 

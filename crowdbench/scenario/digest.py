@@ -59,14 +59,6 @@ def compute_digest(table: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-_TABLES = (
-    ("pedestrians", "goal_change", GoalChangeSpec),
-    ("pedestrians", "clear_space", ClearSpaceSpec),
-    ("sensor", "lidar", LidarSpec),
-)
-"""Tables that may be left out as a whole, by section and key."""
-
-
 def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
     """All keys of a scenario of the same layout and policies with their defaults, as far as these are known.
 
@@ -79,7 +71,12 @@ def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
     # Written as the name of one policy, where all pedestrians follow the same.
     (defaults["pedestrians"]["policy"],) = top.pedestrians.policy
     # Tables that may be left out as a whole have defaults where they are given.
-    for section, key, kind in _TABLES:
+    optional = (
+        ("pedestrians", "goal_change", GoalChangeSpec),
+        ("pedestrians", "clear_space", ClearSpaceSpec),
+        ("sensor", "lidar", LidarSpec),
+    )
+    for section, key, kind in optional:
         if table.get(section, {}).get(key) is not None:
             fields = kind.model_fields.items()
             defaults[section][key] = {name: field.default for name, field in fields if not field.is_required()}
