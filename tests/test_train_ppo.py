@@ -98,6 +98,13 @@ def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
     assert digest(other.training.current) != digest(one.current)
 
 
+def test_a_reward_that_is_too_large_ends_the_training_with_one_sentence(tmp_path):
+    (tmp_path / "huge.py").write_text("def reward(step):\n    return 1e38 * step.progress\n")
+    request = dataclasses.replace(REQUEST, reward=str(tmp_path / "huge.py"))
+    with pytest.raises(InputError, match=r"the policy's actions are not finite, as where the reward .*huge\.py is too"):
+        TrainingRun.new(request, tmp_path / "run", "cpu").train(ignore)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("points", [1, 3])
 def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):

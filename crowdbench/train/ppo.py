@@ -31,6 +31,7 @@ from crowdbench.sim.sensor import observe
 from crowdbench.train.checkpoint import State, parts_state, restore_parts
 from crowdbench.train.driving import DrivingTraining
 from crowdbench.train.gradients import set_gradients
+from crowdbench.utils.errors import InputError
 from crowdbench.utils.memory import keep_freed_memory
 from crowdbench.utils.threads import one_torch_thread
 
@@ -225,6 +226,11 @@ class Training(DrivingTraining[Policy, CurvePoint]):
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
             steps.append((*self.seen, action, self.network.log_probability(action, mean)))
+            if not action.isfinite().all():
+                raise InputError(
+                    f"the training has failed after {self.steps} steps: the policy's actions are not finite, as where "
+                    f"the reward {self.request.reward} is too large"
+                )
             step, reward, returned, _ = self.worlds.step(action.double().cpu().numpy())
             values.append(value)
             rewards.append(self._tensor(reward + GAMMA * self._cut_off(step)))
@@ -248,7 +254,7 @@ class Training(DrivingTraining[Policy, CurvePoint]):
     def _descend(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
         """One step of the optimizer on the segments of some worlds."""
         # Those with as many pedestrians come together, so that a chunk has few empty places.
-        worlds = worlds[experience.seen.mask[:, worlds].sum(dim=(0, 2)).argsort(stable=True)]
+        worlds = worlds[experience.seen.mask[:, worlds].sum(dim=(0, 2)).argsort(stable=True).cpu()]
         parameters = list(self.network.parameters())
 
         def loss(part: slice) -> Tensor:
