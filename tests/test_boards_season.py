@@ -187,6 +187,6 @@ def test_a_filling_process_goes_on_when_the_others_are_done_too():
         missing.remove(name)
 
     def wanted():
-        return [Job(name, 1, lambda progress, name=name: make(name, name == "one")) for name in missing]
+        return [Job(name, 1, lambda progress, name=name: make(name, name == "one"), 0.0) for name in missing]
 
     assert do_all(wanted, "entry")

@@ -150,14 +150,33 @@ class EntryRun:
         if missing := [name for name in names if not is_finished(self.out / name)]:
             raise Unfinished(f"batches of {missing[0]} are missing, which other shards make; whoever ends last goes on")
 
-    def seconds_per_case(self, scenarios: Sequence[str]) -> float:
-        """How long a case takes it here, in seconds: the mean over some public cases of the first of some scenarios.
+    def measure_pace(self, name: str, package_files: Mapping[str, str], scenarios: Sequence[str]) -> float:
+        """How long a case takes it here, in seconds. It is measured once, and kept in `out`.
 
-        One case comes before, which does not count: what a planner does once is no cost of a case.
+        Args:
+            name: The name of the entry.
+            package_files: The files of a planner that is built in or installed.
+            scenarios: The names of the scenarios that it can drive.
 
-        Raises:
-            InputError: The planner breaks its contract or a limit.
+        Returns:
+            The mean over some public cases of the first of the scenarios; 0 if the planner breaks its contract or a
+            limit in them: whoever runs it meets the same fault, and says so.
         """
+        path = self.out / f"pace-{self.board.name}-{name}-{self.digest(package_files)}.json"
+        if not path.exists():
+            try:
+                seconds = self._seconds_per_case(scenarios)
+            except MachineFault:
+                raise
+            except InputError:
+                seconds = 0.0
+            self.out.mkdir(parents=True, exist_ok=True)
+            with files.whole(path) as partial:
+                partial.write_text(json.dumps(seconds), encoding="utf-8")
+        return float(files.read_json(path))
+
+    def _seconds_per_case(self, scenarios: Sequence[str]) -> float:
+        # One case comes before, which does not count: what a planner does once is no cost of a case.
         scenario = next(scenario for scenario in self.board.load(None) if scenario.name in scenarios)
         cases = Cases("test", 0, min(PACE, self.board.spec.public_cases))
         with contextlib.closing(self._start_planner(scenario)) as planner:

@@ -15,6 +15,8 @@ from pydantic import Field
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import MAINTAINERS
+from crowdbench.boards.planner_files import package_files
+from crowdbench.boards.run_entry import EntryRun
 from crowdbench.boards.season import Season, freeze, read_season
 from crowdbench.boards.standings import read_entries
 from crowdbench.boards.submission import ENTRIES, Submission, submit
@@ -55,13 +57,13 @@ class Job:
         title: What it is, for people.
         cases: How many cases it drives or replays.
         do: Does it; takes `progress`, see `submit` and `verify`.
-        seconds: About how long it takes on this machine; None where that is not known before.
+        seconds: About how long it takes on this machine.
     """
 
     title: str
     cases: int
     do: Callable[..., object]
-    seconds: float | None = None
+    seconds: float
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
@@ -78,8 +80,10 @@ def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
         card = root / CARDS / f"{spec.name}.toml"
         submission = Submission(board, spec.name, spec.planner, spec.options, networks, card, MAINTAINERS)
         cases = len(board.public_cases) * len(board.scenarios)
+        run = EntryRun(board, root, spec.planner, spec.options, work, board.public_cases)
+        pace = run.measure_pace(spec.name, package_files(spec.planner), board.scenarios)
         do = functools.partial(submit, submission, root, work)
-        jobs.append(Job(f"{spec.name} on {board.name}", cases, do))
+        jobs.append(Job(f"{spec.name} on {board.name}", cases, do, pace * cases))
     return jobs
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import json
 import secrets
 import shutil
 import tempfile
@@ -52,7 +51,6 @@ from crowdbench.runs.shards import WHOLE, Shard
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, MachineFault
-from crowdbench.utils.files import read_json, whole
 from crowdbench.utils.memory import limit_memory
 
 MOST_MEMORY = 4e9
@@ -71,20 +69,8 @@ def measure_pace(entry: Entry, board: Board, work: Path) -> float:
     """
     spec = entry.spec
     run = EntryRun(board, entry.directory, spec.planner, spec.options, work, board.cases)
-    path = work / f"pace-{board.name}-{entry.name}-{run.digest(spec.package_files)}.json"
-    if not path.exists():
-        try:
-            seconds = run.seconds_per_case(
-                [name for name in board.scenarios if name in spec.reported] or board.scenarios
-            )
-        except MachineFault:
-            raise
-        except InputError:
-            seconds = 0.0  # the verification meets the same fault, and says so
-        work.mkdir(parents=True, exist_ok=True)
-        with whole(path) as partial:
-            partial.write_text(json.dumps(seconds), encoding="utf-8")
-    return float(read_json(path))
+    driven = [name for name in board.scenarios if name in spec.reported]
+    return run.measure_pace(entry.name, spec.package_files, driven or board.scenarios)
 
 
 def count_cases(entry: Entry, board: Board, cases: Cases) -> int:

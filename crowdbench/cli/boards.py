@@ -319,9 +319,8 @@ def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
     skipped: set[str] = set()
     while jobs := [job for job in missing() if job.title not in skipped]:
         job = jobs[0]
-        seconds = [job.seconds for job in jobs if job.seconds is not None]
-        cost = f", which takes about {sum(seconds) / 60:.0f} minutes here" if len(seconds) == len(jobs) else ""
-        say(f"{what}: {job.title}, the first of {len(jobs)}{cost}")
+        minutes = sum(each.seconds for each in jobs) / 60
+        say(f"{what}: {job.title}, the first of {len(jobs)}, which take about {minutes:.1f} minutes here")
         start = time.monotonic()
         try:
             with progress(job.cases) as tell:
