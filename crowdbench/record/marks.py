@@ -171,7 +171,7 @@ def draw_shares(trace: Trace, row: int, contacts: Contacts, label: float) -> Ite
     ways = [way[np.isfinite(way).all(axis=1)] for way in ways]
     # Beside the start of each way, on the side that is away from the other one.
     apart = ways[0][0] - ways[1][0]
-    apart *= 1.5 * label / max(float(norm(apart)), label)
+    apart *= 1.5 * label / max(math.hypot(*apart), label)
     labels = [f"vehicle {100 * share:.0f} %", f"pedestrian {100 * (1.0 - share):.0f} %"]
     style = rr.LineStrips2D.from_fields(colors=[DARK.failure], radii=width(3), draw_order=47)
     yield still("world/shares", style, rr.Points2D.from_fields(radii=width(0), colors=[DARK.failure]))
