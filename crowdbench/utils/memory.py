@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import psutil
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # of malloc.h
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h
 _KEPT = 32 * 2**20
 
 
@@ -23,8 +23,6 @@ def keep_freed_memory() -> None:
         libc = ctypes.CDLL(None)
         libc.mallopt(_M_MMAP_THRESHOLD, _KEPT)
         libc.mallopt(_M_TRIM_THRESHOLD, 8 * _KEPT)
-        # Threads take from the same memory: what is their own is given back as soon as it is free.
-        libc.mallopt(_M_ARENA_MAX, 1)
 
 
 @contextlib.contextmanager
