@@ -135,7 +135,7 @@ def measure_ppo_training(steps: int = 100_000) -> Iterator[Measurement]:
     yield Measurement("training of a policy by PPO, 1 to 10 pedestrians", training.steps / duration, "steps/s")
 
 
-def measure_large_crowds(cases: int = 10) -> Iterator[Measurement]:
+def measure_large_crowds(cases: int = 40) -> Iterator[Measurement]:
     """Cases with 20 pedestrians, of the paper's planners.
 
     Args:

@@ -91,7 +91,9 @@ def measure_thousands() -> Iterator[Measurement]:
 def measure_environments() -> Iterator[Measurement]:
     """A step of the environments of one world."""
     yield _measure_time("PettingZoo environment, 6 agents, per step", ROUNDS * 3, functools.partial(environment, STEPS))
-    yield _measure_time("Gymnasium environment, 6 agents, per step", ROUNDS * 3, functools.partial(vehicle, STEPS))
+    yield _measure_time(
+        "Gymnasium environment, 6 agents, per step", ROUNDS * 3, functools.partial(vehicle_environment, STEPS)
+    )
 
 
 def measure_vec_env(worlds: int = 512, steps: int = 60) -> Iterator[Measurement]:
@@ -206,7 +208,7 @@ def environment(steps: int) -> float:
     return _repeat(functools.partial(env.step, actions), steps)
 
 
-def vehicle(steps: int) -> float:
+def vehicle_environment(steps: int) -> float:
     """Seconds per step of the Gymnasium environment, in which the vehicle alone is given actions."""
     env = gymnasium.make(VEHICLE, scenario=SCENARIO, disable_env_checker=True).unwrapped
     env.reset(seed=0)

@@ -23,7 +23,10 @@ def at_fault_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
 
 
 def at_fault_seen_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
-    """The same, with a pedestrian who saw the vehicle [1]."""
+    """Share of episodes in which the vehicle was at fault for a collision with somebody who saw it [1].
+
+    It had a share of 0.1 or more in it, as in `at_fault_rate`.
+    """
     contacts = find_contacts(trace)
     return (contacts.share >= LITTLE) & contacts.saw
 
