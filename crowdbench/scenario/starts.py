@@ -113,7 +113,8 @@ class LayoutStarts:
                 if crowd.clear_space is None or _is_clear(crowd.clear_space, placement, vehicle, rules, walkers):
                     return Start(traits, placement, group)
             raise InputError(
-                f"somebody starts in the clear_space of the vehicle in each of {TRIES} placements: make it smaller, or the crowd"
+                f"somebody starts in the clear_space of the vehicle in each of {TRIES} placements: make it smaller, or "
+                "the crowd"
             )
 
     def complete(self, world: World, cases: Sequence[Case], starts: Sequence[Start]) -> World:
