@@ -86,6 +86,7 @@ def episodes(success, **columns):
         columns={
             "success_rate": success,
             "collision_rate": ~success,
+            "at_fault_rate": success & ~success,
             "wall_collision_rate": success & ~success,
             "timeout_rate": success & ~success,
         }

@@ -63,6 +63,7 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
         one.columns["minimum_gap"][12:] = -5.0
         one.columns["minimum_gap"][:12] = 0.25
         one.columns["discomfort"][:12] = 0.125
+        one.columns["at_fault_rate"][12:16] = True
         leave(runs[0], tmp_path, one)
         leave(runs[1], tmp_path, two)
     text = study.page(study.fill(tmp_path), "study tiny.toml")
@@ -70,12 +71,12 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert head == [printed_by("study tiny.toml"), "What is compared", "## Crowds"]
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
-    assert lines[0] == ["planner", "success", "collision", "time-out", "time", "discomfort", "jerk", "gap"]
-    assert lines[2][:4] == ["orca", "60.0 % (38.7 to 78.1)", "40.0 %", "0.0 %"]
+    assert lines[0] == ["planner", "success", "collision", "at fault", "time-out", "time", "discomfort", "jerk", "gap"]
+    assert lines[2][:5] == ["orca", "60.0 % (38.7 to 78.1)", "40.0 %", "20.0 %", "0.0 %"]
     time = bootstrap(one.columns["navigation_time"][:12], np.ones(12))
-    assert lines[2][4] == f"{time.mean:.2f} s ({time.low:.2f} to {time.high:.2f})"
-    assert lines[2][5] == "12.50 % (12.50 to 12.50)"
-    assert lines[2][7] == "0.250 m (0.250 to 0.250)"
+    assert lines[2][5] == f"{time.mean:.2f} s ({time.low:.2f} to {time.high:.2f})"
+    assert lines[2][6] == "12.50 % (12.50 to 12.50)"
+    assert lines[2][8] == "0.250 m (0.250 to 0.250)"
     assert lines[4] == ["significantly better or worse than", "orca"]
     assert lines[6][0] == "orca_margin"
     assert lines[6][1].startswith("better: time")
@@ -105,9 +106,9 @@ def test_collisions_with_walls_are_shown_where_there_are_any():
     columns = {name: np.ones(12) for name in MEASURES}
     walls = np.arange(12) >= 9
     for hit, header in [
-        (walls, "| collision | with a wall | time-out |"),
-        (walls & ~walls, "| collision | time-out |"),
+        (walls, "| collision | at fault | with a wall | time-out |"),
+        (walls & ~walls, "| collision | at fault | time-out |"),
     ]:
         made = CrowdRow.of(run, episodes([1] * 9 + [0] * 3, **columns, wall_collision_rate=hit))
         assert header in FilledCrowd("doorway", [made], []).markdown()
-        assert ("| 25.0 % | 25.0 % |" in FilledCrowd("doorway", [made], []).markdown()) == hit.any()
+        assert ("| 25.0 % | 0.0 % | 25.0 % |" in FilledCrowd("doorway", [made], []).markdown()) == hit.any()

@@ -46,6 +46,7 @@ CASES_IF_SLOW = 500
 METRIC_TITLES = {
     "success_rate": "success, %",
     "collision_rate": "collisions, %",
+    "at_fault_rate": "at fault, %",
     "timeout_rate": "time-outs, %",
     "navigation_time": "time, s",
     "sct": "SCT",
@@ -56,6 +57,9 @@ METRIC_TITLES = {
     "imposed_delay": "imposed delay, s",
 }
 """The metrics that boards show, the last one only where it has a bound, and what they are called there."""
+
+LATER = ("at_fault_rate",)
+"""Those that the runs of earlier entries lack: there they are undefined."""
 
 _SHOWN_ONLY = {"title", "description", "position", "recorded", "ranked"}
 """Keys of a board that are not in its digest."""

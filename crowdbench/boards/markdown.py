@@ -94,6 +94,8 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
     success = "" if method is None else _with_interval(method.metrics["success_rate"], 1, " %")
     cells["method"] = "" if method is None else f"{success}, {method.networks} networks"
     cells["collisions"] = _number(figures["collision_rate"].mean, 1, " %")
+    if any(math.isfinite(each.figures["at_fault_rate"].mean) for each in table.entries):
+        cells["at fault"] = _number(figures["at_fault_rate"].mean, 1, " %")
     cells["SCT"] = _with_interval(figures["sct"], 3)
     cells["time"] = _number(figures["navigation_time"].mean, 2, " s")
     cells["time within 0.45 m"] = _number(figures["intimate_zone"].mean, 0, " %")

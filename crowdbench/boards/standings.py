@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from crowdbench.boards.board import Board
+from crowdbench.boards.board import LATER, Board
 from crowdbench.boards.entry import (
     ENTRY,
     MAINTAINERS,
@@ -268,18 +268,23 @@ def _why_unranked(
 
 def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray, "case"]:
     """A metric's values in the cases of a scenario; without a run, success and collisions are 0, the rest undefined."""
-    if run is not None:
-        if metric not in run.columns:
-            raise InputError(f"the runs of an entry lack the metric {metric}, which its board shows")
+    if run is not None and metric in run.columns:
         return run.columns[metric][:cases].astype(float)
+    if run is not None and metric not in LATER:
+        raise InputError(f"the runs of an entry lack the metric {metric}, which its board shows")
     return np.full(cases, 0.0 if metric in CRITERIA else np.nan)
 
 
 def read_estimates(directory: Path, names: Iterable[str]) -> dict[str, Estimate]:
-    """The means of metrics in a run, with their intervals. Raises InputError where the run lacks one of them."""
+    """The means of metrics in a run, with their intervals.
+
+    Raises InputError where the run lacks one of them that is not in `LATER`.
+    """
     metrics = read_result(directory)["metrics"]
     try:
-        return {name: read_estimate(metrics[name]) for name in names}
+        return {
+            name: NOTHING if name in LATER and name not in metrics else read_estimate(metrics[name]) for name in names
+        }
     except KeyError as error:
         raise InputError(f"{directory / RESULT} lacks {error} of a metric that its board shows") from None
 

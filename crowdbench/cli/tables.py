@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 BOARD_COLUMNS = {
     "collisions, %": "collision_rate",
+    "at fault, %": "at_fault_rate",
     "time-outs, %": "timeout_rate",
     "SCT": "sct",
     "time, s": "navigation_time",

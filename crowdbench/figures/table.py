@@ -14,7 +14,15 @@ from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
 
-DEFAULT = ("success_rate", "collision_rate", "timeout_rate", "navigation_time", "minimum_gap", "jerk")
+DEFAULT = (
+    "success_rate",
+    "collision_rate",
+    "at_fault_rate",
+    "timeout_rate",
+    "navigation_time",
+    "minimum_gap",
+    "jerk",
+)
 """The metrics of a table where none are asked for."""
 
 

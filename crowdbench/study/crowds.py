@@ -27,13 +27,19 @@ from crowdbench.utils.toml import Location
 OVER_SOLVED = (TIME, DISCOMFORT, JERK, GAP)
 """What is measured over solved cases: each planner's own, or those that both of a pair solve."""
 
-FAILURES = {"collision_rate": "collision", "wall_collision_rate": "with a wall", "timeout_rate": "time-out"}
-"""What ends the other cases: rates, and their headings."""
+FAILURES = {
+    "collision_rate": "collision",
+    "at_fault_rate": "at fault",
+    "wall_collision_rate": "with a wall",
+    "timeout_rate": "time-out",
+}
+"""Of the other cases: rates, and their headings."""
 
 NOTES = (
-    "Success has Wilson's 95 % interval. Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the "
-    "smallest of an episode) are means over the cases that the planner itself solves, with 95 % intervals of a "
-    "bootstrap. The means of a planner that fails often are over easier cases."
+    "Success has Wilson's 95 % interval. At fault are collisions in which the vehicle had a share of 0.1 or more. "
+    "Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the smallest of an episode) are means over "
+    "the cases that the planner itself solves, with 95 % intervals of a bootstrap. The means of a planner that fails "
+    "often are over easier cases."
 )
 RECORDED = (
     "Cases from the same block of recorded time are not independent. Where people were recorded, also where they "
@@ -56,6 +62,7 @@ class CrowdRow(Row):
     Attributes:
         success_rate: Share of the cases that it solves.
         collision_rate: Share of the cases in which it collides, with a pedestrian or a wall.
+        at_fault_rate: Share of the cases in which it is at fault for a collision.
         wall_collision_rate: Share of the cases in which it collides with a wall.
         timeout_rate: Share of the cases in which its time runs out.
         over_solved: The measures of `OVER_SOLVED` by metric, over the cases that it solves.
@@ -63,6 +70,7 @@ class CrowdRow(Row):
 
     success_rate: Estimate
     collision_rate: float
+    at_fault_rate: float
     wall_collision_rate: float
     timeout_rate: float
     over_solved: dict[str, Estimate]
@@ -71,11 +79,10 @@ class CrowdRow(Row):
     def of(cls, run: Run, episodes: Episodes) -> CrowdRow:
         """Summarize the episodes of a run."""
         success = episodes.columns[SUCCESS.metric]
-        collision, wall, timeout = (float(episodes.columns[name].mean()) for name in FAILURES)
+        failures = {name: float(episodes.columns[name].mean()) for name in FAILURES}
         over_solved = _over_solved(episodes.columns, success, episodes.block)
-        return cls(
-            run.driver.name, run.driver.privileged, rate(success, episodes.block), collision, wall, timeout, over_solved
-        )
+        succeeds = rate(success, episodes.block)
+        return cls(run.driver.name, run.driver.privileged, succeeds, **failures, over_solved=over_solved)
 
 
 @dataclass(frozen=True)
