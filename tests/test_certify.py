@@ -195,6 +195,7 @@ def test_cases_that_are_left_out_shift_the_others():
     np.testing.assert_array_equal(
         fewer.draw("test", np.arange(3)).position, scenario.draw("test", np.arange(3)).position
     )
+    assert fewer.raw_numbers("val", np.arange(3)).tolist() == [1, 3, 4]
     assert fewer.digest != scenario.digest
     assert scenario.leave_out({"val": []}).digest == scenario.digest
 

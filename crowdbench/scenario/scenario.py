@@ -124,7 +124,7 @@ class Scenario:
         Raises:
             InputError: A layout has no room for a crowd, fails, or places what cannot be, or a policy makes no memory.
         """
-        numbers = self._numbers(split, cases)
+        numbers = self.raw_numbers(split, cases)
         keys = rng.case_keys(self.seed, split, numbers)
         drawn = [
             Case(Location(self.source, f"case {split}:{case}"), split, case, key)
@@ -185,10 +185,15 @@ class Scenario:
         """The block of recorded time of each case; None where nobody is recorded, so that cases are independent."""
         if self.tracks is None:
             return None
-        return self.tracks.blocks(cases.split, self._numbers(cases.split, cases.indices))
+        return self.tracks.blocks(cases.split, self.raw_numbers(cases.split, cases.indices))
 
-    def _numbers(self, split: str, cases: Int[np.ndarray, "world"]) -> Int[np.ndarray, "world"]:
-        """The numbers by which cases are drawn."""
+    def raw_numbers(self, split: str, cases: Int[np.ndarray, "world"]) -> Int[np.ndarray, "world"]:
+        """The numbers of cases among all, those without a certificate included: by these they are drawn.
+
+        Args:
+            split: `train`, `val` or `test`.
+            cases: Numbers among those that are not left out.
+        """
         return skip_left_out(self.left_out.get(split, ()), cases)
 
 
