@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.planners.base import Planner
+from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.plugins.files import file_digests
 from crowdbench.plugins.load import ROOT, Kind, file_and_function
 from crowdbench.scenario import layouts
@@ -55,7 +56,8 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
 
     Args:
         spec: The name of a built-in or installed planner, `file.py` or `file.py:function`.
-        options: Arguments of the planner's function, as they are written in TOML.
+        options: Arguments of the planner's function, as they are written in TOML. Every planner has one more,
+            `filter`: see `crowdbench.planners.filtered`.
 
     Returns:
         The planner's name, and the planner.
@@ -63,7 +65,12 @@ def load_planner(spec: str, options: Mapping[str, Any] | None = None) -> tuple[s
     Raises:
         InputError: There is no such planner, it does not take the options, or its file is broken.
     """
-    return PLANNERS.load(spec, options)
+    own = dict(options or {})
+    chosen = own.pop("filter", False)
+    if chosen not in (False, "kalman"):
+        raise InputError(f"option filter is {chosen!r}, but must be kalman, or left out")
+    name, planner = PLANNERS.load(spec, own)
+    return name, FilteredPlanner(planner) if chosen else planner
 
 
 def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, str]]:

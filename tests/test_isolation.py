@@ -16,7 +16,7 @@ import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, chain
-from crowdbench.core.types import Lidar, Rules, Sensor
+from crowdbench.core.types import Lidar, Noise, Rules, Sensor
 from crowdbench.isolation import protocol, sandbox
 from crowdbench.isolation.planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import DecisionLimitExceeded, Driver
@@ -196,7 +196,7 @@ def test_every_array_of_an_observation_arrives():
     )
     car = Rules(dynamics=Bicycle(2.5, 0.5, 1.5), goal_tolerance=1.0, body=chain(4.5, 0.9, 1.25))
     slow = Rules(dynamics=Holonomic(0.5))
-    blind = Rules(sensor=Sensor(range=2.0, remember=1.0, lidar=Lidar(7, 3.0)))
+    blind = Rules(sensor=Sensor(2.0, 90.0, True, Noise(0.1, 0.2), 0.3, 1, remember=1.0, lidar=Lidar(7, 3.0), nearest=3))
     for future, rules in ((None, Rules()), (generator.normal(size=(5, 3, 2)), car), (None, slow), (None, blind)):
         world = look(world.replace(rules=rules))
         sent = observe(world, np.arange(5)[::-1], future)
@@ -213,7 +213,7 @@ def test_every_array_of_an_observation_arrives():
                     assert other.flags.aligned
         for constant in ("dynamics", "goal_tolerance", "body"):
             assert getattr(received.vehicle, constant) == getattr(sent.vehicle, constant)
-        assert received.dt == sent.dt
+        assert (received.dt, received.sensor) == (sent.dt, rules.sensor)
 
 
 LOOP = """\
@@ -289,7 +289,7 @@ def test_a_program_that_speaks_another_version_is_refused(tmp_path):
     with pytest.raises(InputError) as error:
         IsolatedPlanner(str(program), {})
     assert str(error.value) == (
-        "planner old speaks version 1 of the messages, but must speak version 3, which docs/isolation.md describes"
+        "planner old speaks version 1 of the messages, but must speak version 4, which docs/isolation.md describes"
     )
 
 

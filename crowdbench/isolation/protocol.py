@@ -21,9 +21,9 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, FREE
-from crowdbench.core.types import HISTORY, Observation, Pedestrians, Vehicle
+from crowdbench.core.types import HISTORY, SHEET, Observation, Pedestrians, Sensor, Vehicle
 
-VERSION = 3
+VERSION = 4
 """Version of the format, which `START` and its answer name."""
 
 LARGEST = 2**31
@@ -110,14 +110,15 @@ ARRAYS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
     "vehicle.goal_tolerance": ("<f8", ("tolerance",)),
     "vehicle.body": ("<f8", ("disc",)),
     "lidar": ("<f8", ("world", "beam")),
+    "sensor": ("<f8", (SHEET,)),
     "pedestrians.seen": ("|u1", ("world", "pedestrian")),
     "pedestrians.filled": ("|u1", ("world", "filled", "pedestrian")),
 }
 """Then follow these arrays, by their names in `Observation`, with their type and their shape.
 
 `vehicle.dynamics` has the limits in the order of the fields of the class. It, `vehicle.goal_tolerance` and
-`vehicle.body` are empty where they are those of a holonomic disc. `lidar` and `pedestrians.filled` are empty where an
-observation has none.
+`vehicle.body` are empty where they are those of a holonomic disc. `sensor` is `Sensor.numbers()`. `lidar` and
+`pedestrians.filled` are empty where an observation has none.
 """
 
 
@@ -204,7 +205,7 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         obs: The observation. What is logged in it is not sent.
         steps: For how many steps the planner is to decide.
     """
-    values = {name: attrgetter(name)(obs) for name in ARRAYS} | _constants(obs.vehicle)
+    values = {name: attrgetter(name)(obs) for name in ARRAYS} | _constants(obs)
     values = {name: value for name, value in values.items() if value is not None}
     sizes = dict.fromkeys(DIMENSIONS, 0)
     for name, value in values.items():
@@ -217,13 +218,15 @@ def observation_parts(obs: Observation, steps: int) -> Iterator[bytes | memoryvi
         yield array_bytes(value, ARRAYS[name][0])
 
 
-def _constants(vehicle: Vehicle) -> dict[str, tuple[float, ...]]:
-    """What is the same for the vehicle of each world, by names as in `ARRAYS`."""
+def _constants(obs: Observation) -> dict[str, tuple[float, ...]]:
+    """What is the same in each world, by names as in `ARRAYS`."""
+    vehicle = obs.vehicle
     dynamics, tolerance = vehicle.dynamics, vehicle.goal_tolerance
     return {
         "vehicle.dynamics": () if dynamics == FREE else dataclasses.astuple(dynamics),  # type: ignore[call-overload]
         "vehicle.goal_tolerance": () if tolerance is None else (tolerance,),
         "vehicle.body": () if vehicle.body == DISC else vehicle.body,
+        "sensor": obs.sensor.numbers(),
     }
 
 
@@ -249,6 +252,7 @@ def read_observation(content: bytearray) -> tuple[Observation, int]:
         parts[part][field] = array
     top, vehicle, pedestrians = parts.values()
     top["dt"] = float(top["dt"])
+    top["sensor"] = Sensor.of_numbers(top["sensor"].tolist())
     top["lidar"] = top["lidar"] if sizes["beam"] else None
     vehicle["dynamics"] = list(DYNAMICS.values())[sizes["dynamics"]](*vehicle["dynamics"].tolist())
     vehicle["goal_tolerance"] = next(iter(vehicle["goal_tolerance"].tolist()), None)

@@ -120,11 +120,14 @@ class SequenceResult(NamedTuple):
         steps: Number of steps until it ends, or all of them.
         gap: Smallest distance in metres to a pedestrian's rim during each step, less the margin of the step; infinite
             after the end.
+        motion: The vehicle's `Motion` before the first step and after each one, whether it has ended or not; the
+            heading of a holonomic vehicle is not kept.
     """
 
     outcome: Int[np.ndarray, "world sequence mode"]
     steps: Int[np.ndarray, "world sequence mode"]
     gap: Float[np.ndarray, "world sequence mode time"]
+    motion: Float[np.ndarray, "world sequence state 6"]
 
 
 def try_sequences(scene: Scene, commands: Sequences, margin: Float[np.ndarray, "time"]) -> SequenceResult:
@@ -137,7 +140,12 @@ def try_sequences(scene: Scene, commands: Sequences, margin: Float[np.ndarray, "
     """
     worlds, sequences, steps = commands.shape[:3]
     shape = worlds, sequences, scene.crowd.position.shape[1]
-    result = SequenceResult(np.empty(shape, np.int64), np.empty(shape, np.int64), np.full((*shape, steps), np.inf))
+    result = SequenceResult(
+        np.empty(shape, np.int64),
+        np.empty(shape, np.int64),
+        np.full((*shape, steps), np.inf),
+        np.empty((worlds, sequences, steps + 1, 6)),
+    )
     _try_sequences(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, margin, result)
     return result
 
@@ -151,33 +159,56 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, margin, result):
     start, motion = np.empty((agents, 2)), np.empty((agents, 2))
     radii, present = np.empty(agents), np.ones(agents, np.bool_)
     discs = Discs(start, motion, radii, present)
-    # The vehicle's `Motion` before the first step and after each one.
-    way, to_walls = np.empty((horizon + 1, 6)), np.full(horizon, np.inf)
+    # Of each disc of the body in each step: where it starts, and how far it moves.
+    chord, to_walls = np.empty((horizon, len(body), 4)), np.full(horizon, np.inf)
     for w in range(len(commands)):
-        radii[0], radii[1:], present[1:], way[0] = radius[w], crowd.radius[w], crowd.present[w], vehicle.motion[w]
+        radii[0], radii[1:], present[1:] = radius[w], crowd.radius[w], crowd.present[w]
         for s in range(commands.shape[1]):
+            way = result.motion[w, s]
+            way[0] = vehicle.motion[w]
             for t in range(horizon):
                 before, command = motion_of(way, t), (commands[w, s, t, 0], commands[w, s, t, 1])
                 after = drive_without_heading(code, limits, before, command, vehicle.preferred_speed[w], dt)
                 way[t + 1, 0], way[t + 1, 1], way[t + 1, 2], way[t + 1, 3], way[t + 1, 4], way[t + 1, 5] = after
+                _fill_chords(code, body, before, after, dt, chord[t])
                 if obstacles.shape[1] > 0:
-                    dx, dy = after.vx * dt, after.vy * dt
-                    to_walls[t] = wall_gap_in_step(before.x, before.y, dx, dy, radius[w], obstacles[w])
+                    to_walls[t] = np.inf
+                    for x, y, dx, dy in chord[t]:
+                        to_walls[t] = min(to_walls[t], wall_gap_in_step(x, y, dx, dy, radius[w], obstacles[w]))
             for m in range(position.shape[1]):
                 ended = running
                 t = 0
                 while t < horizon and ended == running:
-                    vx, vy, wall_gap = way[t + 1, 2], way[t + 1, 3], to_walls[t]
-                    start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = way[t, 0], way[t, 1], vx * dt, vy * dt
                     fill_crowd(position, w, m, t, start, motion)
-                    if code == HOLONOMIC:
-                        gap, _ = nearest_in_step(0, discs)
-                    else:
-                        arc = way[t, 4], math.hypot(vx, vy), way[t + 1, 5], dt
-                        gap, wall_gap = gaps_on_arc(body, *arc, discs, obstacles[w])
+                    gap = np.inf
+                    for x, y, dx, dy in chord[t]:
+                        start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = x, y, dx, dy
+                        gap = min(gap, nearest_in_step(0, discs)[0])
                     gap -= margin[t]
                     dx, dy = vehicle.goal[w, 0] - way[t + 1, 0], vehicle.goal[w, 1] - way[t + 1, 1]
-                    ended = step_outcome(gap, wall_gap, dx, dy, vehicle.goal_tolerance[w], False)
+                    ended = step_outcome(gap, to_walls[t], dx, dy, vehicle.goal_tolerance[w], False)
                     result.gap[w, s, m, t] = gap
                     t += 1
                 result.outcome[w, s, m], result.steps[w, s, m] = ended, t
+
+
+@no_type_check
+@njit(nogil=True, inline="always")
+def _fill_chords(code, body, before, after, dt, chord):
+    """Where each disc of a body starts in a step, and how far it moves: x, y, dx and dy in metres.
+
+    An arc is taken as its chord: a disc of a vehicle at 1 m/s and 1.5 rad/s is off by 1 cm at most in 0.25 s.
+    """
+    if code == HOLONOMIC:
+        chord[0, 0], chord[0, 1], chord[0, 2], chord[0, 3] = before.x, before.y, after.vx * dt, after.vy * dt
+        return
+    cos, sin, cos_after, sin_after = (
+        math.cos(before.heading),
+        math.sin(before.heading),
+        math.cos(after.heading),
+        math.sin(after.heading),
+    )
+    for k in range(len(body)):
+        chord[k, 0], chord[k, 1] = before.x + body[k] * cos, before.y + body[k] * sin
+        chord[k, 2] = after.x + body[k] * cos_after - chord[k, 0]
+        chord[k, 3] = after.y + body[k] * sin_after - chord[k, 1]

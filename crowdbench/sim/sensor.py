@@ -60,6 +60,7 @@ def observe(
         noise_key=world.noise_key.copy(),
         step=world.step.copy(),
         dt=rules.dt,
+        sensor=sensor,
         future=future,
         logs=logs,
         lidar=None if sensor.lidar is None else beams(world, sensor.lidar),

@@ -37,9 +37,9 @@ FAILURES = {
 
 NOTES = (
     "Success has Wilson's 95 % interval. At fault are collisions in which the vehicle had a share of 0.1 or more. "
-    "Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the smallest of an episode) are means over "
-    "the cases that the planner itself solves, with 95 % intervals of a bootstrap. The means of a planner that fails "
-    "often are over easier cases."
+    "Time, discomfort (share of steps with a gap below 0.2 m), jerk and gap (the smallest of an episode) are means "
+    "over the cases that the planner itself solves, with 95 % intervals of a bootstrap. The means of a planner that "
+    "fails often are over easier cases."
 )
 RECORDED = (
     "Cases from the same block of recorded time are not independent. Where people were recorded, also where they "

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt
 from crowdbench.core import rng
 from crowdbench.core.dynamics import DISC, FREE, Body, Dynamics, State, hull
 from crowdbench.core.geometry import local_goals
+from crowdbench.core.types.rules import PERFECT, Sensor
 from crowdbench.utils.errors import InputError
 
 AgentPoints = Float[np.ndarray, "world agent 2"]
@@ -98,6 +99,7 @@ class Pedestrians:
     observed: Int[np.ndarray, "*world pedestrian"]
     age: Float[np.ndarray, "*world pedestrian"]
     filled: Bool[np.ndarray, "*world time pedestrian"] | None = None
+    deviation: Float[np.ndarray, "*world pedestrian"] | None = None
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,7 @@ class Observation:
         dt: Length of a step in seconds.
         future: The pedestrians' next velocities in m/s; None unless the planner is privileged.
         logs: What the planner has logged in this decision, by name; None where nothing is recorded.
+        sensor: The data sheet of the vehicle's sensor: how far, how exactly and how late it sees.
         lidar: Distance in metres at which each beam meets a person or an obstacle, from the vehicle's position, or the
             lidar's range where it meets none; see `crowdbench.core.types.Lidar`. None without a lidar.
     """
@@ -131,6 +134,7 @@ class Observation:
     noise_key: UInt[np.ndarray, "*world"]
     step: Int[np.ndarray, "*world"]
     dt: float
+    sensor: Sensor = PERFECT
     future: Float[np.ndarray, "*world pedestrian 2"] | None = None
     logs: dict[str, np.ndarray] | None = None
     lidar: Float[np.ndarray, "*world beam"] | None = None

@@ -1,0 +1,29 @@
+"""Model predictive path integral control among pedestrians at constant velocity.
+
+Williams et al., "Information theoretic MPC for model-based reinforcement learning", ICRA 2017.
+"""
+
+from crowdbench.planners.mppi import SEARCH, WEIGHTS, MPPIPlanner, Search, Weights
+from crowdbench.predict.load import load_predictor
+
+
+def planner(
+    predictor: str = "constant_velocity",
+    search: Search = SEARCH,
+    weights: Weights = WEIGHTS,
+    horizon: int = 14,
+    worst: float = 1.0,
+) -> MPPIPlanner:
+    """Make the planner.
+
+    Args:
+        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        search: How sequences are sampled.
+        weights: What they cost.
+        horizon: Number of steps of a sequence [1].
+        worst: The share of the futures, the worst for a sequence, of which the mean counts (CVaR); 1 for all [1].
+
+    Returns:
+        The planner.
+    """
+    return MPPIPlanner(load_predictor(predictor)[1], search, weights, horizon, worst)

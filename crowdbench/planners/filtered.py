@@ -1,0 +1,178 @@
+"""A filter before a planner: what limited sight has measured becomes an estimate of where people are now."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.core.types import HISTORY, Observation, Pedestrians
+from crowdbench.planners.base import Planner
+from crowdbench.planners.scene import Sequence, Velocities
+
+ACCELERATION = 0.1
+"""How people change their velocities: spectral density of white acceleration, in m^2/s^3."""
+
+MEMORY = 4.0
+"""Seconds for which somebody is remembered of whom no measurement arrives."""
+
+EXACT = 1e-3
+"""Smallest standard deviation of a measurement, in metres and in m/s: where there is no noise, nothing is singular."""
+
+
+class _Tracks:
+    """The estimates of the people of a batch, by the row of a world and the place of a pedestrian.
+
+    Attributes:
+        mean: Position in metres and velocity in m/s at the last measurement that has arrived, or since then moved on.
+        covariance: Variances of position and velocity along each axis, and between them their covariance.
+        radius: In metres.
+        age: Seconds since the last measurement, its delay not counted; infinite where there is none.
+        time: Seconds from the start at which each world was looked at last.
+    """
+
+    def __init__(self, worlds: int, pedestrians: int) -> None:
+        self.mean = np.zeros((worlds, pedestrians, 4))
+        self.covariance = np.zeros((worlds, pedestrians, 3))
+        self.radius = np.ones((worlds, pedestrians))
+        self.age = np.full((worlds, pedestrians), np.inf)
+        self.time = np.zeros(worlds)
+        self.last = np.full((worlds, pedestrians, 2), np.nan)
+
+
+class KalmanFilter:
+    """A Kalman filter for each person, who keeps the velocity but for white acceleration (Bar-Shalom et al. 2001).
+
+    It knows the sensor's noise and delay from its data sheet, `Observation.sensor`. Positions and velocities are
+    measured as they were a delay ago; estimates are moved on to now. Who is not measured is remembered for `MEMORY`
+    seconds, ever less certain.
+    """
+
+    def __init__(self) -> None:
+        self.reset(np.arange(0))
+
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
+        """Forget everybody. See `Planner.reset`."""
+        self.worlds = len(rows)
+        self.tracks: _Tracks | None = None
+
+    def filter(self, obs: Observation) -> Observation:
+        """What the planner is shown instead of an observation: estimates of the present, with their deviation."""
+        if self.tracks is None:
+            self.tracks = _Tracks(max(self.worlds, int(obs.row.max(initial=-1)) + 1), obs.pedestrians.seen.shape[1])
+        tracks, row, delay = self.tracks, obs.row, obs.sensor.delay * obs.dt
+        elapsed = obs.time - tracks.time[row]
+        tracks.time[row] = obs.time
+        mean, covariance = _move_on(tracks.mean[row], tracks.covariance[row], elapsed[:, None])
+        age, radius = tracks.age[row] + elapsed[:, None], tracks.radius[row]
+        crowd = obs.pedestrians
+        measured = crowd.seen & (crowd.age <= delay + 1e-6)
+        is_new = measured & (~np.isfinite(age) | ~self._continues(obs))
+        noise = obs.sensor.noise
+        variance = np.array([max(noise.position, EXACT) ** 2, max(noise.velocity, EXACT) ** 2])
+        values = np.concatenate([crowd.position, crowd.velocity], axis=2)
+        mean = np.where(is_new[..., None], values, mean)
+        covariance = np.where(is_new[..., None], [variance[0], 0.0, variance[1]], covariance)
+        better = _measure(mean, covariance, values, variance)
+        again = (measured & ~is_new)[..., None]
+        mean, covariance = np.where(again, better[0], mean), np.where(again, better[1], covariance)
+        age, radius = np.where(measured, 0.0, age), np.where(measured, crowd.radius, radius)
+        tracks.mean[row], tracks.covariance[row], tracks.age[row], tracks.radius[row] = mean, covariance, age, radius
+        tracks.last[row] = np.where(measured[..., None], crowd.position, np.nan)
+        mean, covariance = _move_on(mean, covariance, np.full_like(age, delay))
+        return dataclasses.replace(obs, pedestrians=_estimated(obs, mean, covariance, age, radius))
+
+    def _continues(self, obs: Observation) -> Bool[np.ndarray, "world pedestrian"]:
+        """Whether a place has the person whom it had: `observed` starts again with another one, or it moves a lot."""
+        assert self.tracks is not None
+        crowd, last = obs.pedestrians, self.tracks.last[obs.row]
+        before = crowd.history[:, -2]
+        is_other = np.abs(before - last).max(axis=-1) > 1e-9  # False where it was not measured in the last step
+        return (crowd.observed > 1) & ~is_other
+
+
+def _move_on(
+    mean: Float[np.ndarray, "world pedestrian 4"],
+    covariance: Float[np.ndarray, "world pedestrian 3"],
+    time: Float[np.ndarray, "world #pedestrian"],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates after some seconds at constant velocity, with white acceleration."""
+    p, c, v = np.moveaxis(covariance, -1, 0)
+    q = ACCELERATION * time
+    later = [p + time * (2.0 * c + time * v) + q * time**2 / 3.0, c + time * v + q * time / 2.0, v + q]
+    position = mean[..., :2] + time[..., None] * mean[..., 2:]
+    return np.concatenate([position, mean[..., 2:]], axis=-1), np.stack(later, axis=-1)
+
+
+def _measure(
+    mean: Float[np.ndarray, "world pedestrian 4"],
+    covariance: Float[np.ndarray, "world pedestrian 3"],
+    values: Float[np.ndarray, "world pedestrian 4"],
+    variance: Float[np.ndarray, "2"],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates after a measurement of position and velocity, whose errors have these variances."""
+    p, c, v = np.moveaxis(covariance, -1, 0)
+    a, b = p + variance[0], v + variance[1]
+    determinant = a * b - c * c
+    # The gain P S^-1, with S = P + R.
+    pp, pv = (p * b - c * c) / determinant, (c * a - p * c) / determinant
+    vp, vv = (c * b - v * c) / determinant, (v * a - c * c) / determinant
+    off = values - mean
+    position = mean[..., :2] + pp[..., None] * off[..., :2] + pv[..., None] * off[..., 2:]
+    velocity = mean[..., 2:] + vp[..., None] * off[..., :2] + vv[..., None] * off[..., 2:]
+    after = np.stack([p - pp * p - pv * c, c - pp * c - pv * v, v - vp * c - vv * v], axis=-1)
+    return np.concatenate([position, velocity], axis=-1), after
+
+
+def _estimated(
+    obs: Observation, mean: np.ndarray, covariance: np.ndarray, age: np.ndarray, radius: np.ndarray
+) -> Pedestrians:
+    """The people as estimated, each with a history on the line on which it walks."""
+    known = age <= MEMORY
+    position, velocity = (np.where(known[..., None], each, 0.0) for each in (mean[..., :2], mean[..., 2:]))
+    back = obs.dt * np.arange(1 - HISTORY, 1)[:, None, None]
+    return Pedestrians(
+        position=position,
+        velocity=velocity,
+        radius=np.where(known, radius, 1.0),
+        seen=known,
+        history=position[:, None] + back * velocity[:, None],
+        observed=np.where(known, HISTORY, 0),
+        age=np.where(known, age, np.inf),
+        deviation=np.where(known, np.sqrt(covariance[..., 0]), 0.0),
+    )
+
+
+class FilteredPlanner(Planner):
+    """A planner that is shown what a filter makes of observations.
+
+    Args:
+        planner: The planner.
+    """
+
+    def __init__(self, planner: Planner) -> None:
+        self.planner, self.filter = planner, KalmanFilter()
+        self.privileged, self.native = planner.privileged, planner.native
+        self.trained_pedestrians = planner.trained_pedestrians
+        self.facts: Mapping[str, str] = planner.facts
+
+    def unseen(self, scene: str) -> FilteredPlanner:
+        """See `Planner`."""
+        return FilteredPlanner(self.planner.unseen(scene))
+
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
+        """See `Planner`."""
+        self.filter.reset(rows)
+        self.planner.reset(rows)
+
+    def plan(self, obs: Observation) -> Velocities:
+        """See `Planner`."""
+        return self.plan_ahead(obs, 1)[:, 0]
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
+        """See `Planner`. Until the first measurements can have arrived, the vehicle stands."""
+        shown = self.filter.filter(obs)
+        commands = self.planner.plan_ahead(shown, steps) if steps > 1 else self.planner.plan(shown)[:, None]
+        return np.where((obs.step < obs.sensor.delay)[:, None, None], 0.0, commands)

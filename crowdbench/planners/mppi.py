@@ -1,0 +1,285 @@
+"""Model predictive path integral control (MPPI): sampled sequences of commands, weighted by what they cost."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.dynamics import Holonomic
+from crowdbench.core.geometry import local_goals, norm, toward_goal
+from crowdbench.core.types import Observation, Outcome
+from crowdbench.planners.base import Planner
+from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
+from crowdbench.planners.trials import SequenceResult, propagate_vehicle, try_sequences
+from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict.base import validate_prediction
+from crowdbench.sim.routes import next_waypoints
+from crowdbench.utils.errors import is_number, require, require_count
+from crowdbench.utils.threads import CHUNK, in_chunks
+
+Costs = Float[np.ndarray, "world sequence"]
+Noise = Float[np.ndarray, "world round sample time 2"]
+Ways = Float[np.ndarray, "world sample time 3"]
+"""Positions in metres, and what the whole way costs in seconds, negative."""
+
+SHOWN = 60
+"""How many of the sampled ways are recorded."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Search:
+    """How sequences are sampled. Commands are in parts of their range: from 0 to the preferred speed, or to a limit.
+
+    Attributes:
+        samples: Number of sequences that are sampled in a round [1].
+        rounds: Number of rounds, each around the result of the one before [1].
+        spread: Standard deviation of the samples of the first round [1].
+        narrower: By what part the deviation is smaller in each further round [1].
+        correlation: Of the noise of a command with that of the one before [1].
+        temperature: Costs that are so much higher weigh 1 / e [s].
+
+    Raises:
+        InputError: A number is impossible.
+    """
+
+    samples: int = 200
+    rounds: int = 2
+    spread: float = 0.35
+    narrower: float = 0.6
+    correlation: float = 0.75
+    temperature: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ("samples", "rounds"):
+            require_count(name, getattr(self, name))
+        for name in ("spread", "narrower", "temperature"):
+            value = getattr(self, name)
+            require(name, value, is_number(value) and 0.0 < value < np.inf, "a number above 0")
+        right = "a number from 0 to below 1"
+        require("correlation", self.correlation, is_number(self.correlation) and 0.0 <= self.correlation < 1.0, right)
+
+
+@dataclasses.dataclass(frozen=True)
+class Weights:
+    """What a sequence costs, in seconds of a longer way.
+
+    Attributes:
+        contact: A collision with a pedestrian in the first step [s].
+        fading: By what factor that is smaller for each step ahead, because the prediction is less certain [1].
+        wall: A collision with an obstacle [s].
+        near: A step with a gap of 0 inside the margin; less for larger gaps, with their square [s].
+        margin: Width of the margin in the first step [m].
+        growth: By how much it is wider for each second ahead [m/s].
+        doubt: By how many standard deviations of their positions people are larger, where a filter tells them [1].
+        change: A change of a command by its whole range, squared [s].
+        jerk: A change of this change, squared [s].
+
+    Raises:
+        InputError: A number is impossible.
+    """
+
+    contact: float = 60.0
+    fading: float = 0.93
+    wall: float = 200.0
+    near: float = 6.0
+    margin: float = 0.15
+    growth: float = 0.12
+    doubt: float = 0.5
+    change: float = 0.02
+    jerk: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            require(name, value, is_number(value) and 0.0 <= value < np.inf, "a number, 0 or more")
+        require("margin", self.margin, self.margin > 0.0, "above 0")
+
+
+SEARCH, WEIGHTS = Search(), Weights()
+
+
+@dataclasses.dataclass(eq=False)
+class MPPIPlanner(Planner):
+    """Drives the cost-weighted mean of sampled command sequences, or the best of them where that costs less.
+
+    Each decision starts from the rest of the last plan, the way straight to the goal, and constant commands.
+
+    Attributes:
+        predictor: Predicts the pedestrians.
+        search: How sequences are sampled.
+        weights: What they cost.
+        horizon: Number of steps of a sequence [1].
+        worst: The share of the futures, the worst for a sequence, of which the mean counts (CVaR); 1 for all [1].
+
+    Raises:
+        InputError: `horizon` is not a whole number above 0, or `worst` is no share.
+    """
+
+    predictor: Predictor
+    search: Search = SEARCH
+    weights: Weights = WEIGHTS
+    horizon: int = 14
+    worst: float = 1.0
+
+    native = True
+
+    def __post_init__(self) -> None:
+        require_count("horizon", self.horizon)
+        require("worst", self.worst, is_number(self.worst) and 0.0 < self.worst <= 1.0, "above 0, and 1 at most")
+        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
+        self.reset(np.arange(0))
+
+    def unseen(self, scene: str) -> MPPIPlanner:
+        """See `Planner`."""
+        return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
+
+    def reset(self, rows: np.ndarray) -> None:
+        """See `Planner`."""
+        self.last = np.full((len(rows), self.horizon, 2), np.nan)
+        """The last plan of each row, NaN before the first."""
+
+    def plan(self, obs: Observation) -> Velocities:
+        """See `Planner`."""
+        return self.plan_ahead(obs, 1)[:, 0]
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
+        """See `Planner`."""
+        if steps > self.horizon:
+            raise NotImplementedError
+        answer = self.predictor.predict(obs, self.horizon)
+        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
+        first, noise = self._first_guesses(obs), self._noise(obs)
+        best = np.empty((len(obs), self.horizon, 2))
+        shown = np.empty((len(obs), min(SHOWN, self.search.samples), self.horizon, 3))
+
+        def fill(part: slice) -> None:
+            futures = Prediction(prediction.position[part], prediction.velocity[part])
+            best[part], ways = self._search(self._scene(obs.take(part), futures), first[part], noise[part])
+            shown[part] = ways[:, : shown.shape[1]]
+
+        rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1) * prediction.position.shape[1]
+        in_chunks(fill, len(obs), max(1, 8 * CHUNK // rows))
+        self.last[obs.row] = best
+        if obs.logs is not None:
+            obs.log("predicted", prediction.position)
+            obs.log("sampled", shown.swapaxes(1, 2))
+        return best[:, :steps]
+
+    def _scene(self, obs: Observation, prediction: Prediction) -> Scene:
+        """The vehicle and the pedestrians, who are enlarged by what a filter does not know of where they are."""
+        scene = scene_of(obs, prediction, 0, obs.vehicle, self.horizon)
+        if obs.pedestrians.deviation is None:
+            return scene
+        radius = scene.crowd.radius + self.weights.doubt * obs.pedestrians.deviation
+        return dataclasses.replace(scene, crowd=scene.crowd._replace(radius=radius))
+
+    def _first_guesses(self, obs: Observation) -> Sequences:
+        """The rest of the last plan, the way to the goal, and constant commands."""
+        vehicle, straight = obs.vehicle, np.empty((len(obs), self.horizon, 2))
+        dynamics, speed = vehicle.dynamics, vehicle.preferred_speed
+        for t in range(self.horizon):
+            wanted = toward_goal(vehicle.position, vehicle.local_goal, speed)
+            straight[:, t] = dynamics.follow(vehicle.state, wanted, speed, obs.dt)
+            vehicle = propagate_vehicle(vehicle, straight[:, t], obs)
+        last = self.last[obs.row]
+        rest = np.concatenate([last[:, 1:], last[:, -1:]], axis=1)
+        rest = np.where(np.isnan(rest), straight, rest)
+        constant = dynamics.commands(obs.vehicle.state, speed, self.horizon * obs.dt)
+        guesses = [rest[:, None], straight[:, None], constant[:, :, None].repeat(self.horizon, axis=2)]
+        return np.concatenate(guesses, axis=1)
+
+    def _noise(self, obs: Observation) -> Noise:
+        """Noise of standard deviation 1, correlated over the steps of a sequence."""
+        noise = obs.noise("mppi", (self.search.rounds, self.search.samples, self.horizon, 2))
+        own, rest = self.search.correlation, np.sqrt(1.0 - self.search.correlation**2)
+        for t in range(1, self.horizon):
+            noise[..., t, :] = own * noise[..., t - 1, :] + rest * noise[..., t, :]
+        return noise
+
+    def _search(self, scene: Scene, guesses: Sequences, noise: Noise) -> tuple[Sequence, Ways]:
+        """The sequence that is driven in each world, and where the samples of the last round lead."""
+        spread = self.search.spread * _range(scene)[:, None, None]
+        beside, world = guesses, np.arange(len(guesses))
+        cost, _ = self.costs(scene, guesses)
+        for number in range(self.search.rounds):
+            centre = beside[world, cost.argmin(axis=1)]
+            sampled = _limit(centre[:, None] + self.search.narrower**number * spread * noise[:, number], scene)
+            tried = np.concatenate([sampled, centre[:, None]], axis=1)
+            cost, result = self.costs(scene, tried)
+            weight = np.exp((cost.min(axis=1, keepdims=True) - cost) / self.search.temperature)
+            mean = (weight[..., None, None] * tried).sum(axis=1) / weight.sum(axis=1)[:, None, None]
+            beside = np.stack([mean, tried[world, cost.argmin(axis=1)]], axis=1)
+            ways = np.concatenate(
+                [result.motion[:, :, 1:, :2], -np.repeat(cost[..., None, None], noise.shape[3], 2)], axis=3
+            )
+            cost, _ = self.costs(scene, beside)
+        return beside[world, cost.argmin(axis=1)], ways
+
+    def costs(self, scene: Scene, commands: Sequences) -> tuple[Costs, SequenceResult]:
+        """What sequences cost in seconds, see `Weights`, and how they would go.
+
+        The time to the goal, and what is to be avoided on the way.
+
+        Args:
+            scene: The vehicles and the pedestrians.
+            commands: Commands of the vehicle's dynamics.
+        """
+        weights, horizon, dt = self.weights, commands.shape[2], scene.dt
+        time = np.arange(horizon)
+        result = try_sequences(scene, commands, np.zeros(horizon))
+        inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / (weights.margin + weights.growth * dt * time), 0.0)
+        cost = weights.near * (inside**2).sum(axis=-1)
+        hit, hit_wall = result.outcome == Outcome.COLLISION, result.outcome == Outcome.WALL_COLLISION
+        cost += np.where(hit, weights.contact * weights.fading ** (result.steps - 1), weights.wall * hit_wall)
+        arrived = result.outcome == Outcome.SUCCESS
+        cost += np.where(arrived, dt * result.steps, dt * horizon + _left(scene, result)[..., None])
+        return self._over_futures(cost) + self._roughness(scene, commands), result
+
+    def _over_futures(self, cost: Float[np.ndarray, "world sequence mode"]) -> Costs:
+        """The mean over the worst futures of each sequence."""
+        number = int(np.ceil(self.worst * cost.shape[2]))
+        if number < cost.shape[2]:
+            cost = np.sort(cost, axis=2)[:, :, -number:]
+        return cost.mean(axis=2)
+
+    def _roughness(self, scene: Scene, commands: Sequences) -> Costs:
+        """What changes of the commands cost; the first one changes what the vehicle does now."""
+        vehicle = scene.vehicle
+        if isinstance(vehicle.dynamics, Holonomic):
+            now = vehicle.velocity
+        else:
+            now = vehicle.dynamics.follow(vehicle.state, vehicle.velocity, vehicle.preferred_speed, scene.dt)
+        before = np.broadcast_to(now[:, None, None], (*commands.shape[:2], 1, 2))
+        change = np.diff(np.concatenate([before, commands], axis=2), axis=2) / _range(scene)[:, None, None]
+        rough = self.weights.change * (change**2).sum(axis=(2, 3))
+        return rough + self.weights.jerk * (np.diff(change, axis=2) ** 2).sum(axis=(2, 3))
+
+
+def _range(scene: Scene) -> Velocities:
+    """The largest value of each number of a command."""
+    return scene.vehicle.dynamics.space(scene.vehicle.preferred_speed)[1]
+
+
+def _limit(commands: Sequences, scene: Scene) -> Sequences:
+    """Commands within the limits of the vehicle."""
+    vehicle = scene.vehicle
+    if isinstance(vehicle.dynamics, Holonomic):
+        speed = vehicle.preferred_speed[:, None, None]
+        return commands * (speed / np.maximum(norm(commands), speed))[..., None]
+    low, high = vehicle.dynamics.space(vehicle.preferred_speed)
+    return np.clip(commands, low[:, None, None], high[:, None, None])
+
+
+def _left(scene: Scene, result: SequenceResult) -> Costs:
+    """Seconds from the end of each sequence to the goal, along the route at the preferred speed."""
+    vehicle, position = scene.vehicle, np.ascontiguousarray(result.motion[:, :, -1, :2])
+    sequences = position.shape[1]
+
+    def each(values: np.ndarray) -> np.ndarray:
+        return np.repeat(values[:, None], sequences, axis=1)
+
+    goal, route, radius = each(vehicle.goal), each(vehicle.route), each(vehicle.radius)
+    waypoint = next_waypoints(position, goal, route, each(vehicle.waypoint), radius, scene.obstacles)
+    way = norm(local_goals(position, goal, route, waypoint) - position)
+    return way / vehicle.preferred_speed[:, None]
