@@ -69,6 +69,12 @@ def test_spl_and_sct_take_the_way_round_walls():
     assert (beeline < 0.95 * trace.steps * trace.rules.dt).all()
 
 
+def test_a_door_without_people_can_be_driven_through():
+    trace = drive("straight", "3", "doorway_8_v2", pedestrians__number=0)
+    assert (trace.outcome == Outcome.SUCCESS).all()
+    assert trace.sees_vehicle.shape[2] == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("planner", ["orca", "social_force", "ppo"])
 def test_a_unicycle_that_follows_velocities_stops_in_front_of_walls(planner):

@@ -289,7 +289,7 @@ class _States:
             return self._always(sees_vehicle(self.start.key, self.start.person, self.start.rules))
         person = self.people["person"]
         key = np.repeat(self.start.key, person.shape[1])
-        return sees_vehicle(key, person.reshape(-1, person.shape[2]), self.start.rules).reshape(person.shape)
+        return sees_vehicle(key, person.reshape(len(key), person.shape[2]), self.start.rules).reshape(person.shape)
 
     def _last_states(self) -> tuple[Int[np.ndarray, "world 1"], Int[np.ndarray, "world time"]]:
         """The indices by which the last state of each world is repeated beyond the end of its episode."""
