@@ -19,6 +19,7 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
+EXACT = np.zeros((1, 1, 1))
 WEIGHTS = Weights(contact=50.0, fading=0.9, near=4.0, margin=0.3, growth=0.2, change=0.5, jerk=0.25)
 
 
@@ -41,7 +42,7 @@ def cost(planner, obs, commands):
     """The cost of one sequence."""
     steps = len(commands)
     scene = scene_of(obs, planner.predictor.predict(obs, steps), 0, obs.vehicle, steps)
-    costs, result = planner.costs(scene, np.array(commands, float)[None, None])
+    costs, result = planner.costs(scene, np.array(commands, float)[None, None], EXACT)
     return costs[0, 0], result
 
 
@@ -61,13 +62,13 @@ def test_a_gap_inside_the_margin_costs_and_a_contact_costs_more_the_sooner_it_is
     obs = alone()
     obs.pedestrians.position[:] = [0.0, near]
     found, _ = cost(planner, obs, [[0.0, 0.0]] * 2)
-    inside = (1.0 - 0.1 / 0.3) ** 2 + (1.0 - 0.1 / (0.3 + 0.2 * DT)) ** 2
+    inside = (1.0 - 0.1 / 0.3) ** 2 + 0.9 * (1.0 - 0.1 / (0.3 + 0.2 * DT)) ** 2
     assert found == pytest.approx(2 * DT + 4.0 + 4.0 * inside)
     planner = MPPIPlanner(Says([[[0.0, 9.0]], [[0.0, 0.5]]]), weights=WEIGHTS)
     obs.pedestrians.position[:] = [0.0, 9.0]
     found, result = cost(planner, obs, [[0.0, 0.0]] * 2)
     assert result.steps[0, 0, 0] == 2
-    assert found == pytest.approx(2 * DT + 4.0 + 4.0 + 50.0 * 0.9)
+    assert found == pytest.approx(2 * DT + 4.0 + 0.9 * 4.0 + 50.0 * 0.9)
 
 
 @pytest.mark.parametrize(("worst", "futures"), [(1.0, 4), (0.5, 2), (0.2, 1)])
@@ -78,7 +79,7 @@ def test_of_several_futures_the_mean_over_the_worst_share_counts(worst, futures)
 
     def costs(modes):
         some = Prediction(answer.position[:, modes], answer.velocity[:, modes])
-        return planner.costs(scene_of(obs, some, 0, obs.vehicle, 4), commands)[0]
+        return planner.costs(scene_of(obs, some, 0, obs.vehicle, 4), commands, EXACT)[0]
 
     each = np.sort([costs(slice(mode, mode + 1)) for mode in range(4)], axis=0)
     np.testing.assert_allclose(costs(slice(None)), each[-futures:].mean(axis=0))

@@ -47,7 +47,7 @@ def test_sequences_are_worth_their_rewards_and_the_value_at_their_end(margin):
     commands = some_sequences(obs, 7, 4)
     futures = scene_of(obs, prediction, 0, obs.vehicle, prediction.position.shape[2])
     values = made.values(futures, commands)
-    tried = try_sequences(futures, commands, margin * np.arange(4))
+    tried = try_sequences(futures, commands, margin * np.arange(4.0)[None, :, None])
     ends = SequencePlanner(ValuePlanner(Forks(3), Nearer()), margin=margin)
     assert {Outcome.RUNNING, Outcome.COLLISION, Outcome.SUCCESS} == set(tried.outcome.flat)
     mean = dataclasses.replace(

@@ -141,8 +141,20 @@ def _estimated(
         history=position[:, None] + back * velocity[:, None],
         observed=np.where(known, HISTORY, 0),
         age=np.where(known, age, np.inf),
-        deviation=np.where(known, np.sqrt(covariance[..., 0]), 0.0),
+        deviation=np.where(known[..., None], np.sqrt(covariance[..., [0, 2]]), 0.0),
     )
+
+
+Doubts = Float[np.ndarray, "#world time #pedestrian"]
+"""By how much people are larger for a planner that does not know exactly where they will be, in metres."""
+
+
+def doubts(obs: Observation, steps: int, deviations: float) -> Doubts:
+    """So many standard deviations of where people will be in each of the next steps; 0 without a filter."""
+    if obs.pedestrians.deviation is None:
+        return np.zeros((1, steps, 1))
+    position, velocity = np.moveaxis(obs.pedestrians.deviation[:, None], -1, 0)
+    return deviations * np.hypot(position, obs.dt * np.arange(1, steps + 1)[:, None] * velocity)
 
 
 class FilteredPlanner(Planner):

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.dynamics import Holonomic
-from crowdbench.core.geometry import local_goals, norm, toward_goal
+from crowdbench.core.geometry import norm, toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
+from crowdbench.planners.filtered import Doubts, doubts
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
-from crowdbench.planners.trials import SequenceResult, propagate_vehicle, try_sequences
+from crowdbench.planners.trials import SequenceResult, propagate_vehicle, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
-from crowdbench.sim.routes import next_waypoints
 from crowdbench.utils.errors import is_number, require, require_count
 from crowdbench.utils.threads import CHUNK, in_chunks
 
@@ -67,12 +67,13 @@ class Weights:
 
     Attributes:
         contact: A collision with a pedestrian in the first step [s].
-        fading: By what factor that is smaller for each step ahead, because the prediction is less certain [1].
+        fading: By what factor contacts and gaps cost less for each step ahead, because the prediction is less certain
+            [1].
         wall: A collision with an obstacle [s].
         near: A step with a gap of 0 inside the margin; less for larger gaps, with their square [s].
         margin: Width of the margin in the first step [m].
         growth: By how much it is wider for each second ahead [m/s].
-        doubt: By how many standard deviations of their positions people are larger, where a filter tells them [1].
+        doubt: By how many standard deviations of where they will be people are larger, if a filter tells [1].
         change: A change of a command by its whole range, squared [s].
         jerk: A change of this change, squared [s].
 
@@ -81,7 +82,7 @@ class Weights:
     """
 
     contact: float = 60.0
-    fading: float = 0.93
+    fading: float = 0.87
     wall: float = 200.0
     near: float = 6.0
     margin: float = 0.15
@@ -155,7 +156,11 @@ class MPPIPlanner(Planner):
 
         def fill(part: slice) -> None:
             futures = Prediction(prediction.position[part], prediction.velocity[part])
-            best[part], ways = self._search(self._scene(obs.take(part), futures), first[part], noise[part])
+            some = obs.take(part)
+            scene = scene_of(some, futures, 0, some.vehicle, self.horizon)
+            best[part], ways = self._search(
+                scene, doubts(some, self.horizon, self.weights.doubt), first[part], noise[part]
+            )
             shown[part] = ways[:, : shown.shape[1]]
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1) * prediction.position.shape[1]
@@ -165,14 +170,6 @@ class MPPIPlanner(Planner):
             obs.log("predicted", prediction.position)
             obs.log("sampled", shown.swapaxes(1, 2))
         return best[:, :steps]
-
-    def _scene(self, obs: Observation, prediction: Prediction) -> Scene:
-        """The vehicle and the pedestrians, who are enlarged by what a filter does not know of where they are."""
-        scene = scene_of(obs, prediction, 0, obs.vehicle, self.horizon)
-        if obs.pedestrians.deviation is None:
-            return scene
-        radius = scene.crowd.radius + self.weights.doubt * obs.pedestrians.deviation
-        return dataclasses.replace(scene, crowd=scene.crowd._replace(radius=radius))
 
     def _first_guesses(self, obs: Observation) -> Sequences:
         """The rest of the last plan, the way to the goal, and constant commands."""
@@ -190,33 +187,33 @@ class MPPIPlanner(Planner):
         return np.concatenate(guesses, axis=1)
 
     def _noise(self, obs: Observation) -> Noise:
-        """Noise of standard deviation 1, correlated over the steps of a sequence."""
-        noise = obs.noise("mppi", (self.search.rounds, self.search.samples, self.horizon, 2))
+        """Noise of standard deviation 1, correlated over the steps of a sequence; the second half mirrors the first."""
+        noise = obs.noise("mppi", (self.search.rounds, (self.search.samples + 1) // 2, self.horizon, 2))
         own, rest = self.search.correlation, np.sqrt(1.0 - self.search.correlation**2)
         for t in range(1, self.horizon):
             noise[..., t, :] = own * noise[..., t - 1, :] + rest * noise[..., t, :]
-        return noise
+        return np.concatenate([noise, -noise], axis=2)[:, :, : self.search.samples]
 
-    def _search(self, scene: Scene, guesses: Sequences, noise: Noise) -> tuple[Sequence, Ways]:
+    def _search(self, scene: Scene, larger: Doubts, guesses: Sequences, noise: Noise) -> tuple[Sequence, Ways]:
         """The sequence that is driven in each world, and where the samples of the last round lead."""
         spread = self.search.spread * _range(scene)[:, None, None]
         beside, world = guesses, np.arange(len(guesses))
-        cost, _ = self.costs(scene, guesses)
+        cost, _ = self.costs(scene, guesses, larger)
         for number in range(self.search.rounds):
             centre = beside[world, cost.argmin(axis=1)]
             sampled = _limit(centre[:, None] + self.search.narrower**number * spread * noise[:, number], scene)
             tried = np.concatenate([sampled, centre[:, None]], axis=1)
-            cost, result = self.costs(scene, tried)
+            cost, result = self.costs(scene, tried, larger)
             weight = np.exp((cost.min(axis=1, keepdims=True) - cost) / self.search.temperature)
             mean = (weight[..., None, None] * tried).sum(axis=1) / weight.sum(axis=1)[:, None, None]
             beside = np.stack([mean, tried[world, cost.argmin(axis=1)]], axis=1)
             ways = np.concatenate(
                 [result.motion[:, :, 1:, :2], -np.repeat(cost[..., None, None], noise.shape[3], 2)], axis=3
             )
-            cost, _ = self.costs(scene, beside)
+            cost, _ = self.costs(scene, beside, larger)
         return beside[world, cost.argmin(axis=1)], ways
 
-    def costs(self, scene: Scene, commands: Sequences) -> tuple[Costs, SequenceResult]:
+    def costs(self, scene: Scene, commands: Sequences, larger: Doubts) -> tuple[Costs, SequenceResult]:
         """What sequences cost in seconds, see `Weights`, and how they would go.
 
         The time to the goal, and what is to be avoided on the way.
@@ -224,16 +221,17 @@ class MPPIPlanner(Planner):
         Args:
             scene: The vehicles and the pedestrians.
             commands: Commands of the vehicle's dynamics.
+            larger: By how much each pedestrian is larger in each step, in metres.
         """
         weights, horizon, dt = self.weights, commands.shape[2], scene.dt
         time = np.arange(horizon)
-        result = try_sequences(scene, commands, np.zeros(horizon))
+        result = try_sequences(scene, commands, larger)
         inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / (weights.margin + weights.growth * dt * time), 0.0)
-        cost = weights.near * (inside**2).sum(axis=-1)
+        cost = weights.near * (weights.fading**time * inside**2).sum(axis=-1)
         hit, hit_wall = result.outcome == Outcome.COLLISION, result.outcome == Outcome.WALL_COLLISION
         cost += np.where(hit, weights.contact * weights.fading ** (result.steps - 1), weights.wall * hit_wall)
         arrived = result.outcome == Outcome.SUCCESS
-        cost += np.where(arrived, dt * result.steps, dt * horizon + _left(scene, result)[..., None])
+        cost += np.where(arrived, dt * result.steps, dt * horizon + time_left(scene, result)[..., None])
         return self._over_futures(cost) + self._roughness(scene, commands), result
 
     def _over_futures(self, cost: Float[np.ndarray, "world sequence mode"]) -> Costs:
@@ -269,17 +267,3 @@ def _limit(commands: Sequences, scene: Scene) -> Sequences:
         return commands * (speed / np.maximum(norm(commands), speed))[..., None]
     low, high = vehicle.dynamics.space(vehicle.preferred_speed)
     return np.clip(commands, low[:, None, None], high[:, None, None])
-
-
-def _left(scene: Scene, result: SequenceResult) -> Costs:
-    """Seconds from the end of each sequence to the goal, along the route at the preferred speed."""
-    vehicle, position = scene.vehicle, np.ascontiguousarray(result.motion[:, :, -1, :2])
-    sequences = position.shape[1]
-
-    def each(values: np.ndarray) -> np.ndarray:
-        return np.repeat(values[:, None], sequences, axis=1)
-
-    goal, route, radius = each(vehicle.goal), each(vehicle.route), each(vehicle.radius)
-    waypoint = next_waypoints(position, goal, route, each(vehicle.waypoint), radius, scene.obstacles)
-    way = norm(local_goals(position, goal, route, waypoint) - position)
-    return way / vehicle.preferred_speed[:, None]

@@ -153,7 +153,7 @@ class SequencePlanner(Planner):
         """
         horizon = commands.shape[2]
         time = np.arange(horizon)
-        result = try_sequences(scene, commands, self.margin * time)
+        result = try_sequences(scene, commands, self.margin * time[None, :, None])
         outcome = np.where(time == result.steps[..., None] - 1, result.outcome[..., None], Outcome.RUNNING)
         rewards = self.lookahead.reward(outcome, result.gap, scene.dt)
         gamma = discount(scene.vehicle.preferred_speed, scene.dt)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from crowdbench.core.dynamics.motion import HOLONOMIC, drive_without_heading
-from crowdbench.core.geometry import Discs, nearest_in_step
+from crowdbench.core.geometry import Discs, local_goals, nearest_in_step, norm
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.joint_state import SIZE, PedestrianStates, VehicleState, write_joint_states
 from crowdbench.planners.scene import Scene, Sequences, fill_crowd, motion_of
@@ -118,8 +118,7 @@ class SequenceResult(NamedTuple):
     Attributes:
         outcome: How it has ended after the last step, an `Outcome`; never a time-out.
         steps: Number of steps until it ends, or all of them.
-        gap: Smallest distance in metres to a pedestrian's rim during each step, less the margin of the step; infinite
-            after the end.
+        gap: Smallest distance in metres to a pedestrian's rim in each step, less the margin; infinite after the end.
         motion: The vehicle's `Motion` before the first step and after each one, whether it has ended or not; the
             heading of a holonomic vehicle is not kept.
     """
@@ -130,13 +129,15 @@ class SequenceResult(NamedTuple):
     motion: Float[np.ndarray, "world sequence state 6"]
 
 
-def try_sequences(scene: Scene, commands: Sequences, margin: Float[np.ndarray, "time"]) -> SequenceResult:
+def try_sequences(
+    scene: Scene, commands: Sequences, margin: Float[np.ndarray, "#world time #pedestrian"]
+) -> SequenceResult:
     """Find out how sequences of commands would go, by the simulator's rule for collisions and the goal.
 
     Args:
         scene: The vehicle and the pedestrians.
         commands: Commands of the vehicle's dynamics.
-        margin: By how much gaps are made smaller in each step, in metres.
+        margin: By how much the radius of each pedestrian is larger in each step, in metres.
     """
     worlds, sequences, steps = commands.shape[:3]
     shape = worlds, sequences, scene.crowd.position.shape[1]
@@ -146,14 +147,29 @@ def try_sequences(scene: Scene, commands: Sequences, margin: Float[np.ndarray, "
         np.full((*shape, steps), np.inf),
         np.empty((worlds, sequences, steps + 1, 6)),
     )
-    _try_sequences(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, margin, result)
+    margin = np.broadcast_to(margin, (worlds, steps, scene.crowd.radius.shape[1]))
+    radius = np.ascontiguousarray(scene.crowd.radius[:, None] + margin)
+    _try_sequences(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, radius, result)
     return result
+
+
+def time_left(scene: Scene, result: SequenceResult) -> Float[np.ndarray, "world sequence"]:
+    """Seconds from the end of each sequence to the goal, along the route at the preferred speed."""
+    vehicle, position = scene.vehicle, np.ascontiguousarray(result.motion[:, :, -1, :2])
+
+    def each(values: np.ndarray) -> np.ndarray:
+        return np.repeat(values[:, None], position.shape[1], axis=1)
+
+    goal, route, radius = each(vehicle.goal), each(vehicle.route), each(vehicle.radius)
+    waypoint = next_waypoints(position, goal, route, each(vehicle.waypoint), radius, scene.obstacles)
+    way = norm(local_goals(position, goal, route, waypoint) - position)
+    return way / vehicle.preferred_speed[:, None]
 
 
 @no_type_check
 @njit(nogil=True)
-def _try_sequences(vehicle, crowd, obstacles, dt, commands, margin, result):
-    """See `try_sequences`; fills the result."""
+def _try_sequences(vehicle, crowd, obstacles, dt, commands, people_radius, result):
+    """See `try_sequences`; `people_radius` is `[world, time, pedestrian]`. Fills the result."""
     code, limits, body, position, radius = vehicle.code, vehicle.limits, vehicle.body, crowd.position, vehicle.radius
     agents, horizon, running = 1 + position.shape[3], commands.shape[2], Outcome.RUNNING.value
     start, motion = np.empty((agents, 2)), np.empty((agents, 2))
@@ -162,7 +178,7 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, margin, result):
     # Of each disc of the body in each step: where it starts, and how far it moves.
     chord, to_walls = np.empty((horizon, len(body), 4)), np.full(horizon, np.inf)
     for w in range(len(commands)):
-        radii[0], radii[1:], present[1:] = radius[w], crowd.radius[w], crowd.present[w]
+        radii[0], present[1:] = radius[w], crowd.present[w]
         for s in range(commands.shape[1]):
             way = result.motion[w, s]
             way[0] = vehicle.motion[w]
@@ -172,19 +188,21 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, margin, result):
                 way[t + 1, 0], way[t + 1, 1], way[t + 1, 2], way[t + 1, 3], way[t + 1, 4], way[t + 1, 5] = after
                 _fill_chords(code, body, before, after, dt, chord[t])
                 if obstacles.shape[1] > 0:
+                    reach = radius[w] + _chord_error(code, body, after, dt)
                     to_walls[t] = np.inf
                     for x, y, dx, dy in chord[t]:
-                        to_walls[t] = min(to_walls[t], wall_gap_in_step(x, y, dx, dy, radius[w], obstacles[w]))
+                        to_walls[t] = min(to_walls[t], wall_gap_in_step(x, y, dx, dy, reach, obstacles[w]))
             for m in range(position.shape[1]):
                 ended = running
                 t = 0
                 while t < horizon and ended == running:
                     fill_crowd(position, w, m, t, start, motion)
+                    for p in range(agents - 1):
+                        radii[1 + p] = people_radius[w, t, p]
                     gap = np.inf
                     for x, y, dx, dy in chord[t]:
                         start[0, 0], start[0, 1], motion[0, 0], motion[0, 1] = x, y, dx, dy
                         gap = min(gap, nearest_in_step(0, discs)[0])
-                    gap -= margin[t]
                     dx, dy = vehicle.goal[w, 0] - way[t + 1, 0], vehicle.goal[w, 1] - way[t + 1, 1]
                     ended = step_outcome(gap, to_walls[t], dx, dy, vehicle.goal_tolerance[w], False)
                     result.gap[w, s, m, t] = gap
@@ -197,7 +215,8 @@ def _try_sequences(vehicle, crowd, obstacles, dt, commands, margin, result):
 def _fill_chords(code, body, before, after, dt, chord):
     """Where each disc of a body starts in a step, and how far it moves: x, y, dx and dy in metres.
 
-    An arc is taken as its chord: a disc of a vehicle at 1 m/s and 1.5 rad/s is off by 1 cm at most in 0.25 s.
+    An arc is taken as its chord, which in 0.25 s is off by 1 cm at most at 1 m/s and 1.5 rad/s. Walls must be farther
+    away than that, which no prediction makes less certain.
     """
     if code == HOLONOMIC:
         chord[0, 0], chord[0, 1], chord[0, 2], chord[0, 3] = before.x, before.y, after.vx * dt, after.vy * dt
@@ -212,3 +231,13 @@ def _fill_chords(code, body, before, after, dt, chord):
         chord[k, 0], chord[k, 1] = before.x + body[k] * cos, before.y + body[k] * sin
         chord[k, 2] = after.x + body[k] * cos_after - chord[k, 0]
         chord[k, 3] = after.y + body[k] * sin_after - chord[k, 1]
+
+
+@no_type_check
+@njit(nogil=True, inline="always")
+def _chord_error(code, body, after, dt):
+    """By how much a chord is off from the arc of a disc at most, in metres: see `core.dynamics.motion.chords`."""
+    if code == HOLONOMIC:
+        return 0.0
+    speed, along = math.hypot(after.vx, after.vy), max(abs(body[0]), abs(body[-1])) * after.turn_rate
+    return 0.125 * dt * dt * abs(after.turn_rate) * math.hypot(speed, along)

@@ -99,7 +99,7 @@ class Pedestrians:
     observed: Int[np.ndarray, "*world pedestrian"]
     age: Float[np.ndarray, "*world pedestrian"]
     filled: Bool[np.ndarray, "*world time pedestrian"] | None = None
-    deviation: Float[np.ndarray, "*world pedestrian"] | None = None
+    deviation: Float[np.ndarray, "*world pedestrian 2"] | None = None
 
 
 @dataclass(frozen=True)

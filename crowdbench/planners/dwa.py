@@ -1,0 +1,115 @@
+"""The dynamic window approach (DWA) among moving people: the best command that can be kept for a while."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import Observation, Outcome
+from crowdbench.planners.base import Planner
+from crowdbench.planners.filtered import doubts
+from crowdbench.planners.scene import Commands, Velocities, scene_of
+from crowdbench.planners.trials import time_left, try_sequences
+from crowdbench.predict import Predictor
+from crowdbench.predict.base import validate_prediction
+from crowdbench.utils.errors import is_number, require, require_count
+
+
+@dataclasses.dataclass(frozen=True)
+class Objective:
+    """What makes a command good: a weighted sum of numbers up to 1 (Fox et al. 1997).
+
+    Attributes:
+        heading: Weight of how much nearer the goal is at the end of the horizon, as part of what can be [1].
+        clearance: Weight of the time until it would touch somebody or something, as part of the horizon [1].
+        room: Weight of the smallest gap to people until then, as part of `free` [1].
+        speed: Weight of the speed, as part of the preferred one [1].
+        free: A gap beyond which more room is not better [m].
+        margin: By how much people are larger [m].
+        doubt: By how many standard deviations of where they will be people are larger, if a filter tells [1].
+
+    Raises:
+        InputError: A number is impossible.
+    """
+
+    heading: float = 1.0
+    clearance: float = 1.0
+    room: float = 0.3
+    speed: float = 0.1
+    free: float = 0.5
+    margin: float = 0.1
+    doubt: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            require(name, value, is_number(value) and 0.0 <= value < np.inf, "a number, 0 or more")
+        require("free", self.free, self.free > 0.0, "above 0")
+
+
+OBJECTIVE = Objective()
+
+
+@dataclasses.dataclass(eq=False)
+class DWAPlanner(Planner):
+    """Takes the best of the commands that the vehicle can reach in a step and could keep.
+
+    People move on as predicted. A command is admissible where the vehicle, if it keeps it for a step, can still stop
+    before it would touch somebody or a wall. Where no command is, it brakes as hard as it can.
+
+    Attributes:
+        predictor: Predicts the pedestrians.
+        objective: What makes a command good.
+        horizon: Number of steps for which a command is kept [1].
+
+    Raises:
+        InputError: `horizon` is not a whole number above 0.
+    """
+
+    predictor: Predictor
+    objective: Objective = OBJECTIVE
+    horizon: int = 14
+
+    native = True
+
+    def __post_init__(self) -> None:
+        require_count("horizon", self.horizon)
+        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
+
+    def unseen(self, scene: str) -> DWAPlanner:
+        """See `Planner`."""
+        return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
+
+    def plan(self, obs: Observation) -> Velocities:
+        """See `Planner`."""
+        vehicle = obs.vehicle
+        window = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, obs.dt)
+        rated = self.rate(obs, window)
+        best = window[np.arange(len(obs)), rated.argmax(axis=1)]
+        brake = vehicle.dynamics.follow(vehicle.state, np.zeros_like(best), vehicle.preferred_speed, obs.dt)
+        return np.where(np.isfinite(rated).any(axis=1)[:, None], best, brake)
+
+    def rate(self, obs: Observation, window: Commands) -> Float[np.ndarray, "world action"]:
+        """How good each command is; minus infinity where it is not admissible."""
+        answer = self.predictor.predict(obs, self.horizon)
+        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
+        scene, own = scene_of(obs, prediction, 0, obs.vehicle, self.horizon), self.objective
+        larger = own.margin + doubts(obs, self.horizon, own.doubt)
+        kept = np.repeat(window[:, :, None], self.horizon, axis=2)
+        result = try_sequences(scene, kept, larger)
+        # Over several futures, the worst.
+        steps, gap = result.steps.min(axis=2), result.gap.min(axis=(2, 3))
+        collides = ((result.outcome == Outcome.COLLISION) | (result.outcome == Outcome.WALL_COLLISION)).any(axis=2)
+        speed = norm(result.motion[:, :, 1, 2:4])
+        stops = np.ceil(speed / (obs.vehicle.dynamics.limits[0] * obs.dt))  # all have max_acceleration first
+        admissible = ~collides | (steps > 1 + stops)
+        arrives = (result.outcome == Outcome.SUCCESS).all(axis=2)
+        left = np.where(arrives, 0.0, time_left(scene, result))
+        now = norm(obs.vehicle.local_goal - obs.vehicle.position)[:, None] / obs.vehicle.preferred_speed[:, None]
+        nearer = (now - left) / (self.horizon * obs.dt)
+        clear = np.where(collides, (steps - 1) / self.horizon, 1.0)
+        goodness = own.heading * nearer + own.clearance * clear + own.room * np.clip(gap / own.free, 0.0, 1.0)
+        goodness += own.speed * speed / obs.vehicle.preferred_speed[:, None]
+        return np.where(admissible, goodness, -np.inf)
