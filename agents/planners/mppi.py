@@ -11,7 +11,7 @@ def planner(
     predictor: str = "constant_velocity",
     search: Search = SEARCH,
     weights: Weights = WEIGHTS,
-    horizon: int = 14,
+    horizon: int = 18,
     worst: float = 1.0,
 ) -> MPPIPlanner:
     """Make the planner.

@@ -48,8 +48,8 @@ class Search:
     rounds: int = 2
     spread: float = 0.35
     narrower: float = 0.6
-    correlation: float = 0.75
-    temperature: float = 0.3
+    correlation: float = 0.85
+    temperature: float = 0.1
 
     def __post_init__(self) -> None:
         for name in ("samples", "rounds"):
@@ -82,14 +82,14 @@ class Weights:
     """
 
     contact: float = 60.0
-    fading: float = 0.87
+    fading: float = 0.8
     wall: float = 200.0
     near: float = 6.0
-    margin: float = 0.15
-    growth: float = 0.12
-    doubt: float = 0.5
-    change: float = 0.02
-    jerk: float = 0.0
+    margin: float = 0.03
+    growth: float = 0.35
+    doubt: float = 0.7
+    change: float = 0.15
+    jerk: float = 0.1
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -120,7 +120,7 @@ class MPPIPlanner(Planner):
     predictor: Predictor
     search: Search = SEARCH
     weights: Weights = WEIGHTS
-    horizon: int = 14
+    horizon: int = 18
     worst: float = 1.0
 
     native = True
