@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.core.dynamics import Holonomic
-from crowdbench.core.geometry import norm, toward_goal
+from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import Doubts, doubts
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
-from crowdbench.planners.trials import SequenceResult, propagate_vehicle, time_left, try_sequences
+from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
 from crowdbench.utils.errors import is_number, require, require_count
@@ -146,8 +146,9 @@ class MPPIPlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`."""
-        if steps > self.horizon:
-            raise NotImplementedError
+        require(
+            "horizon", self.horizon, steps <= self.horizon, f"{steps} or more, the steps that are asked for at once"
+        )
         answer = self.predictor.predict(obs, self.horizon)
         prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
         first, noise = self._first_guesses(obs), self._noise(obs)
@@ -201,7 +202,9 @@ class MPPIPlanner(Planner):
         cost, _ = self.costs(scene, guesses, larger)
         for number in range(self.search.rounds):
             centre = beside[world, cost.argmin(axis=1)]
-            sampled = _limit(centre[:, None] + self.search.narrower**number * spread * noise[:, number], scene)
+            sampled = limit_commands(
+                centre[:, None] + self.search.narrower**number * spread * noise[:, number], scene.vehicle
+            )
             tried = np.concatenate([sampled, centre[:, None]], axis=1)
             cost, result = self.costs(scene, tried, larger)
             weight = np.exp((cost.min(axis=1, keepdims=True) - cost) / self.search.temperature)
@@ -257,13 +260,3 @@ class MPPIPlanner(Planner):
 def _range(scene: Scene) -> Velocities:
     """The largest value of each number of a command."""
     return scene.vehicle.dynamics.space(scene.vehicle.preferred_speed)[1]
-
-
-def _limit(commands: Sequences, scene: Scene) -> Sequences:
-    """Commands within the limits of the vehicle."""
-    vehicle = scene.vehicle
-    if isinstance(vehicle.dynamics, Holonomic):
-        speed = vehicle.preferred_speed[:, None, None]
-        return commands * (speed / np.maximum(norm(commands), speed))[..., None]
-    low, high = vehicle.dynamics.space(vehicle.preferred_speed)
-    return np.clip(commands, low[:, None, None], high[:, None, None])

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float, Num, Shaped
 
-from crowdbench.core.dynamics import FREE, Holonomic, State
-from crowdbench.core.geometry import local_goals, norm
+from crowdbench.core.dynamics import FREE, State
+from crowdbench.core.geometry import local_goals
 from crowdbench.core.reward import discount
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.joint_state import joint_states
@@ -16,7 +16,7 @@ from crowdbench.networks.value import evaluate
 from crowdbench.planners.base import Planner
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
-from crowdbench.planners.trials import try_sequences
+from crowdbench.planners.trials import limit_commands, try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.utils.errors import is_number, require, require_count
@@ -134,7 +134,7 @@ class SequencePlanner(Planner):
         mean, spread = guess, np.full_like(guess, self.search.spread)
         for number in range(self.search.rounds):
             sampled = mean[:, None] + spread[:, None] * noise[:, number]
-            sequences = np.concatenate([beside, _limit(sampled, vehicle)], axis=1)
+            sequences = np.concatenate([beside, limit_commands(sampled, vehicle)], axis=1)
             values = self.values(scene, sequences)
             order = values.argsort(axis=1, kind="stable")[:, ::-1, None, None]
             elites = np.take_along_axis(sequences, order[:, : self.search.elites], axis=1)
@@ -210,12 +210,3 @@ def _join(
 def _mean(prediction: Prediction) -> Prediction:
     """The mean of the futures, as the only one."""
     return Prediction(prediction.position.mean(axis=1, keepdims=True), prediction.velocity.mean(axis=1, keepdims=True))
-
-
-def _limit(commands: Sequences, vehicle: Vehicle) -> Sequences:
-    """The commands, made small enough for the limits of the dynamics."""
-    if not isinstance(vehicle.dynamics, Holonomic):
-        low, high = (bound[:, None, None] for bound in vehicle.dynamics.space(vehicle.preferred_speed))
-        return np.clip(commands, low, high)
-    limit = vehicle.preferred_speed[:, None, None]
-    return commands * (limit / np.maximum(norm(commands), limit))[..., None]

@@ -9,6 +9,7 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
+from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.dynamics.motion import HOLONOMIC, drive_without_heading
 from crowdbench.core.geometry import Discs, local_goals, nearest_in_step, norm
 from crowdbench.core.types import Observation, Outcome, Vehicle
@@ -151,6 +152,15 @@ def try_sequences(
     radius = np.ascontiguousarray(scene.crowd.radius[:, None] + margin)
     _try_sequences(scene.arrays, scene.crowd, scene.obstacles, scene.dt, commands, radius, result)
     return result
+
+
+def limit_commands(commands: Sequences, vehicle: Vehicle) -> Sequences:
+    """The commands, made small enough for the limits of the dynamics."""
+    if not isinstance(vehicle.dynamics, Holonomic):
+        low, high = (bound[:, None, None] for bound in vehicle.dynamics.space(vehicle.preferred_speed))
+        return np.clip(commands, low, high)
+    limit = vehicle.preferred_speed[:, None, None]
+    return commands * (limit / np.maximum(norm(commands), limit))[..., None]
 
 
 def time_left(scene: Scene, result: SequenceResult) -> Float[np.ndarray, "world sequence"]:

@@ -1,0 +1,336 @@
+"""Model predictive control (MPC): one nonlinear program in each decision, solved by IPOPT through CasADi."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.dynamics import Dynamics, Holonomic, Unicycle
+from crowdbench.core.geometry import norm
+from crowdbench.core.types import Observation, Outcome
+from crowdbench.planners.base import Planner
+from crowdbench.planners.filtered import Doubts, doubts
+from crowdbench.planners.scene import Sequence, Velocities, scene_of
+from crowdbench.planners.trials import limit_commands, time_left, try_sequences
+from crowdbench.predict import Prediction, Predictor
+from crowdbench.predict.base import validate_prediction
+from crowdbench.utils.errors import InputError, is_number, require, require_count
+
+PEOPLE, WALLS = 12, 6
+"""How many pedestrians and edges of obstacles a program has room for, the nearest ones."""
+
+DISCS = 3
+"""How many discs stand for a long body at most: the first, the last, and one between."""
+
+LOST = 10.0
+"""Seconds that a guess is worse for each step by which it ends earlier in a collision."""
+
+FAR = 1e3
+"""Where those are whom a program has room for and who do not exist, in metres."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Terms:
+    """What a program weighs.
+
+    Attributes:
+        change: A change of a command by its whole range, squared [m].
+        near: A metre of the margin to somebody that is not kept, and the square of it [1].
+        fading: By what factor that is less for each step ahead, because the prediction is less certain [1].
+        wall: The same of the margin to an obstacle [1].
+        margin: Distance to people that is to be kept [m].
+        growth: By how much that is larger for each second ahead [m/s].
+        doubt: By how many standard deviations of where they will be people are larger, if a filter tells [1].
+
+    Raises:
+        InputError: A number is impossible.
+    """
+
+    change: float = 0.3
+    near: float = 300.0
+    fading: float = 0.7
+    wall: float = 300.0
+    margin: float = 0.15
+    growth: float = 0.35
+    doubt: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            require(name, value, is_number(value) and 0.0 <= value < np.inf, "a number, 0 or more")
+
+
+TERMS = Terms()
+
+Commands = Float[np.ndarray, "time 2"]
+
+
+class Program(NamedTuple):
+    """A program that is ready to be solved for any situation.
+
+    Attributes:
+        solve: CasADi's solver. It finds the commands, and after them two slacks for each step: to people and to walls.
+        horizon: Number of steps.
+    """
+
+    solve: Callable[..., Any]
+    horizon: int
+
+    def run(
+        self, guess: Commands, bounds: tuple[np.ndarray, np.ndarray], situation: Float[np.ndarray, "number"]
+    ) -> Commands:
+        """The commands that are found.
+
+        Args:
+            guess: Those from which it starts.
+            bounds: The lowest and the highest of each number of a command.
+            situation: See `_situation`.
+        """
+        slacks = np.zeros(2 * self.horizon)
+        low, high = (np.tile(bound, self.horizon) for bound in bounds)
+        found = self.solve(
+            x0=np.append(guess.ravel(), slacks + 0.5),
+            lbx=np.append(low, slacks),
+            ubx=np.append(high, slacks + np.inf),
+            lbg=0.0,
+            ubg=np.inf,
+            p=situation,
+        )
+        best: np.ndarray = np.array(found["x"]).ravel()[: 2 * self.horizon].reshape(self.horizon, 2)
+        return best
+
+
+@dataclasses.dataclass(eq=False)
+class MPCPlanner(Planner):
+    """Drives the first command of the sequence that a program finds best among people who move on as predicted.
+
+    The distance to the local goal over all steps is made small. Distances to people and obstacles are constraints with
+    slack, so that there always is a solution. Where IPOPT does not converge within `iterations`, its last commands are
+    driven, and the vehicle brakes where they are no numbers.
+
+    It decides for one world after the other.
+
+    Attributes:
+        predictor: Predicts the pedestrians; of several futures the first one counts.
+        terms: What a program weighs.
+        horizon: Number of steps [1].
+        iterations: Of IPOPT, at most [1].
+
+    Raises:
+        InputError: A number is impossible, or CasADi is not installed.
+    """
+
+    predictor: Predictor
+    terms: Terms = TERMS
+    horizon: int = 14
+    iterations: int = 80
+
+    native = True
+
+    def __post_init__(self) -> None:
+        require_count("horizon", self.horizon)
+        require_count("iterations", self.iterations)
+        _casadi()
+        self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
+        self.reset(np.arange(0))
+
+    def unseen(self, scene: str) -> MPCPlanner:
+        """See `Planner`."""
+        return dataclasses.replace(self, predictor=self.predictor.unseen(scene))
+
+    def reset(self, rows: np.ndarray) -> None:
+        """See `Planner`."""
+        self.last = np.full((len(rows), self.horizon, 2), np.nan)
+        """The last solution of each row, NaN before the first."""
+
+    def plan(self, obs: Observation) -> Velocities:
+        """See `Planner`."""
+        return self.plan_ahead(obs, 1)[:, 0]
+
+    def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
+        """See `Planner`."""
+        require(
+            "horizon", self.horizon, steps <= self.horizon, f"{steps} or more, the steps that are asked for at once"
+        )
+        answer = self.predictor.predict(obs, self.horizon)
+        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
+        vehicle, crowd = obs.vehicle, obs.pedestrians
+        program = build_program(vehicle.dynamics, vehicle.body, obs.dt, self.horizon, self.terms, self.iterations)
+        larger = doubts(obs, self.horizon, self.terms.doubt)
+        larger = np.broadcast_to(larger, (len(obs), self.horizon, crowd.radius.shape[1]))
+        guesses = self._guess(obs, prediction, larger)
+        brake = vehicle.dynamics.follow(vehicle.state, np.zeros((len(obs), 2)), vehicle.preferred_speed, obs.dt)
+        bounds = vehicle.dynamics.space(vehicle.preferred_speed)
+        commands = np.empty((len(obs), self.horizon, 2))
+        for w in range(len(obs)):
+            situation = _situation(obs, prediction.position[w, 0], larger[w], w)
+            found = program.run(guesses[w], (bounds[0][w], bounds[1][w]), situation)
+            commands[w] = np.where(np.isfinite(found).all(), found, brake[w])
+        commands = limit_commands(commands[:, None], vehicle)[:, 0]
+        self.last[obs.row] = commands
+        if obs.logs is not None:
+            obs.log("predicted", prediction.position)
+        return commands[:, :steps]
+
+    def _guess(self, obs: Observation, prediction: Prediction, larger: Doubts) -> Sequence:
+        """What a program starts from: the rest of the last solution or one command throughout.
+
+        Of these it is the one that touches nobody for longest, and of several that which leads nearest to the goal:
+        from a guess that goes through somebody, IPOPT finds no way around.
+        """
+        vehicle = obs.vehicle
+        constant = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, self.horizon * obs.dt)
+        last = self.last[obs.row]
+        rest = np.concatenate([last[:, 1:], last[:, -1:]], axis=1)[:, None]
+        guesses = np.concatenate([np.nan_to_num(rest), constant[:, :, None].repeat(self.horizon, axis=2)], axis=1)
+        scene = scene_of(obs, prediction, 0, vehicle, self.horizon)
+        result = try_sequences(scene, guesses, larger + self.terms.margin)
+        arrives = result.outcome[:, :, 0] == Outcome.SUCCESS
+        left = np.where(arrives, 0.0, time_left(scene, result))
+        lost = np.where(arrives, 0.0, (self.horizon - result.steps[:, :, 0]) * LOST)
+        return guesses[np.arange(len(obs)), (lost + left).argmin(axis=1)]
+
+
+def _situation(
+    obs: Observation,
+    ahead: Float[np.ndarray, "time pedestrian 2"],
+    larger: Float[np.ndarray, "time pedestrian"],
+    w: int,
+) -> Float[np.ndarray, "number"]:
+    """What a program is solved for: vehicle, goal, people in each step, edges of obstacles."""
+    vehicle, crowd = obs.vehicle, obs.pedestrians
+    now = [*vehicle.position[w], *vehicle.velocity[w], vehicle.heading[w], vehicle.angular_speed[w]]
+    own = [*vehicle.local_goal[w], vehicle.radius[w], vehicle.preferred_speed[w]]
+    steps = len(ahead)
+    people = np.full((steps, PEOPLE, 3), FAR)
+    nearest = np.argsort(np.where(crowd.seen[w], norm(crowd.position[w] - vehicle.position[w]), np.inf), kind="stable")
+    nearest = nearest[: min(PEOPLE, int(crowd.seen[w].sum()))]
+    people[:, : len(nearest), :2] = ahead[:, nearest]
+    people[:, : len(nearest), 2] = crowd.radius[w, nearest] + larger[:, nearest]
+    people[:, len(nearest) :, 2] = 0.0
+    return np.concatenate([now, own, people.ravel(), _edges(obs.obstacles[w], vehicle.position[w]).ravel()])
+
+
+def _edges(obstacles: Float[np.ndarray, "polygon corner 2"], position: Float[np.ndarray, "2"]) -> np.ndarray:
+    """The nearest edges of obstacles, `[WALLS, 4]`: the two ends of each in metres."""
+    found = []
+    for polygon in obstacles:
+        corners = polygon[~np.isnan(polygon[:, 0])]
+        ends = np.roll(corners, -1, axis=0)
+        found += [np.append(*pair) for pair in zip(corners, ends, strict=True)][: len(corners) - (len(corners) == 2)]
+    edges = np.full((WALLS, 4), FAR)
+    edges[:, 2] += 1.0
+    if found:
+        all_edges = np.array(found)
+        a, b = all_edges[:, :2], all_edges[:, 2:]
+        along = b - a
+        share = ((position - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
+        away = norm(a + np.clip(share, 0.0, 1.0)[:, None] * along - position)
+        order = np.argsort(away, kind="stable")[:WALLS]
+        edges[: len(order)] = all_edges[order]
+    return edges
+
+
+@functools.lru_cache(maxsize=8)
+def build_program(
+    dynamics: Dynamics, body: tuple[float, ...], dt: float, horizon: int, terms: Terms, iterations: int
+) -> Program:
+    """Make the program of a vehicle.
+
+    Args:
+        dynamics: How it moves.
+        body: Where its discs are, in metres ahead of its position.
+        dt: Length of a step in seconds.
+        horizon: Number of steps.
+        terms: What it weighs.
+        iterations: Of IPOPT, at most.
+    """
+    ca = _casadi()
+    commands = ca.SX.sym("commands", 2, horizon)
+    near, touch = ca.SX.sym("near", horizon), ca.SX.sym("touch", horizon)
+    now, own = ca.SX.sym("now", 6), ca.SX.sym("own", 4)
+    people, edges = ca.SX.sym("people", 3, PEOPLE * horizon), ca.SX.sym("edges", 4, WALLS)
+    goal, radius, speed = own[:2], own[2], own[3]
+    x, y, heading = now[0], now[1], now[4]
+    before = now[2:4] if isinstance(dynamics, Holonomic) else ca.vertcat(_forward(ca, now), _turn(ca, dynamics, now))
+    turn_rate, cost, kept = now[5], 0.0, []
+    span = ca.vertcat(speed, speed) if isinstance(dynamics, Holonomic) else ca.vertcat(speed, dynamics.limits[1])
+    discs = body if len(body) <= DISCS else tuple(np.linspace(body[0], body[-1], DISCS).tolist())
+    for t in range(horizon):
+        command = commands[:, t]
+        cost += terms.change * ca.sumsqr((command - before) / span)
+        if isinstance(dynamics, Holonomic):
+            kept.append(speed**2 - ca.sumsqr(command))
+            if math.isfinite(dynamics.max_acceleration):
+                kept.append((dynamics.max_acceleration * dt) ** 2 - ca.sumsqr(command - before))
+            x, y = x + dt * command[0], y + dt * command[1]
+        else:
+            change = dynamics.limits[0] * dt
+            kept += [change - (command[0] - before[0]), change + (command[0] - before[0])]
+            if isinstance(dynamics, Unicycle):
+                kept += [
+                    dynamics.limits[2] * dt - (command[1] - turn_rate),
+                    dynamics.limits[2] * dt + (command[1] - turn_rate),
+                ]
+                turn_rate = command[1]
+            else:
+                turn_rate = command[0] * ca.tan(command[1]) / dynamics.limits[2]
+            half = heading + 0.5 * dt * turn_rate
+            x, y, heading = (
+                x + dt * command[0] * ca.cos(half),
+                y + dt * command[0] * ca.sin(half),
+                heading + dt * turn_rate,
+            )
+        before = command
+        cost += dt * ca.sqrt((x - goal[0]) ** 2 + (y - goal[1]) ** 2 + 1e-4)
+        cost += terms.near * terms.fading**t * (near[t] + near[t] ** 2) + terms.wall * (touch[t] + touch[t] ** 2)
+        margin = terms.margin + terms.growth * dt * t
+        for ahead in discs:
+            px, py = x + ahead * ca.cos(heading), y + ahead * ca.sin(heading)
+            for p in range(PEOPLE):
+                other = people[:, t * PEOPLE + p]
+                away = ca.sqrt((px - other[0]) ** 2 + (py - other[1]) ** 2 + 1e-6)
+                kept.append(away - radius - other[2] - margin + near[t])
+            for k in range(WALLS):
+                kept.append(_to_edge(ca, px, py, edges[:, k]) - radius - 0.02 + touch[t])
+    parameters = ca.vertcat(now, own, ca.reshape(people, -1, 1), ca.reshape(edges, -1, 1))
+    unknown = ca.vertcat(ca.reshape(commands, -1, 1), near, touch)
+    options = {"ipopt.max_iter": iterations, "ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes"}
+    # So that it stays near its start, which is a good one.
+    options |= {"ipopt.mu_init": 1e-2}
+    options |= {"ipopt.tol": 1e-3, "ipopt.acceptable_tol": 1e-2, "ipopt.acceptable_iter": 3}
+    problem = {"x": unknown, "p": parameters, "f": cost, "g": ca.vertcat(*kept)}
+    return Program(ca.nlpsol("mpc", "ipopt", problem, options), horizon)
+
+
+def _forward(ca: Any, now: Any) -> Any:
+    """The speed along the heading."""
+    return now[2] * ca.cos(now[4]) + now[3] * ca.sin(now[4])
+
+
+def _turn(ca: Any, dynamics: Dynamics, now: Any) -> Any:
+    """The second number of the command that the vehicle has followed in the last step."""
+    if isinstance(dynamics, Unicycle):
+        return now[5]
+    return ca.atan(now[5] * dynamics.limits[2] / ca.fmax(_forward(ca, now), 0.1))
+
+
+def _to_edge(ca: Any, x: Any, y: Any, edge: Any) -> Any:
+    """The distance of a point from an edge."""
+    ax, ay, bx, by = edge[0], edge[1], edge[2], edge[3]
+    dx, dy = bx - ax, by - ay
+    share = ca.fmin(ca.fmax(((x - ax) * dx + (y - ay) * dy) / (dx**2 + dy**2), 0.0), 1.0)
+    return ca.sqrt((x - ax - share * dx) ** 2 + (y - ay - share * dy) ** 2 + 1e-6)
+
+
+def _casadi() -> Any:
+    try:
+        import casadi
+    except ImportError:
+        raise InputError("the planner mpc needs CasADi: pip install 'crowdbench[mpc]'") from None
+    return casadi
