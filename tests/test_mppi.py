@@ -15,6 +15,7 @@ from crowdbench.planners.mppi import MPPIPlanner, Search, Weights
 from crowdbench.planners.scene import scene_of
 from crowdbench.predict import Prediction
 from crowdbench.predict.linear import ConstantVelocity
+from crowdbench.record.decisions import key_text
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
@@ -120,6 +121,14 @@ def test_the_predicted_and_the_sampled_ways_are_logged():
     assert obs.logs["predicted"].shape == (len(obs), 2, 5, 4, 2)
     assert obs.logs["sampled"].shape == (len(obs), 5, 30, 3)
     assert np.isfinite(obs.logs["sampled"]).all()
+
+
+def test_a_recording_says_what_the_lines_mean():
+    driver = Driver(load_planner("mppi", {"search": {"samples": 20}})[1], "mppi")
+    scenario = load_scenario("circle_crossing_5", {"time_limit": 0.5})
+    text = key_text(rollout(driver, scenario, Cases("val", 0, 1), keep_logs=True))
+    assert text.startswith("*grey lines: predicted ways")
+    assert "coloured lines: ways that were considered" in text
 
 
 @pytest.mark.parametrize(

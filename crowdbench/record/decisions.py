@@ -80,8 +80,11 @@ def key_text(trace: Trace) -> str:
             "arrows from the vehicle: the commands that it could give, dark to light by their value; yellow: the best "
             "one, brown: the next"
         )
-    if any(array[0, 0].ndim > 2 for array in logged):
+    lines = [array.shape[-1] for array in logged if array[0, 0].ndim > 2]
+    if 2 in lines:
         marks.append("grey lines: predicted ways, fainter the further ahead")
+    if 3 in lines:
+        marks.append("coloured lines: ways that were considered, dark to light by their value")
     if ATTENTION_LOG in trace.logs:
         marks.append("violet: whom it attends to")
     return f"*{' · '.join(marks)}*" if marks else ""
