@@ -125,7 +125,7 @@ def test_the_predicted_and_the_sampled_ways_are_logged():
 
 def test_a_recording_says_what_the_lines_mean():
     driver = Driver(load_planner("mppi", {"search": {"samples": 20}})[1], "mppi")
-    scenario = load_scenario("circle_crossing_5", {"time_limit": 1.0})
+    scenario = load_scenario("circle_crossing_5", {"time_limit": 1.5})
     text = key_text(rollout(driver, scenario, Cases("val", 0, 1), keep_logs=True))
     assert text.startswith("*grey lines: predicted ways")
     assert "coloured lines: ways that were considered" in text
