@@ -36,10 +36,10 @@ class Objective:
     """
 
     heading: float = 1.0
-    clearance: float = 1.0
-    room: float = 0.3
+    clearance: float = 8.0
+    room: float = 2.0
     speed: float = 0.1
-    free: float = 0.5
+    free: float = 1.0
     margin: float = 0.1
     doubt: float = 0.5
 
