@@ -1,8 +1,8 @@
 """Model predictive control among pedestrians who move on at constant velocity, solved by IPOPT.
 
-Andersson et al., "CasADi: a software framework for nonlinear optimization and optimal control", Mathematical Programming
-Computation 11, 2019. Wächter and Biegler, "On the implementation of an interior-point filter line-search algorithm for
-large-scale nonlinear programming", Mathematical Programming 106, 2006.
+Andersson et al., "CasADi: a software framework for nonlinear optimization and optimal control", Mathematical
+Programming Computation 11, 2019. Wächter and Biegler, "On the implementation of an interior-point filter line-search
+algorithm for large-scale nonlinear programming", Mathematical Programming 106, 2006.
 """
 
 from crowdbench.planners.mpc import TERMS, MPCPlanner, Terms
