@@ -11,6 +11,7 @@ from crowdbench.core.dynamics import Bicycle, Unicycle
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome
 from crowdbench.planners.driver import Driver
+from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.mppi import MPPIPlanner, Search, Weights
 from crowdbench.planners.scene import scene_of
 from crowdbench.predict import Prediction
@@ -111,6 +112,19 @@ def test_a_case_is_the_same_alone_and_in_company():
     for case in (3, 1):
         apart = rollout(driver, scenario, Cases("val", case, case + 1))
         np.testing.assert_array_equal(apart.command[0], together.command[case])
+
+
+def test_the_next_decision_starts_from_the_rest_of_the_last_plan():
+    obs, plans = crowded(), LastPlans(4)
+    plans.reset(obs.row)
+    otherwise = np.full((len(obs), 4, 2), 7.0)
+    np.testing.assert_array_equal(plans.rest(obs, otherwise), otherwise)
+    made = np.random.default_rng(0).normal(size=(len(obs), 4, 2))
+    plans.keep(obs, made)
+    later = dataclasses.replace(obs.take(slice(2, 4)), step=obs.step[2:4] + np.array([1, 3]))
+    found = plans.rest(later, otherwise[:2])
+    np.testing.assert_array_equal(found[0], made[2, [1, 2, 3, 3]])
+    np.testing.assert_array_equal(found[1], made[3, [3, 3, 3, 3]])
 
 
 def test_the_predicted_and_the_sampled_ways_are_logged():

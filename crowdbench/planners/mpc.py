@@ -16,6 +16,7 @@ from crowdbench.core.geometry import norm
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import Doubts, doubts
+from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.scene import Sequence, Velocities, scene_of
 from crowdbench.planners.trials import limit_commands, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
@@ -137,7 +138,7 @@ class MPCPlanner(Planner):
         require_count("iterations", self.iterations)
         _casadi()
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
-        self.reset(np.arange(0))
+        self.last = LastPlans(self.horizon)
 
     def unseen(self, scene: str) -> MPCPlanner:
         """See `Planner`."""
@@ -145,8 +146,7 @@ class MPCPlanner(Planner):
 
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
-        self.last = np.full((len(rows), self.horizon, 2), np.nan)
-        """The last solution of each row, NaN before the first."""
+        self.last.reset(rows)
 
     def plan(self, obs: Observation) -> Velocities:
         """See `Planner`."""
@@ -172,7 +172,7 @@ class MPCPlanner(Planner):
             found = program.run(guesses[w], (bounds[0][w], bounds[1][w]), situation)
             commands[w] = np.where(np.isfinite(found).all(), found, brake[w])
         commands = limit_commands(commands[:, None], vehicle)[:, 0]
-        self.last[obs.row] = commands
+        self.last.keep(obs, commands)
         if obs.logs is not None:
             obs.log("predicted", prediction.position)
         return commands[:, :steps]
@@ -185,9 +185,8 @@ class MPCPlanner(Planner):
         """
         vehicle = obs.vehicle
         constant = vehicle.dynamics.commands(vehicle.state, vehicle.preferred_speed, self.horizon * obs.dt)
-        last = self.last[obs.row]
-        rest = np.concatenate([last[:, 1:], last[:, -1:]], axis=1)[:, None]
-        guesses = np.concatenate([np.nan_to_num(rest), constant[:, :, None].repeat(self.horizon, axis=2)], axis=1)
+        rest = self.last.rest(obs, np.zeros((len(obs), self.horizon, 2)))
+        guesses = np.concatenate([rest[:, None], constant[:, :, None].repeat(self.horizon, axis=2)], axis=1)
         scene = scene_of(obs, prediction, 0, vehicle, self.horizon)
         result = try_sequences(scene, guesses, larger + self.terms.margin)
         arrives = result.outcome[:, :, 0] == Outcome.SUCCESS

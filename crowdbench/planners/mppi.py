@@ -12,6 +12,7 @@ from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import Doubts, doubts
+from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
@@ -129,7 +130,7 @@ class MPPIPlanner(Planner):
         require_count("horizon", self.horizon)
         require("worst", self.worst, is_number(self.worst) and 0.0 < self.worst <= 1.0, "above 0, and 1 at most")
         self.privileged, self.facts = self.predictor.privileged, self.predictor.facts
-        self.reset(np.arange(0))
+        self.last = LastPlans(self.horizon)
 
     def unseen(self, scene: str) -> MPPIPlanner:
         """See `Planner`."""
@@ -137,8 +138,7 @@ class MPPIPlanner(Planner):
 
     def reset(self, rows: np.ndarray) -> None:
         """See `Planner`."""
-        self.last = np.full((len(rows), self.horizon, 2), np.nan)
-        """The last plan of each row, NaN before the first."""
+        self.last.reset(rows)
 
     def plan(self, obs: Observation) -> Velocities:
         """See `Planner`."""
@@ -166,7 +166,7 @@ class MPPIPlanner(Planner):
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1) * prediction.position.shape[1]
         in_chunks(fill, len(obs), max(1, 8 * CHUNK // rows))
-        self.last[obs.row] = best
+        self.last.keep(obs, best)
         if obs.logs is not None:
             obs.log("predicted", prediction.position)
             obs.log("sampled", shown.swapaxes(1, 2))
@@ -180,9 +180,7 @@ class MPPIPlanner(Planner):
             wanted = toward_goal(vehicle.position, vehicle.local_goal, speed)
             straight[:, t] = dynamics.follow(vehicle.state, wanted, speed, obs.dt)
             vehicle = propagate_vehicle(vehicle, straight[:, t], obs)
-        last = self.last[obs.row]
-        rest = np.concatenate([last[:, 1:], last[:, -1:]], axis=1)
-        rest = np.where(np.isnan(rest), straight, rest)
+        rest = self.last.rest(obs, straight)
         constant = dynamics.commands(obs.vehicle.state, speed, self.horizon * obs.dt)
         guesses = [rest[:, None], straight[:, None], constant[:, :, None].repeat(self.horizon, axis=2)]
         return np.concatenate(guesses, axis=1)
