@@ -255,37 +255,16 @@ def build_program(
     now, own = ca.SX.sym("now", 6), ca.SX.sym("own", 4)
     people, edges = ca.SX.sym("people", 3, PEOPLE * horizon), ca.SX.sym("edges", 4, WALLS)
     goal, radius, speed = own[:2], own[2], own[3]
-    x, y, heading = now[0], now[1], now[4]
-    before = now[2:4] if isinstance(dynamics, Holonomic) else ca.vertcat(_forward(ca, now), _turn(ca, dynamics, now))
-    turn_rate, cost, kept = now[5], 0.0, []
-    span = ca.vertcat(speed, speed) if isinstance(dynamics, Holonomic) else ca.vertcat(speed, dynamics.limits[1])
+    pose, cost, kept = now[[0, 1, 4]], 0.0, []
+    before = _driven(ca, dynamics, now)
+    span = ca.vertcat(speed, speed if isinstance(dynamics, Holonomic) else dynamics.limits[1])
     discs = body if len(body) <= DISCS else tuple(np.linspace(body[0], body[-1], DISCS).tolist())
     for t in range(horizon):
         command = commands[:, t]
         cost += terms.change * ca.sumsqr((command - before) / span)
-        if isinstance(dynamics, Holonomic):
-            kept.append(speed**2 - ca.sumsqr(command))
-            if math.isfinite(dynamics.max_acceleration):
-                kept.append((dynamics.max_acceleration * dt) ** 2 - ca.sumsqr(command - before))
-            x, y = x + dt * command[0], y + dt * command[1]
-        else:
-            change = dynamics.limits[0] * dt
-            kept += [change - (command[0] - before[0]), change + (command[0] - before[0])]
-            if isinstance(dynamics, Unicycle):
-                kept += [
-                    dynamics.limits[2] * dt - (command[1] - turn_rate),
-                    dynamics.limits[2] * dt + (command[1] - turn_rate),
-                ]
-                turn_rate = command[1]
-            else:
-                turn_rate = command[0] * ca.tan(command[1]) / dynamics.limits[2]
-            half = heading + 0.5 * dt * turn_rate
-            x, y, heading = (
-                x + dt * command[0] * ca.cos(half),
-                y + dt * command[0] * ca.sin(half),
-                heading + dt * turn_rate,
-            )
-        before = command
+        kept += _limits(ca, dynamics, command, before, speed, dt)
+        pose, before = _move(ca, dynamics, pose, command, dt), command
+        x, y, heading = pose[0], pose[1], pose[2]
         cost += dt * ca.sqrt((x - goal[0]) ** 2 + (y - goal[1]) ** 2 + 1e-4)
         cost += terms.near * terms.fading**t * (near[t] + near[t] ** 2) + terms.wall * (touch[t] + touch[t] ** 2)
         margin = terms.margin + terms.growth * dt * t
@@ -300,23 +279,40 @@ def build_program(
     parameters = ca.vertcat(now, own, ca.reshape(people, -1, 1), ca.reshape(edges, -1, 1))
     unknown = ca.vertcat(ca.reshape(commands, -1, 1), near, touch)
     options = {"ipopt.max_iter": iterations, "ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes"}
-    # So that it stays near its start, which is a good one.
-    options |= {"ipopt.mu_init": 1e-2}
-    options |= {"ipopt.tol": 1e-3, "ipopt.acceptable_tol": 1e-2, "ipopt.acceptable_iter": 3}
+    # A small barrier, so that it stays near its start, which is a good one.
+    options |= {"ipopt.mu_init": 1e-2, "ipopt.tol": 1e-3, "ipopt.acceptable_tol": 1e-2, "ipopt.acceptable_iter": 3}
     problem = {"x": unknown, "p": parameters, "f": cost, "g": ca.vertcat(*kept)}
     return Program(ca.nlpsol("mpc", "ipopt", problem, options), horizon)
 
 
-def _forward(ca: Any, now: Any) -> Any:
-    """The speed along the heading."""
-    return now[2] * ca.cos(now[4]) + now[3] * ca.sin(now[4])
-
-
-def _turn(ca: Any, dynamics: Dynamics, now: Any) -> Any:
-    """The second number of the command that the vehicle has followed in the last step."""
+def _driven(ca: Any, dynamics: Dynamics, now: Any) -> Any:
+    """The command that the vehicle has followed in the last step."""
+    if isinstance(dynamics, Holonomic):
+        return now[2:4]
+    forward = now[2] * ca.cos(now[4]) + now[3] * ca.sin(now[4])
     if isinstance(dynamics, Unicycle):
-        return now[5]
-    return ca.atan(now[5] * dynamics.limits[2] / ca.fmax(_forward(ca, now), 0.1))
+        return ca.vertcat(forward, now[5])
+    return ca.vertcat(forward, ca.atan(now[5] * dynamics.limits[2] / ca.fmax(forward, 0.1)))
+
+
+def _move(ca: Any, dynamics: Dynamics, pose: Any, command: Any, dt: float) -> Any:
+    """Position and heading after a step; an arc is taken as its chord."""
+    if isinstance(dynamics, Holonomic):
+        return ca.vertcat(pose[:2] + dt * command, pose[2])
+    rate = command[1] if isinstance(dynamics, Unicycle) else command[0] * ca.tan(command[1]) / dynamics.limits[2]
+    half = pose[2] + 0.5 * dt * rate
+    way = dt * command[0]
+    return ca.vertcat(pose[0] + way * ca.cos(half), pose[1] + way * ca.sin(half), pose[2] + dt * rate)
+
+
+def _limits(ca: Any, dynamics: Dynamics, command: Any, before: Any, speed: Any, dt: float) -> list[Any]:
+    """What must not be negative where a command is within the limits, beside the bounds of each of its numbers."""
+    change, most = command - before, dynamics.limits * dt
+    if isinstance(dynamics, Holonomic):
+        kept = [speed**2 - ca.sumsqr(command)]
+        return kept + ([most[0] ** 2 - ca.sumsqr(change)] if math.isfinite(most[0]) else [])
+    limited = [(0, most[0])] + ([(1, most[2])] if isinstance(dynamics, Unicycle) else [])
+    return [limit - sign * change[k] for k, limit in limited if math.isfinite(limit) for sign in (1.0, -1.0)]
 
 
 def _to_edge(ca: Any, x: Any, y: Any, edge: Any) -> Any:
