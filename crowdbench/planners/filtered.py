@@ -145,7 +145,7 @@ def _estimated(
     )
 
 
-Doubts = Float[np.ndarray, "#world time #pedestrian"]
+Doubts = Float[np.ndarray, "#world #time #pedestrian"]
 """By how much people are larger for a planner that does not know exactly where they will be, in metres."""
 
 

@@ -22,7 +22,7 @@ from crowdbench.utils.threads import CHUNK, in_chunks
 
 Costs = Float[np.ndarray, "world sequence"]
 Noise = Float[np.ndarray, "world round sample time 2"]
-Ways = Float[np.ndarray, "world sample time 3"]
+Ways = Float[np.ndarray, "world way time 3"]
 """Positions in metres, and what the whole way costs in seconds, negative."""
 
 SHOWN = 60

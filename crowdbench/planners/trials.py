@@ -131,7 +131,7 @@ class SequenceResult(NamedTuple):
 
 
 def try_sequences(
-    scene: Scene, commands: Sequences, margin: Float[np.ndarray, "#world time #pedestrian"]
+    scene: Scene, commands: Sequences, margin: Float[np.ndarray, "#world #time #pedestrian"]
 ) -> SequenceResult:
     """Find out how sequences of commands would go, by the simulator's rule for collisions and the goal.
 
