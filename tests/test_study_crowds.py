@@ -83,6 +83,12 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert "The 5 tests in a crowd are not corrected" in text
 
 
+def test_a_planner_may_have_options():
+    runs = read(CROWDS.replace('"orca_margin"', '{ planner = "orca", options = { safety_space = 0.2 } }')).runs
+    assert [run.label for run in runs[:2]] == ["orca", "orca (safety_space=0.2)"]
+    assert runs[1].spec.options == {"safety_space": 0.2}
+
+
 @pytest.mark.slow
 def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
     table = read(CROWDS.replace('"8"', '"40"')).tables[0]

@@ -148,11 +148,14 @@ def _estimated(
 Doubts = Float[np.ndarray, "#world #time #pedestrian"]
 """By how much people are larger for a planner that does not know exactly where they will be, in metres."""
 
+CERTAIN = np.zeros((1, 1, 1))
+"""Where it knows that exactly."""
+
 
 def doubts(obs: Observation, steps: int, deviations: float) -> Doubts:
     """So many standard deviations of where people will be in each of the next steps; 0 without a filter."""
     if obs.pedestrians.deviation is None:
-        return np.zeros((1, steps, 1))
+        return CERTAIN
     position, velocity = np.moveaxis(obs.pedestrians.deviation[:, None], -1, 0)
     return deviations * np.hypot(position, obs.dt * np.arange(1, steps + 1)[:, None] * velocity)
 
@@ -185,6 +188,6 @@ class FilteredPlanner(Planner):
 
     def plan_ahead(self, obs: Observation, steps: int) -> Sequence:
         """See `Planner`. Until the first measurements can have arrived, the vehicle stands."""
-        shown = self.filter.filter(obs)
+        shown = obs if obs.sensor.sees_all else self.filter.filter(obs)
         commands = self.planner.plan_ahead(shown, steps) if steps > 1 else self.planner.plan(shown)[:, None]
         return np.where((obs.step < obs.sensor.delay)[:, None, None], 0.0, commands)

@@ -11,7 +11,8 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
-from crowdbench.planners.filtered import Doubts, doubts
+from crowdbench.planners.filtered import CERTAIN, Doubts, doubts
+from crowdbench.planners.hidden import hidden_scene
 from crowdbench.planners.last_plans import LastPlans
 from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, scene_of
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
@@ -159,9 +160,8 @@ class MPPIPlanner(Planner):
             futures = Prediction(prediction.position[part], prediction.velocity[part])
             some = obs.take(part)
             scene = scene_of(some, futures, 0, some.vehicle, self.horizon)
-            best[part], ways = self._search(
-                scene, doubts(some, self.horizon, self.weights.doubt), first[part], noise[part]
-            )
+            larger = doubts(some, self.horizon, self.weights.doubt)
+            best[part], ways = self._search(scene, larger, hidden_scene(some, scene), first[part], noise[part])
             shown[part] = ways[:, : shown.shape[1]]
 
         rows = self.search.samples * max(obs.pedestrians.radius.shape[1], 1) * prediction.position.shape[1]
@@ -193,28 +193,32 @@ class MPPIPlanner(Planner):
             noise[..., t, :] = own * noise[..., t - 1, :] + rest * noise[..., t, :]
         return np.concatenate([noise, -noise], axis=2)[:, :, : self.search.samples]
 
-    def _search(self, scene: Scene, larger: Doubts, guesses: Sequences, noise: Noise) -> tuple[Sequence, Ways]:
+    def _search(
+        self, scene: Scene, larger: Doubts, hidden: Scene | None, guesses: Sequences, noise: Noise
+    ) -> tuple[Sequence, Ways]:
         """The sequence that is driven in each world, and where the samples of the last round lead."""
         spread = self.search.spread * _range(scene)[:, None, None]
         beside, world = guesses, np.arange(len(guesses))
-        cost, _ = self.costs(scene, guesses, larger)
+        cost, _ = self.costs(scene, guesses, larger, hidden)
         for number in range(self.search.rounds):
             centre = beside[world, cost.argmin(axis=1)]
             sampled = limit_commands(
                 centre[:, None] + self.search.narrower**number * spread * noise[:, number], scene.vehicle
             )
             tried = np.concatenate([sampled, centre[:, None]], axis=1)
-            cost, result = self.costs(scene, tried, larger)
+            cost, result = self.costs(scene, tried, larger, hidden)
             weight = np.exp((cost.min(axis=1, keepdims=True) - cost) / self.search.temperature)
             mean = (weight[..., None, None] * tried).sum(axis=1) / weight.sum(axis=1)[:, None, None]
             beside = np.stack([mean, tried[world, cost.argmin(axis=1)]], axis=1)
             ways = np.concatenate(
                 [result.motion[:, :, 1:, :2], -np.repeat(cost[..., None, None], noise.shape[3], 2)], axis=3
             )
-            cost, _ = self.costs(scene, beside, larger)
+            cost, _ = self.costs(scene, beside, larger, hidden)
         return beside[world, cost.argmin(axis=1)], ways
 
-    def costs(self, scene: Scene, commands: Sequences, larger: Doubts) -> tuple[Costs, SequenceResult]:
+    def costs(
+        self, scene: Scene, commands: Sequences, larger: Doubts, hidden: Scene | None = None
+    ) -> tuple[Costs, SequenceResult]:
         """What sequences cost in seconds, see `Weights`, and how they would go.
 
         The time to the goal, and what is to be avoided on the way.
@@ -223,17 +227,23 @@ class MPPIPlanner(Planner):
             scene: The vehicles and the pedestrians.
             commands: Commands of the vehicle's dynamics.
             larger: By how much each pedestrian is larger in each step, in metres.
+            hidden: The scene with whom walls may hide.
         """
-        weights, horizon, dt = self.weights, commands.shape[2], scene.dt
-        time = np.arange(horizon)
         result = try_sequences(scene, commands, larger)
-        inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / (weights.margin + weights.growth * dt * time), 0.0)
-        cost = weights.near * (weights.fading**time * inside**2).sum(axis=-1)
-        hit, hit_wall = result.outcome == Outcome.COLLISION, result.outcome == Outcome.WALL_COLLISION
-        cost += np.where(hit, weights.contact * weights.fading ** (result.steps - 1), weights.wall * hit_wall)
-        arrived = result.outcome == Outcome.SUCCESS
-        cost += np.where(arrived, dt * result.steps, dt * horizon + time_left(scene, result)[..., None])
+        cost = self._nearness(result, scene.dt) + self.weights.wall * (result.outcome == Outcome.WALL_COLLISION)
+        if hidden is not None:
+            cost += self._nearness(try_sequences(hidden, commands, CERTAIN), scene.dt)
+        arrived, whole = result.outcome == Outcome.SUCCESS, scene.dt * commands.shape[2]
+        cost += np.where(arrived, scene.dt * result.steps, whole + time_left(scene, result)[..., None])
         return self._over_futures(cost) + self._roughness(scene, commands), result
+
+    def _nearness(self, result: SequenceResult, dt: float) -> Float[np.ndarray, "world sequence mode"]:
+        """What small gaps to people and contacts cost."""
+        weights, time = self.weights, np.arange(result.gap.shape[-1])
+        inside = np.maximum(1.0 - np.maximum(result.gap, 0.0) / (weights.margin + weights.growth * dt * time), 0.0)
+        near = weights.near * (weights.fading**time * inside**2).sum(axis=-1)
+        hit = result.outcome == Outcome.COLLISION
+        return np.asarray(near + hit * weights.contact * weights.fading ** (result.steps - 1))
 
     def _over_futures(self, cost: Float[np.ndarray, "world sequence mode"]) -> Costs:
         """The mean over the worst futures of each sequence."""

@@ -82,7 +82,7 @@ class CrowdRow(Row):
         failures = {name: float(episodes.columns[name].mean()) for name in FAILURES}
         over_solved = _over_solved(episodes.columns, success, episodes.block)
         succeeds = rate(success, episodes.block)
-        return cls(run.driver.name, run.driver.privileged, succeeds, **failures, over_solved=over_solved)
+        return cls(run.label, run.driver.privileged, succeeds, **failures, over_solved=over_solved)
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class FilledCrowd:
     @classmethod
     def of(cls, runs: list[Run], out: Path) -> FilledCrowd:
         """Summarize and compare the runs of one scenario that are in the folder `out`, all of the same cases."""
-        found = [(run.driver.name, read_episodes(run, out)) for run in runs]
+        found = [(run.label, read_episodes(run, out)) for run in runs]
         planners = [CrowdRow.of(run, episodes) for run, (_, episodes) in zip(runs, found, strict=True)]
         pairs = [Pair.of((a, b), one, two) for (a, one), (b, two) in itertools.combinations(found, 2)]
         return cls(describe_scenario(runs[0]), planners, pairs, found[0][1].blocks.get("blocks"))
@@ -241,17 +241,21 @@ class CrowdsTable:
             data: The folder with the recorded tracks that its scenarios need.
 
         Raises:
-            InputError: A planner or a scenario does not exist, or two planners have the same name.
+            InputError: A planner or a scenario does not exist, or two planners have the same name and options.
         """
         scenarios = catalog.simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
         base = RunSpec("", "", spec.cases, overrides=spec.overrides, record="none", data=data)
         with location.named():
             by_scenario = [
-                [load_run(replace(base, planner=planner, scenario=scenario)) for planner in spec.planners]
+                [
+                    load_run(replace(base, planner=each.planner, options=each.options, scenario=scenario))
+                    for each in spec.planners
+                ]
                 for scenario in scenarios
             ]
-        if len({run.driver.name for run in by_scenario[0]}) < len(spec.planners):
-            raise location.at("planners").wrong(repr(spec.planners), "planners of different names")
+        labels = [run.label for run in by_scenario[0]]
+        if len(set(labels)) < len(labels):
+            raise location.at("planners").wrong(repr(labels), "planners that differ in their names or options")
         return cls(spec.title, spec.cases, by_scenario)
 
     @property

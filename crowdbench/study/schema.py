@@ -109,11 +109,24 @@ class PlannersSpec(TomlTable):
         return self.model_copy(update={"rows": rows, "cases": self.quick})
 
 
+class CrowdPlannerSpec(TomlTable):
+    """A planner of `[[crowds]]`, with its options; a name or a file alone stands for one without options."""
+
+    planner: Name
+    options: Values = Field(default={})
+
+
+def _named(planner: Any) -> Any:
+    return {"planner": planner} if isinstance(planner, str) else planner
+
+
 class CrowdsSpec(TomlTable):
     """`[[crowds]]`: planners in several scenarios; "all" stands for all built-in ones without `[tracks]`."""
 
     title: Name
-    planners: Names
+    planners: list[Annotated[CrowdPlannerSpec, BeforeValidator(_named)]] = Field(
+        min_length=1, description='a list of names such as "orca", or tables such as { planner = "orca", options = {} }'
+    )
     scenarios: Annotated[str, Field(pattern="^all$")] | Names = Field(description='"all" or a list of scenarios')
     overrides: Values = Field(default={})
     cases: CasesText = Cases.parse("test:500")
