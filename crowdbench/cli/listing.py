@@ -73,6 +73,10 @@ class OptionRow(NamedTuple):
     meaning: str
 
 
+FILTER = OptionRow("filter", "false", "text or false", "", "kalman: estimates in place of what a sensor measures.")
+"""The option of every planner, which `catalog.load_planner` reads."""
+
+
 class Page(NamedTuple):
     """What is said of one thing: a text, and its options under a title."""
 
@@ -134,7 +138,7 @@ def _plugin_page(kind: str, name: str) -> Page:
     if kind == "layouts":
         rows = [row._replace(name=f"layout.{row.name}") for row in option_rows(factory, keyword_only=True)]
         return Page(text, rows, "Options: --set name=value")
-    return Page(text, option_rows(factory))
+    return Page(text, [*option_rows(factory), *([FILTER] if kind == "planners" else [])])
 
 
 def option_rows(factory: Callable[..., object], keyword_only: bool = False) -> list[OptionRow]:
