@@ -93,16 +93,32 @@ def test_another_seed_is_another_network(tmp_path):
     assert digests[0] != digests[1]
 
 
+def test_a_card_looks_at_test_cases_only_where_that_is_asked_for(tmp_path):
+    said = {}
+    for card in ("val", "test"):
+        request = dataclasses.replace(REQUEST, card=card)
+        training = request.training("cpu")
+        training._validate(0.0)
+        said[card] = request.make_card(training, ignore)
+        assert request.card_cases == sum(
+            each["metrics"]["success_rate"]["n"] for each in said[card]["figures"].values()
+        )
+    assert list(said["val"]["figures"]) == ["validation"]
+    assert list(said["test"]["figures"]) == ["validation", "test"]
+    assert request.card_text(said["val"]).headline.endswith("success on validation cases")
+    assert request.card_text(said["test"]).headline.endswith("success on test cases")
+
+
 @pytest.mark.slow
 def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
-    running = TrainingRun.new(REQUEST, tmp_path / "run", "cpu")
+    running = TrainingRun.new(dataclasses.replace(REQUEST, card="test"), tmp_path / "run", "cpu")
     running.train(ignore)
     path = running.finish(ignore)
     assert digest(load_network("cadrl", str(path))) == digest(running.training.best)
     card = read_card(path)
     assert card["command"] == (
         "crowdbench train cadrl --scenario circle_crossing_mixed --set 'pedestrians.number=[1, 3]' "
-        "--set 'time_limit=10.0' --predictor oracle --seed 7 --episodes 40"
+        "--set 'time_limit=10.0' --card test --predictor oracle --seed 7 --episodes 40"
     )
     assert card["figures"]["test"]["cases"] == "test:0:6"
     assert card["figures"]["test"]["metrics"]["success_rate"]["n"] == 6
@@ -269,7 +285,8 @@ def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenar
         "scenarios": ["circle_crossing_5", "square_crossing_5"], "cases": "val:0:5",
     }  # fmt: skip
     assert (
-        "--max-turn 2.0 --max-velocity-change 0.6 --validation circle_crossing_5,square_crossing_5" in card["command"]
+        "--validation circle_crossing_5,square_crossing_5 --predictor oracle --max-turn 2.0 --max-velocity-change 0.6"
+        in card["command"]
     )
     assert running.request.use == (
         "run --planner cadrl --option 'limits={max_acceleration=inf, max_turn=2.0, max_velocity_change=0.6}'"

@@ -34,6 +34,7 @@ def test_a_network_that_does_not_exist_is_refused():
         ("sgan", {"episodes": 9}, "--episodes is not for sgan, only for cadrl, lstm_rl and sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both say how long to train"),
         ("sgan", {"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
+        ("sarl", {"card": "all"}, "--card is 'all', but must be val or test"),
         ("sarl", {"minutes": float("inf")}, "--minutes is inf, but must be a finite number"),
         ("sgan", {"data": "eth_ucy", "dt": float("nan")}, "--dt is nan, but must be a finite number"),
         (

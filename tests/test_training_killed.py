@@ -75,7 +75,7 @@ class CountRequest(Request):
     def training(self, device):
         return Counting()
 
-    def card(self, training, progress):
+    def make_card(self, training, progress):
         return {"training": {"seed": 0, "minutes": 0.0}, "figures": {}, "data": "none"}
 
     @classmethod

@@ -32,7 +32,7 @@ def train(
         float | None,
         typer.Option(
             min=0.1,
-            help=f"Train for this many minutes instead of {LENGTHS}; measuring the network for its card comes after.",
+            help=f"Train for this many minutes, validations included, instead of {LENGTHS}.",
         ),
     ] = None,
     device: str = "cpu",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 import copy
 import math
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar, cast, runtime_checkable
@@ -28,7 +29,7 @@ from crowdbench.utils.errors import InputError
 VALIDATION_CASES = Cases("val", 0, 200)
 """The cases of a validation, in each of its scenarios."""
 
-CASES = {"validation": Cases("val", 1000, 2000), "test": Cases("test", 0, 500)}
+CASES = {"validation": Cases("val", 1000, 1200), "test": Cases("test", 0, 500)}
 """The cases of the figures on a card, by the name of their split. None of them chooses a checkpoint."""
 
 
@@ -74,10 +75,11 @@ class DrivingTraining(abc.ABC, Generic[Network, Point]):
 
     def drive_validation(self) -> Callable[[Metric], float]:
         """Drive the validation cases and keep the network as it is. Returns what gives the mean of a metric."""
-        network = copy.deepcopy(self.current)
+        start, network = time.perf_counter(), copy.deepcopy(self.current)
         driver = Driver(self.planner(network), self.request.network)
         traces = [rollout(driver, scenario, VALIDATION_CASES, undisturbed=False) for scenario in self.validation]
         self.validated.append(network)
+        self.seconds += time.perf_counter() - start
         return lambda metric: float(np.nanmean([metric(trace) for trace in traces]))
 
     def best_point(self) -> Point:
@@ -96,20 +98,24 @@ class DrivingTraining(abc.ABC, Generic[Network, Point]):
             return self.current
         return cast(Network, self.validated[self.curve.index(self.best_point())])
 
-    def measure(self, metrics: Sequence[str], progress: Callable[[float], None]) -> dict[str, Any]:
+    def measure(
+        self, splits: Sequence[str], metrics: Sequence[str], progress: Callable[[float], None]
+    ) -> dict[str, Any]:
         """Run the best network through the cases of a card, in the scenario that it was trained in.
 
         Args:
+            splits: Those of `CASES`.
             metrics: The names of the metrics.
             progress: Called as by `rollout`.
 
         Returns:
-            For every split of `CASES` the cases and the mean of every metric with its 95 % interval, as JSON.
+            For every split the cases and the mean of every metric with its 95 % interval, as JSON.
         """
         driver = Driver(self.planner(self.best), self.request.network)
         chosen = {metric: METRICS[metric] for metric in metrics}
         figures = {}
-        for split, cases in CASES.items():
+        for split in splits:
+            cases = CASES[split]
             traces = (rollout(driver, self.scenario, part, progress=progress) for part in cases.batches(BATCH))
             parts = [Episodes.of(trace, chosen) for trace in traces]
             figures[split] = {"cases": str(cases), "metrics": to_json(Episodes.join(parts).summary())}

@@ -135,7 +135,7 @@ class Request(abc.ABC):
         """
 
     @abc.abstractmethod
-    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
+    def make_card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """The method's part of the card of trained weights, as JSON: `training`, `figures` and `data`.
 
         Args:
@@ -148,7 +148,7 @@ class Request(abc.ABC):
 
     @property
     def card_cases(self) -> int:
-        """The number of cases that `card` runs."""
+        """The number of cases that `make_card` runs."""
         return 0
 
     @classmethod

@@ -83,7 +83,7 @@ class CurvePoint:
 
     Attributes:
         steps: The steps driven so far, of all worlds together.
-        seconds: The training time so far in seconds, without validations.
+        seconds: The time so far in seconds, with validations.
         reward: The mean return of the training episodes that ended since the last point; 0 if none did.
         success: The success rate on validation cases, from 0 to 1.
         navigation_time_or_limit: The mean time to the goal in seconds, the time limit for failures.

@@ -24,18 +24,32 @@ UNLIMITED = {"max_acceleration": math.inf, "max_turn": math.pi, "max_velocity_ch
 """The limits of `Limits` that exclude nothing."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class DrivingRequest(Request):
-    """A request for a training of `crowdbench.train.driving`. Every subclass has the option `validation`.
+    """A request for a training of `crowdbench.train.driving`.
 
     Attributes:
         validation: The scenarios that choose the checkpoint, by name or path, with commas between them; None for the
             one that is trained in.
+        card: Which cases the figures on the card are of: `val`, or `test` for test cases too.
     """
 
-    validation: str | None
+    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
+    card: str = option("val", "Measure the network for its card on val, other cases than chose it, or on test too")
 
     measured: ClassVar[Sequence[str]] = ("success_rate", "collision_rate", "timeout_rate", "navigation_time")
     """The metrics on the card."""
+
+    @classmethod
+    def check(cls, options: Mapping[str, Any]) -> None:
+        """See `Request`."""
+        if options.get("card", "val") not in ("val", "test"):
+            raise InputError(f"--card is {options['card']!r}, but must be val or test")
+
+    @property
+    def splits(self) -> list[str]:
+        """The splits of the figures on the card."""
+        return ["validation", *(["test"] if self.card == "test" else [])]
 
     @property
     def validation_names(self) -> list[str]:
@@ -57,7 +71,7 @@ class DrivingRequest(Request):
     def about(self, training: Any) -> dict[str, Any]:
         """What the card says of the training that only this method has."""
 
-    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
+    def make_card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Request`. The figures are those of the best network in the scenario that it was trained in."""
         from crowdbench.train.driving import VALIDATION_CASES
 
@@ -73,7 +87,7 @@ class DrivingRequest(Request):
                 f"kept_after_{self.length}": getattr(training.best_point(), self.length),
                 "minutes": round(training.seconds / 60, 1),
             },
-            "figures": training.measure(self.measured, progress),
+            "figures": training.measure(self.splits, self.measured, progress),
             "data": cards.episodes(scenario.table),
         }
 
@@ -82,7 +96,7 @@ class DrivingRequest(Request):
         """See `Request`."""
         from crowdbench.train.driving import CASES
 
-        return sum(map(len, CASES.values()))
+        return sum(len(CASES[split]) for split in self.splits)
 
     @classmethod
     def driving_text(cls, card: Mapping[str, Any], place: str, rows: Mapping[str, str], conditions: str) -> CardText:
@@ -97,9 +111,10 @@ class DrivingRequest(Request):
         trained, figures, unit = card["training"], card["figures"], cls.length
         chosen = f"chosen at {unit[:-1]} {trained[f'kept_after_{unit}']} of {trained[unit]}{cards.chosen_on(trained)}"
         scenario = f"{cards.crowd(trained['scenario'])} (digest {trained['scenario']['digest']})"
+        split = "test" if "test" in figures else "validation"
         measured = f"Measured once, after training, in the same scenario{conditions} (95 % intervals):"
         return CardText(
-            f"{place}: {cards.rate(figures['test']['metrics']['success_rate'])} success on test cases",
+            f"{place}: {cards.rate(figures[split]['metrics']['success_rate'])} success on {split} cases",
             {"scenario": scenario, **rows, "checkpoint": chosen},
             [measured, "", *cards.driving_table(figures)],
         )
@@ -115,7 +130,6 @@ class ValueRequest(DrivingRequest):
         max_acceleration: As in `Limits`; None for no limit, and so are the next two.
         max_turn: As in `Limits`.
         max_velocity_change: As in `Limits`.
-        validation: See `DrivingRequest`.
     """
 
     predictor: str = option("oracle", "The predictor in the lookahead: a name or ./mine.py", always=True)
@@ -123,7 +137,6 @@ class ValueRequest(DrivingRequest):
     max_acceleration: float | None = option(None, "Limit the commands: largest change of speed, per second [m/s^2]")
     max_turn: float | None = option(None, "Limit the commands: largest change of heading in a step [rad]")
     max_velocity_change: float | None = option(None, "Limit the commands: largest change of velocity in a step [m/s]")
-    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
 
     length: ClassVar[str] = "episodes"
 
@@ -179,13 +192,11 @@ class PPORequest(DrivingRequest):
         steps: The steps that the vehicles of all worlds drive together.
         reward: The name of a reward of the environments, or a file.
         nearest: How many pedestrians the policy is shown, at most; None for as many as the scenario has.
-        validation: See `DrivingRequest`.
     """
 
     steps: int = option(5_000_000, "Train for this many steps, of all worlds together", least=1)
     reward: str = option("progress", "The reward: crowdnav, progress or ./mine.py")
     nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
-    validation: str | None = option(None, "Scenarios that choose the checkpoint, as in a,b; else the one to train in")
 
     length: ClassVar[str] = "steps"
     measured: ClassVar[Sequence[str]] = (*DrivingRequest.measured, "jerk", "max_velocity_change")
@@ -258,7 +269,7 @@ class SocialGANRequest(Request):
 
         return Training(self, device)
 
-    def card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
+    def make_card(self, training: Any, progress: Callable[[float], None]) -> dict[str, Any]:
         """See `Request`. The figures are the errors on the validation windows."""
         from crowdbench.train.social_gan import MODES
 

@@ -73,7 +73,7 @@ class CurvePoint:
 
     Attributes:
         epochs: The epochs trained so far.
-        seconds: The training time so far in seconds, without validations.
+        seconds: The time so far in seconds, with validations.
         loss: The mean loss of the generator in the last epoch.
         discriminator_loss: The mean loss of the discriminator in the last epoch.
         ade: The mean distance to the true position over the predicted steps, in metres.
@@ -178,10 +178,10 @@ class Training:
     @torch.inference_mode()
     def _validate(self, loss: float, discriminator_loss: float) -> None:
         """Add a point to the curve, and keep the generator if it is the best one so far."""
-        rng = torch.Generator().manual_seed(0)
+        start, rng = time.perf_counter(), torch.Generator().manual_seed(0)
         total, count = np.zeros(2), 0
-        for start in range(0, len(self.validation), 2 * BATCH):
-            rows = np.arange(start, min(start + 2 * BATCH, len(self.validation)))
+        for first in range(0, len(self.validation), 2 * BATCH):
+            rows = np.arange(first, min(first + 2 * BATCH, len(self.validation)))
             position, present = self._scenes(self.validation, rows)
             noise = torch.randn((len(rows), MODES, NOISE), generator=rng).to(position)
             predicted = self.average(position[:, :HISTORY], present, noise, HORIZON)
@@ -191,6 +191,7 @@ class Training:
             error = displacement(prediction, path[:, HISTORY:], present.cpu().numpy())[present.cpu().numpy()]
             total, count = total + error[:, TOGETHER, :, -1].sum(axis=0), count + len(error)
         ade, fde = (total / count).tolist()
+        self.seconds += time.perf_counter() - start
         self.curve.append(CurvePoint(self.epochs, self.seconds, loss, discriminator_loss, ade, fde))
         if self.best_point() is self.curve[-1]:
             self.best.load_state_dict(self.average.state_dict())

@@ -140,7 +140,7 @@ class TrainingRun:
         with self._hold():
             about = {
                 "command": self.request.command,
-                **self.request.card(self.training, progress),
+                **self.request.make_card(self.training, progress),
                 "commit": _commit(),
                 "machine": f"{_processor()}, threads: {torch.get_num_threads()}, {self.device}",
                 "versions": {"python": platform.python_version(), "torch": torch.__version__},

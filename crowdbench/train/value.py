@@ -93,7 +93,7 @@ class CurvePoint:
 
     Attributes:
         episodes: The episodes driven so far.
-        seconds: The training time so far in seconds, without validations.
+        seconds: The time so far in seconds, with validations.
         exploration: Epsilon at this time.
         loss: The mean squared error of the values in the last round.
         success: The success rate on validation cases, from 0 to 1.
