@@ -12,7 +12,16 @@ from gymnasium.utils.env_checker import check_env
 from crowdbench import InputError, load_scenario, parallel_env
 from crowdbench.core.types import Outcome
 from crowdbench.envs.observations import ego_views
-from crowdbench.envs.rewards import COLLISION, PROGRESS, CheckedReward, Step, crowdnav, load_reward, progress
+from crowdbench.envs.rewards import (
+    COLLISION,
+    PROGRESS,
+    CheckedReward,
+    Step,
+    crowdnav,
+    crowdnav_plus,
+    load_reward,
+    progress,
+)
 from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS
 from crowdbench.networks.features import features, in_disc, to_world
@@ -119,7 +128,10 @@ def test_many_worlds_are_rendered():
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"reward": "nothing"}, r"^no reward is called 'nothing'; there are crowdnav, progress, or give a file"),
+        (
+            {"reward": "nothing"},
+            r"^no reward is called 'nothing'; there are crowdnav, progress, crowdnav_plus, or give a file",
+        ),
         ({"reward": "./missing.py"}, r"^there is no file .*missing\.py"),
         ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict$"),
         ({"action": "up"}, r"^action is 'up', but must be one of world, goal_frame, native$"),
@@ -146,6 +158,27 @@ def test_progress_pays_for_metres_and_collisions():
     np.testing.assert_allclose(progress(a_step(Outcome.SUCCESS)), 1.0 + PROGRESS * 0.25)
     np.testing.assert_allclose(progress(a_step(Outcome.COLLISION)), COLLISION + PROGRESS * 0.25)
     np.testing.assert_allclose(crowdnav(a_step(Outcome.COLLISION)), -0.25)
+
+
+def test_the_reward_of_crowdnav_plus_pays_for_metres_or_distance_and_for_predicted_contacts():
+    def paid(outcome, gap=1.0, speed=0.0):
+        """Where one person, 1 m to the right of the vehicle, comes at a speed, and the others are far away."""
+        step = a_step(outcome)
+        position, velocity = step.after.position.copy(), np.zeros_like(step.after.velocity)
+        position[:, 1:] += 50.0
+        position[:, 1], velocity[:, 1] = position[:, 0] + [1.0, 0.0], [-speed, 0.0]
+        return crowdnav_plus(Step(step.before, step.after.replace(position=position, velocity=velocity), step.outcome,
+                                  np.full(2, gap)))  # fmt: skip
+
+    np.testing.assert_allclose(paid(Outcome.RUNNING), 2.0 * 0.25)
+    np.testing.assert_allclose(paid(Outcome.RUNNING, gap=0.05), 10.0 * -0.2 * 0.25)
+    np.testing.assert_allclose(paid(Outcome.SUCCESS), 10.0)
+    np.testing.assert_allclose(paid(Outcome.COLLISION), -20.0)
+    np.testing.assert_allclose(paid(Outcome.TIMEOUT), 0.0)
+    # 0.4 m are left between the rims: 0.5 m in two steps, and 2 m/s in one.
+    np.testing.assert_allclose(paid(Outcome.RUNNING, speed=1.0), 0.5 - 20.0 / 8.0)
+    np.testing.assert_allclose(paid(Outcome.RUNNING, speed=2.0), 0.5 - 20.0 / 4.0)
+    np.testing.assert_allclose(paid(Outcome.RUNNING, speed=0.3), 0.5)
 
 
 def test_a_reward_of_ones_own_is_a_file(tmp_path):

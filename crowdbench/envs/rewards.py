@@ -90,7 +90,28 @@ def progress(step: Step) -> Float[np.ndarray, "world"]:
     return np.where(step.collided, COLLISION, crowdnav(step)) + PROGRESS * step.progress
 
 
-REWARDS = Kind("reward", "reward", {"crowdnav": crowdnav, "progress": progress})
+def crowdnav_plus(step: Step) -> Float[np.ndarray, "world"]:
+    """The reward of CrowdNav++ (Liu et al. 2023, equations 3 to 5), with its code's numbers.
+
+    10 for the goal, -20 for a collision; else 2 for every metre closer to the goal or, within 0.25 m of somebody, 10
+    times what is missing to that distance, per second. Where somebody who goes on at constant velocity would touch the
+    vehicle where it is now in k of the next five steps, also -20 / 2^(k+1), the worst of these.
+    """
+    closer = np.where(step.gap < 0.25, 10.0 * (step.gap - 0.25) * step.dt, 2.0 * step.progress)
+    paid = np.select([step.collided, step.outcome == Outcome.SUCCESS, step.ended], [-20.0, 10.0, 0.0], closer)
+    return paid + _predicted_contact(step.after)
+
+
+def _predicted_contact(world: World) -> Float[np.ndarray, "world"]:
+    """The penalty of `crowdnav_plus` for the first of the next five steps in which somebody would touch the vehicle."""
+    ahead = np.arange(1, 6)
+    position = world.position[:, None, 1:] + world.rules.dt * ahead[:, None, None] * world.velocity[:, None, 1:]
+    apart = norm(position - world.position[:, None, :1]) - world.radius[:, None, 1:] - world.radius[:, None, :1]
+    touches = ((apart < 0.0) & world.present[:, None, 1:]).any(axis=2)
+    return np.where(touches, -20.0 / 2.0 ** (ahead + 1), 0.0).min(axis=1)
+
+
+REWARDS = Kind("reward", "reward", {"crowdnav": crowdnav, "progress": progress, "crowdnav_plus": crowdnav_plus})
 
 
 @dataclass(frozen=True)
