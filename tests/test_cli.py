@@ -284,7 +284,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["mlp"], "no network is called 'mlp'; there are cadrl, lstm_rl, ppo, sarl"),
+        (["mlp"], "no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, sarl"),
         (["cadrl", "--episodes", "9", "--minutes", "1"], "--minutes and --episodes both say how long to train"),
         (["cadrl", "--device", "abacus"], "nothing can be trained on the device 'abacus'"),
         (["cadrl", "--resume", "nowhere"], "there is no directory nowhere: name the one of a training with --resume"),

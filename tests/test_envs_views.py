@@ -26,7 +26,7 @@ from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS
 from crowdbench.networks.features import features, in_disc, to_world
 from crowdbench.networks.policy import Policy, Seen
-from crowdbench.planners.policy import PolicyPlanner
+from crowdbench.planners.policy import PolicyPlanner, Showing
 from crowdbench.plugins.load import load_module
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
@@ -387,8 +387,9 @@ def test_a_policy_drives_as_it_was_trained(speed):
     policy = Policy()
     inputs = (torch.as_tensor(seen[name], dtype=torch.float32) for name in ("vehicle", "pedestrians"))
     with torch.no_grad():
-        action = policy(Seen(*inputs, torch.as_tensor(seen["mask"] > 0.5))).double().numpy()
-    command = PolicyPlanner(policy, 5).plan(observe(env._running.worlds))
+        shown = Seen(*inputs, torch.as_tensor(seen["mask"] > 0.5))
+        action = policy(shown, policy.nothing(len(shown.mask)))[0].double().numpy()
+    command = PolicyPlanner(policy, Showing(5)).plan(observe(env._running.worlds))
     env.step_async(action)
     env.step_wait()
     np.testing.assert_allclose(env._running.worlds.velocity[:, 0], command, atol=1e-6)

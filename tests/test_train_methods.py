@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from crowdbench import InputError
 from crowdbench.cli import app, train
 from crowdbench.networks.value import NETWORKS
+from crowdbench.planners.policy import NETWORKS as POLICIES
 from crowdbench.predict.social_gan import NAME
 from crowdbench.train import training_run
 from crowdbench.train.method import option
@@ -18,11 +19,13 @@ from crowdbench.train.requests import SocialGANRequest, ValueRequest
 
 
 def test_every_network_has_a_method():
-    assert set(METHODS) == {*NETWORKS, NAME, "ppo"}
+    assert set(METHODS) == {*NETWORKS, NAME, *POLICIES}
 
 
 def test_a_network_that_does_not_exist_is_refused():
-    with pytest.raises(InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, ppo, sarl, sgan"):
+    with pytest.raises(
+        InputError, match="no network is called 'mlp'; there are cadrl, lstm_rl, ppo, ppo_attention, sarl, sgan"
+    ):
         check_options("mlp", {})
 
 
@@ -132,7 +135,7 @@ def test_a_third_method_is_one_line_of_the_table(monkeypatch):
         ("third", {"epochs": 5}, "--epochs is not for third, only for sgan"),
         ("third", {"updates": 5, "minutes": 1.0}, "--minutes and --updates both say how long to train"),
         ("third", {"episodes": 5, "predictor": "linear"}, "--episodes and --predictor exclude each other"),
-        ("mlp", {}, "there are cadrl, lstm_rl, ppo, sarl, sgan, third"),
+        ("mlp", {}, "there are cadrl, lstm_rl, ppo, ppo_attention, sarl, sgan, third"),
     ]:
         with pytest.raises(InputError, match=message):
             check_options(network, options)

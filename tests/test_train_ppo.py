@@ -155,11 +155,13 @@ def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(tmp_pa
     training = TrainingRun.new(REQUEST, tmp_path / "a", "cpu").training
     training.worlds.seed(0)
     world = training.worlds.start()
+    training.memory = training.network.policy.nothing(len(world))
     outcome = np.full(len(world), Outcome.COLLISION)
     outcome[3] = Outcome.TIMEOUT
     with torch.no_grad():
         value = training._cut_off(Step(world, world, outcome, np.ones(len(world))))
-        expected = training.network(training._see(world))[1].numpy()
+        training._look(np.ones(len(world), bool))
+        expected = training.network(training.seen, training.memory, training.begins)[1].numpy()
     assert value[3] == pytest.approx(expected[3], rel=1e-5)
     assert not value[np.arange(len(world)) != 3].any()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -18,6 +19,10 @@ SCALE = 3.0
 
 LOG_STD = -0.5
 """Logarithm of the standard deviation of actions at the start of a training, in m/s."""
+
+
+Memory = Float[Tensor, "world remembered"]
+"""What a policy has kept of each episode so far, without units."""
 
 
 class Seen(NamedTuple):
@@ -44,7 +49,21 @@ class Seen(NamedTuple):
         return Seen(*map(change, self))
 
 
-class SetEncoder(nn.Module):
+class Encoder(nn.Module, abc.ABC):
+    """Encodes what is seen.
+
+    Attributes:
+        encoded: Numbers that come out.
+    """
+
+    encoded: int
+
+    @abc.abstractmethod
+    def forward(self, seen: Seen) -> Float[Tensor, "row encoded"]:
+        """The code of what is seen in each row, without units."""
+
+
+class SetEncoder(Encoder):
     """Encodes the vehicle and any number of pedestrians, whose order does not matter.
 
     Each pedestrian is encoded together with the vehicle. What goes on is a sum over pedestrians, weighted by attention,
@@ -84,37 +103,74 @@ class Policy(nn.Module):
 
     Attributes:
         encoder: Encodes what the vehicle sees.
+        memory: A gated recurrent unit (Cho et al. 2014) after the encoder; None in a policy that only sees the present.
         hidden: Layers between the code and the action.
-        action: The last layer: a velocity in the frame of the goal, in m/s.
+        action: The last layer: a velocity in the frame of the goal in m/s, or what `PolicyPlanner` makes of it.
+
+    Args:
+        encoder: The encoder; by default a `SetEncoder`.
+        remembered: Numbers that are kept from step to step; 0 for none.
+        hidden: Numbers in the hidden layer.
     """
 
-    def __init__(self, width: int = 64, encoded: int = 128, hidden: int = 64) -> None:
+    def __init__(self, encoder: Encoder | None = None, remembered: int = 0, hidden: int = 64) -> None:
         super().__init__()
-        self.encoder = SetEncoder(width, encoded)
-        self.hidden = nn.Sequential(nn.Linear(encoded, hidden), nn.Tanh())
+        self.encoder = encoder or SetEncoder()
+        self.remembered: int = remembered
+        self.coded: int = remembered or self.encoder.encoded
+        self.memory = nn.GRUCell(self.encoder.encoded, remembered) if remembered else None
+        self.hidden = nn.Sequential(nn.Linear(self.coded, hidden), nn.Tanh())
         self.action = nn.Linear(hidden, 2)
 
-    def forward(self, seen: Seen) -> Float[Tensor, "world 2"]:
-        """The velocity in the frame of the goal, in m/s; it may be faster than the vehicle, and is limited then."""
-        return self.action(self.hidden(self.encoder(seen)))
+    def forward(self, seen: Seen, memory: Memory) -> tuple[Float[Tensor, "world 2"], Memory]:
+        """The action in each world, and the memory after it."""
+        code, memory = self.code(seen, memory, seen.mask.new_zeros(1, len(seen.mask)))
+        return self.action(self.hidden(code)), memory
+
+    def code(
+        self, seen: Seen, memory: Memory, begins: Bool[Tensor, "time world"]
+    ) -> tuple[Float[Tensor, "row code"], Memory]:
+        """What is known at some steps of some worlds, in their order.
+
+        Args:
+            seen: What is seen at each step in each world, on one axis.
+            memory: The memory before the first step.
+            begins: Where a step is the first of an episode, before which nothing is remembered.
+
+        Returns:
+            The code of each row, and the memory after the last step.
+        """
+        code = self.encoder(seen)
+        if self.memory is None:
+            return code, memory
+        codes = []
+        for now, begin in zip(code.unflatten(0, begins.shape), begins, strict=True):
+            memory = self.memory(now, memory.masked_fill(begin[:, None], 0.0))
+            codes.append(memory)
+        return torch.cat(codes), memory
+
+    def nothing(self, worlds: int) -> Memory:
+        """The memory at the start of episodes."""
+        return self.action.weight.new_zeros(worlds, self.remembered)
 
 
 class ActorCritic(nn.Module):
-    """A policy in training, and the value of what it sees. They share the encoder.
+    """A policy in training, and the value of what it knows. They share the encoder and the memory.
 
     Attributes:
         policy: The policy. Its actions are the means of those that are tried.
-        value: From the code of what is seen to the expected discounted sum of rewards.
+        value: From the code of what is known to the expected discounted sum of rewards.
         log_std: The logarithm of the standard deviation of the actions that are tried, in m/s.
 
     Args:
+        policy: The policy.
         hidden: Numbers in the hidden layer of the value.
     """
 
-    def __init__(self, hidden: int = 64) -> None:
+    def __init__(self, policy: Policy, hidden: int = 64) -> None:
         super().__init__()
-        self.policy = Policy(hidden=hidden)
-        self.value = nn.Sequential(nn.Linear(self.policy.encoder.encoded, hidden), nn.Tanh(), nn.Linear(hidden, 1))
+        self.policy = policy
+        self.value = nn.Sequential(nn.Linear(policy.coded, hidden), nn.Tanh(), nn.Linear(hidden, 1))
         self.log_std = nn.Parameter(torch.full((2,), LOG_STD))
         # The first actions are small, so that what is tried at first is noise in all directions.
         gains = {self.policy.action: 0.01, self.value[2]: 1.0}
@@ -123,10 +179,12 @@ class ActorCritic(nn.Module):
                 nn.init.orthogonal_(layer.weight, gains.get(layer, math.sqrt(2.0)))
                 nn.init.zeros_(layer.bias)
 
-    def forward(self, seen: Seen) -> tuple[Float[Tensor, "row 2"], Float[Tensor, "row"]]:
-        """The mean of the actions in m/s, and the value, in each row of what is seen."""
-        code = self.policy.encoder(seen)
-        return self.policy.action(self.policy.hidden(code)), self.value(code)[:, 0]
+    def forward(
+        self, seen: Seen, memory: Memory, begins: Bool[Tensor, "time world"]
+    ) -> tuple[Float[Tensor, "row 2"], Float[Tensor, "row"], Memory]:
+        """The mean of the actions and the value in each row of what is seen, and the memory; see `Policy.code`."""
+        code, memory = self.policy.code(seen, memory, begins)
+        return self.policy.action(self.policy.hidden(code)), self.value(code)[:, 0], memory
 
     def log_probability(self, action: Float[Tensor, "row 2"], mean: Float[Tensor, "row 2"]) -> Float[Tensor, "row"]:
         """The logarithm of the probability density with which actions of these means are tried.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,77 +11,147 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from crowdbench.core.types import Observation
-from crowdbench.networks.features import features, in_disc, to_world
+from crowdbench.core.dynamics import Holonomic
+from crowdbench.core.types import Observation, Vehicle
+from crowdbench.networks.attention import attention_policy
+from crowdbench.networks.features import Features, Vectors, features, in_disc, in_range, to_world
+from crowdbench.networks.features_ahead import REACH, STEPS, WALLS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
 from crowdbench.networks.weights import digest, load_into, read_card, weights_file
 from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import along_walls
+from crowdbench.predict import Predictor
+from crowdbench.predict.base import validate_prediction
+from crowdbench.predict.load import load_predictor
+from crowdbench.sim.nearest_walls import nearest_walls
 from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.threads import in_chunks
 
-NAME = "ppo"
-"""The name of the network on cards."""
+NETWORKS: dict[str, Callable[[], Policy]] = {"ppo": Policy, "ppo_attention": attention_policy}
+"""What makes the policies that can be trained, by the name of the network on cards."""
 
 CHUNK = 4096
 """Worlds that go through the network at once."""
 
 
+@dataclass(frozen=True)
+class Showing:
+    """What a policy is shown, and what its actions mean.
+
+    A policy with a memory is shown where people are predicted to be, walls, and how it moves, and its actions are
+    commands of the vehicle's dynamics; one without is shown the present, and its actions are velocities.
+
+    Attributes:
+        nearest: How many pedestrians it is shown, at most: the nearest ones.
+        predictor: Predicts the pedestrians; None for a policy without a memory.
+    """
+
+    nearest: int
+    predictor: Predictor | None = None
+
+    def __call__(self, obs: Observation) -> Features:
+        """What is shown of an observation."""
+        if self.predictor is None:
+            return features(obs, self.nearest)
+        answer = self.predictor.predict(obs, STEPS)
+        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, STEPS)
+        walls = nearest_walls(obs.vehicle.position, obs.obstacles, WALLS, REACH)
+        return features_ahead(obs, self.nearest, prediction.position[:, 0], walls)
+
+    def commands(self, action: Vectors, vehicle: Vehicle, axis: Vectors) -> Vectors:
+        """The commands that actions stand for; velocities in m/s, along the axes of the world, without a predictor.
+
+        Args:
+            action: The actions of a policy.
+            vehicle: The vehicles.
+            axis: The direction of the goal, as `Features` has it.
+        """
+        if self.predictor is None or isinstance(vehicle.dynamics, Holonomic):
+            return to_world(in_disc(action, vehicle.preferred_speed), axis)  # the direction is kept
+        return in_range(action, *vehicle.dynamics.space(vehicle.preferred_speed))
+
+
 @dataclass(eq=False)
 class PolicyPlanner(Planner):
-    """Drives with the mean action of a policy: no lookahead, no prediction, no randomness.
+    """Drives with the mean action of a policy: no lookahead, no randomness.
 
     Attributes:
         policy: The trained network.
-        nearest: How many pedestrians it is shown, at most: the nearest ones.
+        showing: What it is shown, and what its actions mean.
+        network: The name of the network.
         trained_pedestrians: The largest number of pedestrians that it was trained with; None where that is unknown.
     """
 
     policy: Policy
-    nearest: int
+    showing: Showing
+    network: str = "ppo"
     trained_pedestrians: int | None = None
 
     def __post_init__(self) -> None:
         self.policy.eval()
-        self.facts = {"network": NAME, "weights": digest(self.policy)}
+        predictor = self.showing.predictor
+        self.native = predictor is not None
+        self.privileged = predictor is not None and predictor.privileged
+        of_predictor = {} if predictor is None else predictor.facts
+        self.facts = {**of_predictor, "network": self.network, "weights": digest(self.policy)}
+        self.reset(np.arange(0))
+
+    def unseen(self, scene: str) -> PolicyPlanner:
+        """See `Planner`."""
+        if self.showing.predictor is None:
+            return self
+        showing = dataclasses.replace(self.showing, predictor=self.showing.predictor.unseen(scene))
+        return dataclasses.replace(self, showing=showing)
+
+    def reset(self, rows: np.ndarray) -> None:
+        """See `Planner`."""
+        self.memory = self.policy.nothing(len(rows))
 
     def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
         """See `Planner`."""
-        shown = features(obs, self.nearest)
-        seen = Seen.of(shown, next(self.policy.parameters()).device)
-        action = np.empty((len(obs), 2))
+        shown = self.showing(obs)
+        seen = Seen.of(shown, self.memory.device)
+        action, row = np.empty((len(obs), 2)), torch.from_numpy(obs.row)
+        if len(self.memory) <= row.max():  # asked without a reset
+            self.memory = self.policy.nothing(int(row.max()) + 1)
+        before = self.memory[row]
 
         def fill(part: slice) -> None:
             with torch.inference_mode():
-                action[part] = self.policy(seen.each(lambda tensor: tensor[part])).double().cpu().numpy()
+                found, memory = self.policy(seen.each(lambda tensor: tensor[part]), before[part])
+                action[part] = found.double().cpu().numpy()
+                before[part] = memory
 
         in_chunks(fill, len(obs), CHUNK)
-        # The direction is kept.
-        command = to_world(in_disc(action, obs.vehicle.preferred_speed), shown.axis)
-        # Policies have learnt in worlds without obstacles.
-        return along_walls(obs, command)
+        self.memory[row] = before
+        command = self.showing.commands(action, obs.vehicle, shown.axis)
+        # Policies without a memory have learnt in worlds without obstacles.
+        return command if self.native else along_walls(obs, command)
 
 
-def load_policy(weights: str, device: str = "cpu") -> PolicyPlanner:
+def load_policy(weights: str, device: str = "cpu", predictor: str = "constant_velocity") -> PolicyPlanner:
     """A planner with a trained policy.
 
     Args:
         weights: The name of built-in weights, or a file.
         device: `cpu` or `cuda`.
+        predictor: What predicts the pedestrians for a policy with a memory: a name or a file.
 
     Returns:
         The planner.
 
     Raises:
-        InputError: The weights are missing, altered or not those of a policy.
+        InputError: The weights are missing, altered or not those of a policy, or there is no such predictor.
     """
     path = weights_file(weights)
-    policy = load_into(Policy(), NAME, path, device)
+    network = str(read_card(path).get("network"))
+    policy = load_into(NETWORKS.get(network, Policy)(), network if network in NETWORKS else "ppo", path, device)
     training = read_card(path).get("training", {})
     nearest = training.get("nearest")
     if not is_integer(nearest) or nearest < 1:
         raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
-    return PolicyPlanner(policy, int(nearest), _most_pedestrians(training))
+    showing = Showing(int(nearest), load_predictor(predictor)[1] if policy.remembered else None)
+    return PolicyPlanner(policy, showing, network, _most_pedestrians(training))
 
 
 def _most_pedestrians(training: Mapping[str, Any]) -> int | None:

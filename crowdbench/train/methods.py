@@ -20,6 +20,7 @@ METHODS: dict[str, type[Request]] = {
     "cadrl": ValueRequest,
     "lstm_rl": ValueRequest,
     "ppo": PPORequest,
+    "ppo_attention": PPORequest,
     "sarl": ValueRequest,
     "sgan": SocialGANRequest,
 }

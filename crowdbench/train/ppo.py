@@ -1,8 +1,8 @@
 """Trains a policy by proximal policy optimization (PPO, Schulman et al. 2017).
 
-The policy sees the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in that frame. It
-learns from a reward in many worlds at once. Each update drives `STEPS` steps of every world, then goes through them
-`EPOCHS` times in minibatches.
+The policy sees the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in it; one
+with a memory sees more, and gives commands (`planners.policy.Showing`). It learns from a reward in many worlds at once.
+Each update drives `STEPS` steps of every world, then goes through them `EPOCHS` times in minibatches.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from crowdbench.core.types import Outcome, World
+from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import Step, load_reward
 from crowdbench.envs.training_worlds import CASES, TrainingWorlds
 from crowdbench.envs.views import View
 from crowdbench.metrics.motion import jerk
 from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
-from crowdbench.networks.features import features
-from crowdbench.networks.policy import ActorCritic, Policy, Seen
-from crowdbench.planners.policy import PolicyPlanner
+from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
+from crowdbench.planners.policy import NETWORKS, PolicyPlanner, Showing
+from crowdbench.predict import ConstantVelocity
 from crowdbench.sim.sensor import observe
 from crowdbench.train.checkpoint import State, parts_state, restore_parts
 from crowdbench.train.driving import DrivingTraining
@@ -109,6 +109,8 @@ class Experience(NamedTuple):
 
     Attributes:
         seen: What was seen.
+        memory: What was remembered before the first of the steps.
+        begins: Where a step was the first of an episode.
         action: What was tried, in m/s.
         log_probability: The logarithm of its probability density then.
         advantage: By how much it did better than the value, normalized to mean 0 and standard deviation 1.
@@ -116,6 +118,8 @@ class Experience(NamedTuple):
     """
 
     seen: Seen
+    memory: Memory
+    begins: Bool[Tensor, "time world"]
     action: Float[Tensor, "*step 2"]
     log_probability: Float[Tensor, "*step"]
     advantage: Float[Tensor, "*step"]
@@ -123,9 +127,10 @@ class Experience(NamedTuple):
 
     def take(self, worlds: Int[Tensor, "world"]) -> Experience:
         """The segments of some worlds, all steps on one axis, shown no more pedestrians than one of them has."""
-        vehicle, pedestrians, mask, *others = (part[:, worlds].flatten(0, 1) for part in (*self.seen, *self[1:]))
+        vehicle, pedestrians, mask, *others = (part[:, worlds].flatten(0, 1) for part in (*self.seen, *self[3:]))
         most = max(int(mask.sum(dim=1).max()), 1)
-        return Experience(Seen(vehicle, pedestrians[:, :most], mask[:, :most]), *others)
+        seen = Seen(vehicle, pedestrians[:, :most], mask[:, :most])
+        return Experience(seen, self.memory[worlds], self.begins[:, worlds], *others)
 
 
 def advantages(
@@ -159,11 +164,13 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         self.nearest = request.nearest or max(self.scenario.max_agents - 1, 1)
         self.device = device
         self.steps = 0
-        view = View(self.scenario, action="goal_frame")
-        self.worlds = TrainingWorlds(WORLDS, view, load_reward(request.reward), CASES)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(request.seed)
-            self.network = ActorCritic().to(device)
+            policy = NETWORKS[request.network]()
+            self.network = ActorCritic(policy).to(device)
+        self.showing = Showing(self.nearest, ConstantVelocity() if policy.remembered else None)
+        view = View(self.scenario, action="native" if policy.remembered else "world")
+        self.worlds = TrainingWorlds(WORLDS, view, load_reward(request.reward), CASES)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE, eps=1e-5)
         self.generator = torch.Generator()
         self.returns: list[float] = []
@@ -180,7 +187,7 @@ class Training(DrivingTraining[Policy, CurvePoint]):
 
     def planner(self, network: Policy) -> PolicyPlanner:
         """See `DrivingTraining`."""
-        return PolicyPlanner(network, self.nearest)
+        return PolicyPlanner(network, self.showing, self.request.network)
 
     def run(self, after_validation: Callable[[], None]) -> None:
         """Train to the end, and call `after_validation` whenever the curve has a new point."""
@@ -198,7 +205,9 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         seed = self.request.seed + 1000 * len(self.curve)
         self.generator.manual_seed(seed)
         self.worlds.seed(seed)
-        self.seen = self._see(self.worlds.start())  # draws new cases
+        self.worlds.start()  # draws new cases
+        self._look(np.ones(WORLDS, bool))
+        self.memory = self.network.policy.nothing(WORLDS)
         while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
             self._update()
             now = time.perf_counter()
@@ -220,35 +229,39 @@ class Training(DrivingTraining[Policy, CurvePoint]):
     @torch.no_grad()
     def _drive(self) -> Experience:
         """Drive `STEPS` steps of every world."""
-        steps, values, rewards, goes_on = [], [], [], []
+        steps, values, rewards, goes_on, memory = [], [], [], [], self.memory
         for _ in range(STEPS):
-            mean, value = self.network(self.seen)
+            mean, value, self.memory = self.network(self.seen, self.memory, self.begins)
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
-            steps.append((*self.seen, action, self.network.log_probability(action, mean)))
+            steps.append((*self.seen, self.begins[0], action, self.network.log_probability(action, mean)))
             if not action.isfinite().all():
                 raise InputError(
                     f"the training has failed after {self.steps} steps: the policy's actions are not finite, as where "
                     f"the reward {self.request.reward} is too large"
                 )
-            step, reward, returned, _ = self.worlds.step(action.double().cpu().numpy())
+            command = self.showing.commands(action.double().cpu().numpy(), self.obs.vehicle, self.axis)
+            step, reward, returned, _ = self.worlds.step(command)
             values.append(value)
             rewards.append(self._tensor(reward + GAMMA * self._cut_off(step)))
             goes_on.append(self._tensor(~step.ended))
             self.returns += returned[step.ended].tolist()
-            self.seen = self._see(self.worlds.worlds)
-        value = torch.stack([*values, self.network(self.seen)[1]])
+            self._look(step.ended)
+        value = torch.stack([*values, self.network(self.seen, self.memory, self.begins)[1]])
         advantage = advantages(torch.stack(rewards).float(), value, torch.stack(goes_on))
         normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-        *seen, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
-        return Experience(Seen(*seen), action, log_probability, normalized, advantage + value[:-1])
+        *seen, begins, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
+        target = advantage + value[:-1]
+        return Experience(Seen(*seen), memory, begins, action, log_probability, normalized, target)
 
     def _cut_off(self, step: Step) -> Float[np.ndarray, "world"]:
         """The value after a step in the worlds where the time limit ended the episode, which cuts off what would have
         followed (Pardo et al. 2018); 0 in all others."""
         value = np.zeros(len(step.gap))
         if len(rows := np.flatnonzero(step.outcome == Outcome.TIMEOUT)):
-            value[rows] = self.network(self._see(step.after.take(rows)))[1].double().cpu().numpy()
+            seen = Seen.of(self.showing(observe(step.after.take(rows))), self.device)
+            go_on = seen.mask.new_zeros(1, len(rows))
+            value[rows] = self.network(seen, self.memory[rows], go_on)[1].double().cpu().numpy()
         return value
 
     def _descend(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
@@ -267,14 +280,17 @@ class Training(DrivingTraining[Policy, CurvePoint]):
 
     def _losses(self, steps: Experience) -> Float[Tensor, "row"]:
         """What is minimized: the clipped objective (Schulman et al. 2017, equations 7 and 9) and the value's error."""
-        mean, value = self.network(steps.seen)
+        mean, value, _ = self.network(steps.seen, steps.memory, steps.begins)
         ratio = (self.network.log_probability(steps.action, mean) - steps.log_probability).exp()
         clipped = ratio.clamp(1.0 - CLIP, 1.0 + CLIP)
         gain = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
         return VALUE_WEIGHT * (value - steps.returned) ** 2 - gain
 
-    def _see(self, worlds: World) -> Seen:
-        return Seen.of(features(observe(worlds), self.nearest), self.device)
+    def _look(self, begins: Bool[np.ndarray, "world"]) -> None:
+        """See the worlds as they are now, in some of which an episode begins."""
+        self.obs = observe(self.worlds.worlds)
+        shown = self.showing(self.obs)
+        self.seen, self.axis, self.begins = Seen.of(shown, self.device), shown.axis, self._tensor(begins)[None]
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.from_numpy(array).to(self.device)

@@ -1,0 +1,79 @@
+"""What a recurrent policy is shown beyond `features`: where people are predicted to be, walls, and how it moves.
+
+In the same frame of the goal, after the numbers of `crowdbench.networks.features`:
+
+    vehicle:     heading as cosine and sine, turn rate, and of the nearest walls x, y, and 1 where there is one
+    pedestrian:  position x, y after each of the next steps, time since it was seen, radius in which it may be
+
+A wall is the nearest point of an edge of an obstacle, in metres; the turn rate is in rad/s, times are in seconds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.types import Observation
+from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features, features
+
+STEPS = 5
+"""Predicted steps (Liu et al. 2023)."""
+
+WALLS = 4
+"""Walls that are shown, the nearest ones."""
+
+REACH = 5.0
+"""Distance in metres up to which a wall is shown, and the largest age in seconds of what was seen."""
+
+VEHICLE_AHEAD = VEHICLE_FEATURES + 3 + 3 * WALLS
+PEDESTRIAN_AHEAD = PEDESTRIAN_FEATURES + 2 * STEPS + 2
+"""Numbers about the vehicle, and about each pedestrian."""
+
+
+def features_ahead(
+    obs: Observation,
+    nearest: int,
+    ahead: Float[np.ndarray, "world time pedestrian 2"],
+    walls: Float[np.ndarray, "world wall 2"],
+) -> Features:
+    """The features of an observation with a prediction.
+
+    Args:
+        obs: What the vehicle sees.
+        nearest: How many pedestrians are shown, at most.
+        ahead: Where they are predicted to be after each of the next `STEPS` steps, in metres.
+        walls: The nearest points of the `WALLS` nearest walls in metres, NaN where there are fewer.
+    """
+    shown, own = features(obs, nearest), obs.vehicle
+    facing = _turn(np.stack([np.cos(own.heading), np.sin(own.heading)], axis=1), shown)
+    near = _turn(walls - own.position[:, None], shown)
+    near = np.concatenate([np.nan_to_num(near), np.isfinite(near[..., :1])], axis=2).reshape(len(obs), -1)
+    vehicle = np.concatenate([shown.vehicle, facing, own.angular_speed[:, None], near], axis=1)
+    pedestrians = np.zeros((*shown.pedestrians.shape[:2], PEDESTRIAN_AHEAD))
+    pedestrians[..., :PEDESTRIAN_FEATURES] = shown.pedestrians
+    if obs.pedestrians.seen.shape[1] > 0:
+        pedestrians[..., PEDESTRIAN_FEATURES:] = _ahead(obs, shown, ahead)
+    return shown._replace(vehicle=vehicle, pedestrians=pedestrians)
+
+
+def _ahead(
+    obs: Observation, shown: Features, ahead: Float[np.ndarray, "world time pedestrian 2"]
+) -> Float[np.ndarray, "world nearest numbers"]:
+    """What is said of each shown pedestrian's future and of how much is known of it; 0 where there is nobody."""
+    which, crowd = np.maximum(shown.which, 0), obs.pedestrians
+    position = np.take_along_axis(ahead, which[:, None, :, None], axis=2).swapaxes(1, 2)
+    position = _turn(position - obs.vehicle.position[:, None, None], shown).reshape(*which.shape, -1)
+    age = np.minimum(np.take_along_axis(crowd.age, which, axis=1), REACH)
+    radius = np.zeros_like(age)
+    if crowd.deviation is not None:
+        deviation = np.take_along_axis(crowd.deviation, which[..., None], axis=1)
+        radius = np.hypot(deviation[..., 0], STEPS * obs.dt * deviation[..., 1])
+    numbers = np.concatenate([position, age[..., None], radius[..., None]], axis=2)
+    return np.where(shown.seen[..., None], numbers, 0.0)
+
+
+def _turn(vectors: Float[np.ndarray, "world *each 2"], shown: Features) -> Float[np.ndarray, "world *each 2"]:
+    """Vectors in the frame of the goal."""
+    c, s = shown.axis.T.reshape(2, -1, *[1] * (vectors.ndim - 2))
+    x, y = np.moveaxis(vectors, -1, 0)
+    return np.stack([c * x + s * y, c * y - s * x], axis=-1)

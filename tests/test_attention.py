@@ -1,0 +1,147 @@
+"""The recurrent attention policy: what it is shown, who is heard, what is remembered, and what its actions mean."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from lookahead_scenes import DT, crowded
+
+from crowdbench import load_scenario
+from crowdbench.core.dynamics import Unicycle
+from crowdbench.networks.attention import AttentionEncoder, attention_policy
+from crowdbench.networks.features import VEHICLE_FEATURES, features
+from crowdbench.networks.features_ahead import REACH, STEPS, WALLS
+from crowdbench.networks.policy import Policy, Seen
+from crowdbench.planners.driver import Driver
+from crowdbench.planners.policy import PolicyPlanner, Showing
+from crowdbench.predict import ConstantVelocity
+from crowdbench.runs.rollout import rollout
+from crowdbench.scenario.cases import Cases
+from crowdbench.train import driving, ppo
+from crowdbench.train.requests import PPORequest
+from crowdbench.train.training_run import TrainingRun
+
+torch.set_num_threads(1)
+
+
+def shown_of(obs, nearest=4):
+    return Showing(nearest, ConstantVelocity())(obs)
+
+
+def turned(vectors, axis):
+    """Vectors in the frame whose x axis is `axis`."""
+    return np.stack([vectors @ axis, vectors @ np.array([-axis[1], axis[0]])], axis=-1)
+
+
+def test_what_is_shown_begins_with_what_is_shown_without_a_memory():
+    obs = crowded()
+    ahead, now = shown_of(obs), features(obs, 4)
+    np.testing.assert_array_equal(ahead.vehicle[:, :VEHICLE_FEATURES], now.vehicle)
+    np.testing.assert_array_equal(ahead.pedestrians[..., : now.pedestrians.shape[2]], now.pedestrians)
+
+
+def test_people_are_shown_where_they_are_predicted_and_how_uncertain_that_is():
+    obs = crowded()
+    crowd = obs.pedestrians
+    deviation = np.full((*crowd.radius.shape, 2), [0.3, 0.4])
+    age = np.where(crowd.seen, 2.0 * REACH, np.inf)
+    obs = dataclasses.replace(obs, pedestrians=dataclasses.replace(crowd, deviation=deviation, age=age))
+    shown, position = shown_of(obs), ConstantVelocity().predict(obs, STEPS).position
+    for w, k in zip(*np.nonzero(shown.seen), strict=True):
+        ahead = position[w, 0, :, shown.which[w, k]] - obs.vehicle.position[w]
+        numbers = shown.pedestrians[w, k, -2 * STEPS - 2 :]
+        np.testing.assert_allclose(numbers[:-2].reshape(STEPS, 2), turned(ahead, shown.axis[w]), atol=1e-12)
+        np.testing.assert_allclose(numbers[-2:], [REACH, np.hypot(0.3, STEPS * DT * 0.4)])
+    assert not shown.pedestrians[~shown.seen].any()
+
+
+def test_the_nearest_walls_are_shown_nearest_first():
+    obs = crowded(2, 1)
+    square = np.array([[1.0, -1.0], [2.0, -1.0], [2.0, 1.0], [1.0, 1.0]])
+    far = np.array([[0.0, 7.0], [1.0, 7.0], [np.nan] * 2, [np.nan] * 2])
+    vehicle = dataclasses.replace(obs.vehicle, position=np.zeros((2, 2)), heading=np.array([0.0, 0.5]))
+    obs = dataclasses.replace(obs, vehicle=vehicle, obstacles=np.stack([np.stack([square, far])] * 2))
+    shown = shown_of(obs)
+    nearest = np.array([[1.0, 0.0], [1.0, -1.0], [1.0, 1.0], [2.0, 0.0]])
+    for w in range(2):
+        walls = shown.vehicle[w, -3 * WALLS :].reshape(WALLS, 3)
+        np.testing.assert_allclose(walls[:, 2], 1.0)
+        np.testing.assert_allclose(walls[:, :2], turned(nearest, shown.axis[w]), atol=1e-12)
+        cos, sin = turned(np.array([np.cos(vehicle.heading[w]), np.sin(vehicle.heading[w])]), shown.axis[w])
+        np.testing.assert_allclose(shown.vehicle[w, VEHICLE_FEATURES : VEHICLE_FEATURES + 2], [cos, sin])
+    away = dataclasses.replace(vehicle, position=np.full((2, 2), 100.0))
+    assert not shown_of(dataclasses.replace(obs, vehicle=away)).vehicle[:, -3 * WALLS :].any()
+
+
+def test_nobody_is_heard_who_is_not_there_and_the_order_does_not_matter():
+    torch.manual_seed(0)
+    encoder, seen = AttentionEncoder(), Seen.of(shown_of(crowded(6, 5), nearest=5))
+    with torch.no_grad():
+        code = encoder(seen)
+        noise = seen.pedestrians + 9.0 * (~seen.mask)[..., None]
+        torch.testing.assert_close(encoder(seen._replace(pedestrians=noise)), code)
+        back = Seen(seen.vehicle, seen.pedestrians.flip(1), seen.mask.flip(1))
+        torch.testing.assert_close(encoder(back), code)
+        alone = Seen(seen.vehicle, seen.pedestrians[:, :1], torch.zeros_like(seen.mask[:, :1]))
+        assert encoder(alone).isfinite().all()
+        moved = seen._replace(pedestrians=seen.pedestrians + 0.1 * seen.mask[..., None])
+        somebody = seen.mask.any(dim=1)
+        assert ((encoder(moved) - code).abs().amax(dim=1) > 1e-4)[somebody].all()
+
+
+def test_an_episode_begins_without_a_memory_and_steps_at_once_are_steps_one_by_one():
+    torch.manual_seed(0)
+    policy, seen = attention_policy(), Seen.of(shown_of(crowded(6, 3)))  # 2 steps of 3 worlds
+    first, second = (seen.each(lambda part, at=at: part[3 * at : 3 * at + 3]) for at in (0, 1))
+    before = torch.randn(3, policy.remembered)
+    begins = torch.tensor([[False, True, False], [False, False, True]])
+    with torch.no_grad():
+        code, memory = policy.code(seen, before, begins)
+        one, kept = policy.code(first, before * torch.tensor([1.0, 0.0, 1.0])[:, None], begins.new_zeros(1, 3))
+        two, after = policy.code(second, kept * torch.tensor([1.0, 1.0, 0.0])[:, None], begins.new_zeros(1, 3))
+    torch.testing.assert_close(code, torch.cat([one, two]))
+    torch.testing.assert_close(memory, after)
+    assert (kept - before).abs().max() > 0.1
+
+
+@pytest.mark.parametrize("policy", [Policy, attention_policy])
+def test_an_episode_is_the_same_alone_and_in_company(policy):
+    torch.manual_seed(0)
+    scenario = load_scenario("unicycle_10", {"time_limit": 4.0, "pedestrians.number": 3})
+    planner = PolicyPlanner(policy(), Showing(3, ConstantVelocity() if policy is attention_policy else None))
+    together = rollout(Driver(planner, "policy"), scenario, Cases("val", 0, 4))
+    alone = rollout(Driver(planner, "policy"), scenario, Cases("val", 2, 3))
+    np.testing.assert_allclose(together.command[2], alone.command[0], atol=1e-5)
+    assert np.nanstd(together.command[:, :, 1]) > 0.0
+
+
+def test_actions_are_velocities_towards_the_goal_or_commands_between_their_bounds():
+    obs = crowded(2, 1)
+    axis, showing = features(obs, 1).axis, Showing(1, ConstantVelocity())
+    action = np.array([[1.0, 0.0], [0.0, 5.0]]) * obs.vehicle.preferred_speed[:, None]
+    side = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
+    np.testing.assert_allclose(
+        showing.commands(action, obs.vehicle, axis), obs.vehicle.preferred_speed[:, None] * np.stack([axis[0], side[1]])
+    )
+    wheels = dataclasses.replace(obs.vehicle, dynamics=Unicycle(max_angular_speed=1.5))
+    found = showing.commands(np.array([[-1.0, 1.0], [3.0, 0.0]]), wheels, axis)
+    np.testing.assert_allclose(found, [[0.0, 1.5], [wheels.preferred_speed[1], 0.0]])
+
+
+def test_it_is_trained_and_drives(tmp_path, monkeypatch):
+    for name, size in {"WORLDS": 8, "STEPS": 16, "SEGMENTS": 4, "CHUNK": 2, "VALIDATIONS": 2, "CASES": 16}.items():
+        monkeypatch.setattr(ppo, name, size)
+    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
+    monkeypatch.setattr(driving, "CASES", {"validation": Cases("val", 1000, 1004)})
+    overrides = {"pedestrians.number": [1, 3], "time_limit": 4.0}
+    request = PPORequest(network="ppo_attention", scenario="doorway_8", overrides=overrides, seed=7, steps=300)
+    run = TrainingRun.new(request, tmp_path / "a", "cpu")
+    before = [each.clone() for each in run.training.network.parameters()]
+    run.train(lambda *_: None)
+    changed = [(new != old).any().item() for new, old in zip(run.training.network.parameters(), before, strict=True)]
+    assert all(changed)
+    assert (
+        "crowdbench train ppo_attention --scenario doorway_8"
+        in run.finish(lambda *_: None).with_suffix(".md").read_text()
+    )
