@@ -54,10 +54,14 @@ def test_learning_curves_are_joined_over_seeds(tmp_path):
     for seed, success in ((0, 0.5), (1, 0.7)):
         folder = tmp_path / f"s{seed}"
         folder.mkdir()
-        (folder / "curve.csv").write_text(f"steps,seconds,success\n0,0,0\n1000,9,{success}\n")
+        (folder / "curve.csv").write_text(f"steps,seconds,mean_reward,success\n0,0,-1,0\n1000,9,2,{success}\n")
         (folder / "weights.json").write_text('{"network": "ppo", "training": {"scenario": {"name": "five"}}}')
     plots.learning_curves([tmp_path / "s0", tmp_path / "s1"], tmp_path / "a.svg")
-    assert "ppo, five, 2 seeds" in words(tmp_path / "a.svg")
+    assert {"ppo, five, 2 seeds", "success on validation cases, %"} <= set(words(tmp_path / "a.svg"))
+    plots.learning_curves([tmp_path / "s0", tmp_path / "s1"], tmp_path / "a.svg", "mean_reward")
+    assert "mean reward" in words(tmp_path / "a.svg")
+    with pytest.raises(InputError, match="s0 has no reward; it has steps, seconds, mean_reward, success"):
+        plots.learning_curves([tmp_path / "s0"], tmp_path / "b.svg", "reward")
 
 
 @pytest.mark.parametrize("suffix", ["pdf", "png", "svg"])
@@ -76,7 +80,7 @@ def test_the_same_figure_has_the_same_bytes(suffix, made, tmp_path):
         (["success", "orca-5", "orca-3"], "orca-3 and another run are both of orca|orca-5 and another run"),
         (["success", "nothing"], "nothing"),
         (["metric", "orca-5"], "needs --metric NAME"),
-        (["success", "orca-5", "--metric", "jerk"], "no other one takes it"),
+        (["success", "orca-5", "--metric", "jerk"], "success takes no --metric: only metric and training do"),
         (["metric", "orca-5", "--metric", "jerkk"], "has no metric jerkk; it has success_rate"),
         (["density", "orca-5", "orca-5"], "two runs of orca have as many pedestrians"),
         (["training", "orca-5"], "orca-5 is no directory of a training: it has no curve.csv"),

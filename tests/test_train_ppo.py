@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import shutil
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -189,6 +190,18 @@ def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
     name, planner = load_planner("ppo", {"weights": str(weights)})
     trace = rollout(Driver(planner, name), load_scenario("circle_crossing_10", {"time_limit": 2.0}), Cases("val", 0, 3))
     assert np.nanmax(np.linalg.norm(trace.command, axis=2)) <= 1.0 + 1e-9
+
+
+def test_tensorboard_shows_the_curve_where_it_is_installed(tmp_path, monkeypatch):
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator").EventAccumulator
+    curve = trained(tmp_path / "a").training.curve
+    events = accumulator(str(tmp_path / "a")).Reload()
+    for name in ("reward", "success", "jerk"):
+        found = [(event.step, event.value) for event in events.Scalars(name)]
+        assert found == [(point.steps, pytest.approx(getattr(point, name))) for point in curve]
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    trained(tmp_path / "b")
+    assert not list((tmp_path / "b").glob("events.*"))
 
 
 @pytest.mark.slow

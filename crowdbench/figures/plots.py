@@ -123,34 +123,39 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
         ax.legend()
 
 
-def learning_curves(directories: Sequence[Path], out: Path) -> None:
-    """The success of trainings on validation cases: a thin line for each, a thick one for the mean over seeds.
+def learning_curves(directories: Sequence[Path], out: Path, quantity: str = "success") -> None:
+    """The curves of trainings: a thin line for each, a thick one for the mean over seeds.
 
     Args:
         directories: Those of the trainings. Those of the same network in the same scenario belong together.
         out: The figure's file.
+        quantity: A column of their curves, such as `reward`.
 
     Raises:
-        InputError: One of them is not a training, they are too many, or the file cannot be written.
+        InputError: One of them is not a training or has no such quantity, they are too many, or the file cannot be
+            written.
     """
-    groups = trainings(directories)
+    groups = trainings(directories, quantity)
     _check_few(len(groups))
     with axes(out) as ax:
         from matplotlib.ticker import EngFormatter
 
         for number, (label, curves) in enumerate(groups.items()):
             axis = next(iter(curves[0]))
+            scale = 100.0 if quantity == "success" else 1.0
             end = min(float(curve[axis][-1]) for curve in curves)
             along = np.linspace(0.0, end, 100)
-            mean = np.mean([np.interp(along, curve[axis], 100 * curve["success"]) for curve in curves], axis=0)
+            mean = np.mean([np.interp(along, curve[axis], scale * curve[quantity]) for curve in curves], axis=0)
             for curve in curves if len(curves) > 1 else []:
-                ax.plot(curve[axis], 100 * curve["success"], lw=0.5, alpha=0.5, color=COLOURS[number])
+                ax.plot(curve[axis], scale * curve[quantity], lw=0.5, alpha=0.5, color=COLOURS[number])
             seeds = f", {len(curves)} seeds" if len(curves) > 1 else ""
             ax.plot(along, mean, label=label + seeds, **_line(number))
             ax.set_xlabel(axis)
         ax.xaxis.set_major_formatter(EngFormatter(sep=""))
-        ax.set(ylabel="success on validation cases, %", ylim=(0, 102), xlim=(0, None))
-        ax.legend(loc="lower right")
+        ax.set(ylabel=quantity.replace("_", " "), xlim=(0, None))
+        if quantity == "success":
+            ax.set(ylabel="success on validation cases, %", ylim=(0, 102))
+        ax.legend(loc="best")
 
 
 def _line(number: int) -> dict[str, Any]:

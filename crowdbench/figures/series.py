@@ -51,17 +51,20 @@ def by_planner(directories: Sequence[Path]) -> dict[str, list[RunResult]]:
     return found
 
 
-def trainings(directories: Sequence[Path]) -> dict[str, list[Mapping[str, Float[np.ndarray, "validation"]]]]:
+def trainings(
+    directories: Sequence[Path], quantity: str
+) -> dict[str, list[Mapping[str, Float[np.ndarray, "validation"]]]]:
     """Read the curves of trainings, those of the same network in the same scenario together.
 
     Args:
         directories: Their directories.
+        quantity: A column that all of them must have.
 
     Returns:
         The columns of each curve by name, by network and scenario.
 
     Raises:
-        InputError: One of them is not a training, or has no validation yet.
+        InputError: One of them is not a training, has no validation yet, or has no such column.
     """
     found: dict[str, list[Mapping[str, np.ndarray]]] = {}
     for directory in directories:
@@ -72,6 +75,8 @@ def trainings(directories: Sequence[Path]) -> dict[str, list[Mapping[str, Float[
             raise InputError(f"{directory} is no directory of a training: it has no {CURVE} that can be read") from None
         if not rows:
             raise InputError(f"{directory / CURVE} has no validation yet")
+        if quantity not in head:
+            raise InputError(f"the training in {directory} has no {quantity}; it has {', '.join(head)}")
         found.setdefault(_trained(directory), []).append(dict(zip(head, table.T, strict=True)))
     return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import dataclasses
+import functools
 import platform
 import re
 import subprocess
@@ -109,9 +110,13 @@ class TrainingRun:
 
         def save() -> None:
             self._save()
-            after_validation(self.training.curve[-1], self.training.progress)
+            point = self.training.curve[-1]
+            with self._writing():
+                board(point)
+            after_validation(point, self.training.progress)
 
-        with self._hold():
+        with self._hold(), contextlib.ExitStack() as stack:
+            board = _tensorboard(self.directory, stack)
             try:
                 if not self.training.curve:
                     # At once, so that a place where nothing can be written is told before hours of work.
@@ -192,6 +197,26 @@ class TrainingRun:
             )
             reason = error.strerror or error
             raise InputError(f"the training in {self.directory} cannot be written: {reason}; {left}") from None
+
+
+def _tensorboard(directory: Path, stack: contextlib.ExitStack) -> Callable[[Any], None]:
+    """What writes a point of the curve for TensorBoard until the stack ends; nothing where that is not installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return lambda point: None
+
+    @functools.cache
+    def writer() -> SummaryWriter:
+        return stack.enter_context(SummaryWriter(directory))  # which makes a file at once
+
+    def write(point: Any) -> None:
+        along, *names = (field.name for field in dataclasses.fields(point))
+        for name in names:
+            writer().add_scalar(name, getattr(point, name), getattr(point, along))
+        writer().flush()
+
+    return write
 
 
 @contextlib.contextmanager
