@@ -130,12 +130,15 @@ def test_actions_are_velocities_towards_the_goal_or_commands_between_their_bound
 
 
 def test_it_is_trained_and_drives(tmp_path, monkeypatch):
-    for name, size in {"WORLDS": 8, "STEPS": 16, "SEGMENTS": 4, "CHUNK": 2, "VALIDATIONS": 2, "CASES": 16}.items():
+    for name, size in {"CHUNK": 2, "VALIDATIONS": 2, "CASES": 16}.items():
         monkeypatch.setattr(ppo, name, size)
     monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
     monkeypatch.setattr(driving, "CASES", {"validation": Cases("val", 1000, 1004)})
     overrides = {"pedestrians.number": [1, 3], "time_limit": 4.0}
-    request = PPORequest(network="ppo_attention", scenario="doorway_8", overrides=overrides, seed=7, steps=300)
+    sizes = {"worlds": 8, "steps": 16, "segments": 4}
+    request = PPORequest(
+        network="ppo_attention", scenario="doorway_8", overrides=overrides, seed=7, steps=300, ppo=sizes
+    )
     run = TrainingRun.new(request, tmp_path / "a", "cpu")
     before = [each.clone() for each in run.training.network.parameters()]
     run.train(lambda *_: None)

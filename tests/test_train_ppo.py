@@ -27,22 +27,17 @@ torch.set_num_threads(1)  # for so little work threads cost more than they save,
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    for name, size in {
-        "WORLDS": 8,
-        "STEPS": 16,
-        "SEGMENTS": 4,
-        "CHUNK": 2,
-        "EPOCHS": 2,
-        "VALIDATIONS": 3,
-        "CASES": 16,
-    }.items():
+    for name, size in {"CHUNK": 2, "VALIDATIONS": 3, "CASES": 16}.items():
         monkeypatch.setattr(ppo, name, size)
     monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
     cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in driving.CASES.items()}
     monkeypatch.setattr(driving, "CASES", cases)
 
 
-REQUEST = PPORequest(network="ppo", overrides={"pedestrians.number": [1, 3], "time_limit": 8.0}, seed=7, steps=700)
+SIZES = {"worlds": 8, "steps": 16, "segments": 4, "epochs": 2}
+REQUEST = PPORequest(
+    network="ppo", overrides={"pedestrians.number": [1, 3], "time_limit": 8.0}, seed=7, steps=700, ppo=SIZES
+)
 
 
 class Killed(Exception):
@@ -139,14 +134,14 @@ def test_the_advantage_is_the_discounted_sum_of_differences_up_to_the_end_of_the
     reward, value = torch.rand(5, 2, generator=generator), torch.rand(6, 2, generator=generator)
     goes_on = torch.ones(5, 2, dtype=torch.bool)
     goes_on[2, 0] = False
-    found = ppo.advantages(reward, value, goes_on)
+    found = ppo.advantages(reward, value, goes_on, 0.9, 0.8)
     for world in range(2):
         for start in range(5):
             expected, weight = 0.0, 1.0
             for step in range(start, 5):
                 after = value[step + 1, world] if goes_on[step, world] else 0.0
-                expected += weight * (reward[step, world] + ppo.GAMMA * after - value[step, world])
-                weight *= ppo.GAMMA * ppo.LAMBDA
+                expected += weight * (reward[step, world] + 0.9 * after - value[step, world])
+                weight *= 0.9 * 0.8
                 if not goes_on[step, world]:
                     break
             assert found[start, world] == pytest.approx(float(expected), abs=1e-6)
@@ -190,6 +185,23 @@ def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
     name, planner = load_planner("ppo", {"weights": str(weights)})
     trace = rollout(Driver(planner, name), load_scenario("circle_crossing_10", {"time_limit": 2.0}), Cases("val", 0, 3))
     assert np.nanmax(np.linalg.norm(trace.command, axis=2)) <= 1.0 + 1e-9
+
+
+def test_parameters_of_ppo_are_in_the_command_and_wrong_ones_get_one_sentence():
+    assert "--ppo worlds=8 --ppo steps=16 --ppo segments=4 --ppo epochs=2" in REQUEST.command
+    assert (REQUEST.parameters.worlds, REQUEST.parameters.gamma) == (8, 0.97)
+    for given, sentence in [
+        (
+            {"gama": 0.9},
+            r"^--ppo is \{'gama': 0.9\}, but must be a table with worlds, steps, segments, epochs, learning_r",
+        ),
+        ({"gamma": 1.5}, "^in --ppo, gamma is 1.5, but must be a number from 0 to 1"),
+        ({"epochs": 0}, "^in --ppo, epochs is 0, but must be a whole number, 1 or more"),
+        ({"clip": "much"}, "^in --ppo, clip is 'much', but must be a number above 0"),
+        ({"worlds": 8}, "^in --ppo, segments is 32, but must be 8, the number of worlds, at most"),
+    ]:
+        with pytest.raises(InputError, match=sentence):
+            dataclasses.replace(REQUEST, ppo=given).training("cpu")
 
 
 def test_tensorboard_shows_the_curve_where_it_is_installed(tmp_path, monkeypatch):

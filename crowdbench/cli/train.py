@@ -72,6 +72,9 @@ def train(
     else:
         if overrides is not None:
             options["overrides"] = assignments(overrides, "--set")
+        for name, (field, _) in own_options().items():
+            if field.metadata["pairs"] and name in options:
+                options[name] = assignments(options[name], f"--{name}")
         check_options(network, options)
         announce_compilation()
         request = method_of(network)(network=network, **options)
@@ -126,7 +129,8 @@ def _with_own_options(signature: inspect.Signature) -> inspect.Signature:
             show_default=str(field.default) if field.default else False,
             rich_help_panel=f"Options for {', '.join(networks)} only",
         )
-        hint: Any = Annotated[get_type_hints(METHODS[networks[0]])[name] | None, option]
+        kind: Any = list[str] if field.metadata["pairs"] else get_type_hints(METHODS[networks[0]])[name]
+        hint: Any = Annotated[kind | None, option]
         own.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint))
     return signature.replace(parameters=[*common, *own])
 

@@ -28,7 +28,9 @@ MOST_SEED = 10**9
 Default = TypeVar("Default")
 
 
-def option(default: Default, help: str, least: float | None = None, always: bool = False) -> Default:
+def option(
+    default: Default, help: str, least: float | None = None, always: bool = False, pairs: bool = False
+) -> Default:
     """A field of a request that is an option of `crowdbench train`.
 
     Args:
@@ -36,11 +38,13 @@ def option(default: Default, help: str, least: float | None = None, always: bool
         help: What it means, in one sentence without a full stop.
         least: The smallest number allowed, or None.
         always: Whether `Request.command` has it even with its default.
+        pairs: Whether it is given as `name=value`, repeatedly, and is a mapping.
 
     Returns:
         The field, for the body of a dataclass; its metadata are the others.
     """
-    return dataclasses.field(default=default, metadata={"help": help, "least": least, "always": always})
+    metadata = {"help": help, "least": least, "always": always, "pairs": pairs}
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 class CardText(NamedTuple):

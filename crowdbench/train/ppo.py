@@ -2,7 +2,8 @@
 
 The policy sees the vehicle and the nearest pedestrians in the frame of the goal, and gives a velocity in it; one
 with a memory sees more, and gives commands (`planners.policy.Showing`). It learns from a reward in many worlds at once.
-Each update drives `STEPS` steps of every world, then goes through them `EPOCHS` times in minibatches.
+Each update drives some steps of every world, then goes through them several times in minibatches
+(`train.ppo_parameters`).
 """
 
 from __future__ import annotations
@@ -35,38 +36,8 @@ from crowdbench.utils.errors import InputError
 from crowdbench.utils.memory import keep_freed_memory
 from crowdbench.utils.threads import one_torch_thread
 
-WORLDS = 256
-"""Worlds that are driven at once."""
-
-STEPS = 32
-"""Steps of each world between two updates."""
-
-SEGMENTS = 32
-"""Worlds in a minibatch, each with all its steps in order of time, as recurrent policies need them too."""
-
 CHUNK = 16
 """Worlds of a minibatch that a thread goes through at once: few enough for the cache of a core."""
-
-EPOCHS = 4
-"""How often each update goes through its steps."""
-
-GAMMA = 0.97
-"""Discount per step."""
-
-LAMBDA = 0.95
-"""Of the generalized advantage estimate (Schulman et al. 2016)."""
-
-CLIP = 0.2
-"""By how much the ratio of two probabilities differs from 1 at most, where it counts (Schulman et al., equation 7)."""
-
-VALUE_WEIGHT = 0.5
-"""Weight of the value's squared error in the loss."""
-
-MAX_NORM = 0.5
-"""The largest norm of a gradient: larger ones are scaled down."""
-
-LEARNING_RATE = 7e-4
-"""At the start; it falls linearly to 0."""
 
 VALIDATIONS = 20
 """Validations of a training, after which it can be resumed."""
@@ -134,7 +105,11 @@ class Experience(NamedTuple):
 
 
 def advantages(
-    reward: Float[Tensor, "step world"], value: Float[Tensor, "step+1 world"], goes_on: Bool[Tensor, "step world"]
+    reward: Float[Tensor, "step world"],
+    value: Float[Tensor, "step+1 world"],
+    goes_on: Bool[Tensor, "step world"],
+    gamma: float,
+    trace: float,
 ) -> Float[Tensor, "step world"]:
     """The generalized advantage estimate (Schulman et al. 2016, equation 16).
 
@@ -142,12 +117,14 @@ def advantages(
         reward: The rewards.
         value: The values before each step, and after the last one.
         goes_on: Whether the episode goes on after each step.
+        gamma: See `Parameters`, and so for `trace`.
+        trace: Lambda.
     """
     after = torch.where(goes_on, value[1:], 0.0)
-    difference = reward + GAMMA * after - value[:-1]
+    difference = reward + gamma * after - value[:-1]
     estimate = difference.clone()
     for step in reversed(range(len(reward) - 1)):
-        estimate[step] += GAMMA * LAMBDA * goes_on[step] * estimate[step + 1]
+        estimate[step] += gamma * trace * goes_on[step] * estimate[step + 1]
     return estimate
 
 
@@ -162,7 +139,7 @@ class Training(DrivingTraining[Policy, CurvePoint]):
     def __init__(self, request: Any, device: str) -> None:
         super().__init__(request)
         self.nearest = request.nearest or max(self.scenario.max_agents - 1, 1)
-        self.device = device
+        self.device, self.own = device, request.parameters
         self.steps = 0
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(request.seed)
@@ -170,8 +147,8 @@ class Training(DrivingTraining[Policy, CurvePoint]):
             self.network = ActorCritic(policy).to(device)
         self.showing = Showing(self.nearest, ConstantVelocity() if policy.remembered else None)
         view = View(self.scenario, action="native" if policy.remembered else "world")
-        self.worlds = TrainingWorlds(WORLDS, view, load_reward(request.reward), CASES)
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE, eps=1e-5)
+        self.worlds = TrainingWorlds(self.own.worlds, view, load_reward(request.reward), CASES)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.own.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
         self.returns: list[float] = []
 
@@ -206,8 +183,8 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         self.generator.manual_seed(seed)
         self.worlds.seed(seed)
         self.worlds.start()  # draws new cases
-        self._look(np.ones(WORLDS, bool))
-        self.memory = self.network.policy.nothing(WORLDS)
+        self._look(np.ones(self.own.worlds, bool))
+        self.memory = self.network.policy.nothing(self.own.worlds)
         while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
             self._update()
             now = time.perf_counter()
@@ -220,17 +197,17 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         """Drive, and learn from it."""
         with one_torch_thread():  # whose sums are the same with any number of threads
             experience = self._drive()
-            for _ in range(EPOCHS):
-                order = torch.randperm(WORLDS, generator=self.generator)
-                for start in range(0, WORLDS, SEGMENTS):
-                    self._descend(experience, order[start : start + SEGMENTS])
-        self.steps += STEPS * WORLDS
+            for _ in range(self.own.epochs):
+                order = torch.randperm(self.own.worlds, generator=self.generator)
+                for some in torch.split(order, self.own.segments):
+                    self._descend(experience, some)
+        self.steps += self.own.steps * self.own.worlds
 
     @torch.no_grad()
     def _drive(self) -> Experience:
-        """Drive `STEPS` steps of every world."""
+        """Drive some steps of every world."""
         steps, values, rewards, goes_on, memory = [], [], [], [], self.memory
-        for _ in range(STEPS):
+        for _ in range(self.own.steps):
             mean, value, self.memory = self.network(self.seen, self.memory, self.begins)
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
@@ -243,12 +220,14 @@ class Training(DrivingTraining[Policy, CurvePoint]):
             command = self.showing.commands(action.double().cpu().numpy(), self.obs.vehicle, self.axis)
             step, reward, returned, _ = self.worlds.step(command)
             values.append(value)
-            rewards.append(self._tensor(reward + GAMMA * self._cut_off(step)))
+            rewards.append(self._tensor(reward + self.own.gamma * self._cut_off(step)))
             goes_on.append(self._tensor(~step.ended))
             self.returns += returned[step.ended].tolist()
             self._look(step.ended)
         value = torch.stack([*values, self.network(self.seen, self.memory, self.begins)[1]])
-        advantage = advantages(torch.stack(rewards).float(), value, torch.stack(goes_on))
+        advantage = advantages(
+            torch.stack(rewards).float(), value, torch.stack(goes_on), self.own.gamma, self.own.trace
+        )
         normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
         *seen, begins, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
         target = advantage + value[:-1]
@@ -271,20 +250,20 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         parameters = list(self.network.parameters())
 
         def loss(part: slice) -> Tensor:
-            return self._losses(experience.take(worlds[part])).sum() / (STEPS * len(worlds))
+            return self._losses(experience.take(worlds[part])).sum() / (self.own.steps * len(worlds))
 
         set_gradients(parameters, loss, len(worlds), CHUNK)
-        nn.utils.clip_grad_norm_(parameters, MAX_NORM)
-        self.optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1.0 - self.progress)
+        nn.utils.clip_grad_norm_(parameters, self.own.max_norm)
+        self.optimizer.param_groups[0]["lr"] = self.own.learning_rate * (1.0 - self.progress)
         self.optimizer.step()
 
     def _losses(self, steps: Experience) -> Float[Tensor, "row"]:
         """What is minimized: the clipped objective (Schulman et al. 2017, equations 7 and 9) and the value's error."""
         mean, value, _ = self.network(steps.seen, steps.memory, steps.begins)
         ratio = (self.network.log_probability(steps.action, mean) - steps.log_probability).exp()
-        clipped = ratio.clamp(1.0 - CLIP, 1.0 + CLIP)
+        clipped = ratio.clamp(1.0 - self.own.clip, 1.0 + self.own.clip)
         gain = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
-        return VALUE_WEIGHT * (value - steps.returned) ** 2 - gain
+        return self.own.value_weight * (value - steps.returned) ** 2 - gain
 
     def _look(self, begins: Bool[np.ndarray, "world"]) -> None:
         """See the worlds as they are now, in some of which an episode begins."""

@@ -15,6 +15,7 @@ from crowdbench.networks import card as cards
 from crowdbench.plugins.files import file_digests
 from crowdbench.plugins.load import file_and_function
 from crowdbench.train.method import CardText, Request, Training, option
+from crowdbench.train.ppo_parameters import Parameters, read_parameters
 from crowdbench.utils.errors import InputError
 
 EPISODES = 4000
@@ -63,8 +64,13 @@ class DrivingRequest(Request):
         values = {**vars(self), "validation": ",".join(self.validation_names) or None}
         for field in dataclasses.fields(self):
             value = values[field.name]
-            if field.metadata and field.name != self.length and (value != field.default or field.metadata["always"]):
-                words += [f"--{field.name.replace('_', '-')}", shlex.quote(str(value))]
+            if not field.metadata or field.name == self.length:
+                continue
+            flag = f"--{field.name.replace('_', '-')}"
+            if field.metadata["pairs"]:
+                words += [f"{flag} {shlex.quote(f'{name}={part}')}" for name, part in (value or {}).items()]
+            elif value != field.default or field.metadata["always"]:
+                words += [flag, shlex.quote(str(value))]
         return words
 
     @abc.abstractmethod
@@ -192,11 +198,14 @@ class PPORequest(DrivingRequest):
         steps: The steps that the vehicles of all worlds drive together.
         reward: The name of a reward of the environments, or a file.
         nearest: How many pedestrians the policy is shown, at most; None for as many as the scenario has.
+        ppo: Parameters of `crowdbench.train.ppo_parameters`, by name; the others have their defaults.
     """
 
     steps: int = option(5_000_000, "Train for this many steps, of all worlds together", least=1)
     reward: str = option("progress", "The reward: crowdnav, progress, crowdnav_plus or ./mine.py")
     nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
+
+    ppo: Mapping[str, Any] | None = option(None, "A parameter of PPO, as in gamma=0.99; repeatable", pairs=True)
 
     length: ClassVar[str] = "steps"
     measured: ClassVar[Sequence[str]] = (*DrivingRequest.measured, "jerk", "max_velocity_change")
@@ -212,7 +221,12 @@ class PPORequest(DrivingRequest):
         """See `DrivingRequest`."""
         file, _ = file_and_function(self.reward)
         files = {} if file is None else {"reward_files": file_digests(file)}
-        return {"nearest": training.nearest, "reward": self.reward, **files}
+        return {"nearest": training.nearest, "reward": self.reward, "ppo": dataclasses.asdict(self.parameters), **files}
+
+    @property
+    def parameters(self) -> Parameters:
+        """All parameters of PPO. Raises InputError where one of `ppo` does not exist or is impossible."""
+        return read_parameters(self.ppo or {})
 
     @classmethod
     def card_text(cls, card: Mapping[str, Any]) -> CardText:
