@@ -129,10 +129,12 @@ return Probe({{
     assert facts == {"network": "ConnectionRefusedError", "socket": "FileNotFoundError"}
 
 
-def test_files_that_options_name_are_shown(tmp_path):
-    table = tmp_path / "table.txt"
+def test_files_and_folders_that_options_name_are_shown(tmp_path):
+    table = tmp_path / "tables" / "table.txt"
+    table.parent.mkdir()
     table.write_text("three")
-    assert probe(tmp_path, "return Probe({'text': open(file).read()})", file=str(table)) == {"text": "three"}
+    for named, opened in ((table, "file"), (table.parent, "file + '/table.txt'")):
+        assert probe(tmp_path, f"return Probe({{'text': open({opened}).read()}})", file=str(named)) == {"text": "three"}
 
 
 def test_temporary_files_count_as_memory(tmp_path):

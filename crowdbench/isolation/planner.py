@@ -74,7 +74,7 @@ class IsolatedPlanner(Planner):
         options: Arguments of the planner's function, as they are written in TOML.
         limits: What it may take.
         readable: What it may read in its sandbox beside Python and crowdbench; if None, the files that it consists of
-            and those that its options name.
+            and what its options name.
         folder: Its working directory; the present one if None.
         scene: The recorded scene that it must not have been trained on, if any: see `Planner.unseen`.
 
@@ -198,7 +198,7 @@ class IsolatedPlanner(Planner):
 
 
 def _own_files(value: Any) -> Iterator[Path]:
-    """The files that a planner or the value of an option names, with what they import or what lies beside them."""
+    """What a planner or the value of an option names: a folder, or a file with what it imports or has beside it."""
     if isinstance(value, Mapping | list):
         for each in value.values() if isinstance(value, Mapping) else value:
             yield from _own_files(each)
@@ -207,3 +207,5 @@ def _own_files(value: Any) -> Iterator[Path]:
         if "\0" not in value and path.is_file():
             yield path
             yield from (path.resolve().parent / name for name in file_digests(path))
+        elif "\0" not in value and path.is_dir():
+            yield path

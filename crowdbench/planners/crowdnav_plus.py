@@ -1,0 +1,117 @@
+"""Networks of CrowdNav++ (Liu et al. 2023) as planners, without importing its code.
+
+What is here follows from how its evaluation asks a network: `network.act(inputs, memory, masks, deterministic=True)`
+gets what the robot sees of 20 people now and in five steps, and returns a velocity.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from crowdbench.core.types import Observation
+from crowdbench.networks.features import in_disc
+from crowdbench.networks.weights import digest
+from crowdbench.planners.base import Planner
+from crowdbench.utils.errors import InputError
+
+STEPS = 5
+"""Steps that are predicted, and positions that a predictor sees."""
+
+AWAY = 15.0
+"""Where somebody stands who is not seen, in metres from the robot along both axes."""
+
+UNKNOWN = -999.0
+"""The positions before the first one, for the predictor."""
+
+
+class CrowdNavPlusPlanner(Planner):
+    """Drives with a network of CrowdNav++, in all worlds at once.
+
+    Its robot sees people in the places where our observations have them, those in range alone, and faces upwards.
+
+    Args:
+        network: Its `Policy`, with the weights loaded: `rl/networks/model.py`.
+        predictor: Its predictor: `gst_updated/scripts/wrapper/crowd_nav_interface_parallel.py`; without it people keep
+            their velocities.
+
+    Raises:
+        InputError: `network` is no such network. While it drives: there are more people than it takes.
+    """
+
+    def __init__(self, network: Any, predictor: Any = None) -> None:
+        if not callable(getattr(network, "act", None)) or not hasattr(network, "base"):
+            raise InputError(f"a network of CrowdNav++ has act and base, but this {type(network).__name__} has not")
+        self.network, self.predictor = network.eval(), predictor
+        self.people, self.numbers = int(network.base.human_num), int(network.base.spatial_attn.input_size)
+        self.facts = {"network": type(network.base).__name__, "weights": digest(network)}
+        self.reset(np.arange(0))
+
+    def reset(self, rows: Int[np.ndarray, "world"]) -> None:
+        """See `Planner`."""
+        base, worlds = self.network.base, len(rows)
+        self.memory = {
+            "human_node_rnn": torch.zeros(worlds, 1, base.human_node_rnn_size),
+            "human_human_edge_rnn": torch.zeros(worlds, self.people + 1, base.human_human_edge_rnn_size),
+        }
+        self.past = torch.full((worlds, self.people, STEPS, 2), UNKNOWN)
+        self.seen = torch.zeros(worlds, self.people, STEPS, 1)
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """See `Planner`."""
+        row, vehicle = torch.from_numpy(obs.row), obs.vehicle
+        theta = np.full(len(obs), np.pi / 2.0)
+        parts = vehicle.position, vehicle.radius, vehicle.local_goal, vehicle.preferred_speed, theta
+        edges, seen = self._edges(obs, row)
+        inputs = {
+            "robot_node": _tensor(np.column_stack(parts))[:, None],
+            "temporal_edges": _tensor(vehicle.velocity)[:, None],
+            "spatial_edges": edges[..., : self.numbers],  # some networks are shown no predictions
+            "visible_masks": seen,
+            "detected_human_num": seen.sum(dim=1, keepdim=True).clamp(min=1),
+        }
+        memory = {name: kept[row] for name, kept in self.memory.items()}
+        go_on = torch.from_numpy(obs.step > 0).float()[:, None]
+        self.network.base.nenv = len(obs)
+        with torch.inference_mode():
+            _, action, _, after = self.network.act(inputs, memory, go_on, deterministic=True)
+        for name, kept in self.memory.items():
+            kept[row] = after[name]
+        return in_disc(action.double().numpy(), vehicle.preferred_speed)
+
+    def _edges(
+        self, obs: Observation, row: Int[Tensor, "world"]
+    ) -> tuple[Float[Tensor, "world human numbers"], Bool[Tensor, "world human"]]:
+        """Where people are now and will be, relative to the robot and the nearest first, and whom it sees."""
+        crowd, number = obs.pedestrians, obs.pedestrians.seen.shape[1]
+        if number > self.people:
+            raise InputError(f"the network was made for {self.people} people, but here are {number}")
+        seen = torch.zeros(len(obs), self.people, dtype=torch.bool)
+        seen[:, :number] = torch.from_numpy(crowd.seen & (crowd.age < 1e-6))
+        away = torch.full((len(obs), self.people, 2), AWAY)
+        away[:, :number] = _tensor(crowd.position - obs.vehicle.position[:, None])
+        away = torch.where(seen[..., None], away, AWAY)
+        own = _tensor(obs.vehicle.position)
+        self.past[row] = torch.cat([self.past[row, :, 1:], (own[:, None] + away)[:, :, None]], dim=2)
+        self.seen[row] = torch.cat([self.seen[row, :, 1:], seen[..., None, None].float()], dim=2)
+        ahead = away[:, :, None].repeat(1, 1, STEPS, 1)
+        if self.predictor is None:
+            velocity = torch.zeros_like(away)
+            velocity[:, :number] = _tensor(crowd.velocity)
+            moved = obs.dt * torch.arange(1, STEPS + 1)[:, None] * velocity[:, :, None]
+            ahead = ahead + torch.where(seen[..., None, None], moved, 0.0)
+        else:
+            with torch.inference_mode():
+                found, known = self.predictor.forward(self.past[row], self.seen[row])
+            ahead = torch.where(known.bool()[..., None], found[..., :2] - own[:, None, None], ahead)
+        edges = torch.cat([away, ahead.flatten(2)], dim=2)
+        order = away.norm(dim=2).argsort(dim=1)
+        return edges.gather(1, order[..., None].expand_as(edges)), seen
+
+
+def _tensor(array: np.ndarray) -> Tensor:
+    return torch.from_numpy(array).float()
