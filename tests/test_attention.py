@@ -18,7 +18,7 @@ from crowdbench.planners.policy import PolicyPlanner, Showing
 from crowdbench.predict import ConstantVelocity
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import driving, ppo
+from crowdbench.train import driving, ppo, ppo_worlds
 from crowdbench.train.requests import PPORequest
 from crowdbench.train.training_run import TrainingRun
 
@@ -130,7 +130,8 @@ def test_actions_are_velocities_towards_the_goal_or_commands_between_their_bound
 
 
 def test_it_is_trained_and_drives(tmp_path, monkeypatch):
-    for name, size in {"CHUNK": 2, "VALIDATIONS": 2, "CASES": 16}.items():
+    monkeypatch.setattr(ppo_worlds, "CASES", 16)
+    for name, size in {"CHUNK": 2, "VALIDATIONS": 2}.items():
         monkeypatch.setattr(ppo, name, size)
     monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
     monkeypatch.setattr(driving, "CASES", {"validation": Cases("val", 1000, 1004)})

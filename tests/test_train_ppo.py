@@ -11,12 +11,13 @@ import torch
 from crowdbench import InputError, load_planner, load_scenario
 from crowdbench.core.types import Outcome
 from crowdbench.envs.rewards import Step
+from crowdbench.envs.training_worlds import Driven
 from crowdbench.networks.weights import digest, weights_file
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.policy import load_policy
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import driving, ppo
+from crowdbench.train import driving, ppo, ppo_worlds
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.requests import PPORequest
 from crowdbench.train.training_run import TrainingRun
@@ -27,7 +28,8 @@ torch.set_num_threads(1)  # for so little work threads cost more than they save,
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    for name, size in {"CHUNK": 2, "VALIDATIONS": 3, "CASES": 16}.items():
+    monkeypatch.setattr(ppo_worlds, "CASES", 16)
+    for name, size in {"CHUNK": 2, "VALIDATIONS": 3}.items():
         monkeypatch.setattr(ppo, name, size)
     monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
     cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in driving.CASES.items()}
@@ -69,14 +71,14 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
     """Drawing the first cases alone takes longer than the time until the next validation."""
     request = dataclasses.replace(REQUEST, minutes=100.0)
     training = TrainingRun.new(request, tmp_path / "run", "cpu").training
-    draw, clock = training.worlds.start, ppo.time.perf_counter
+    draw, clock = training.worlds[0].start, ppo.time.perf_counter
     late = [0.0]
 
-    def slowly():
+    def slowly(seed):
         late[0] += 5000.0
-        return draw()
+        draw(seed)
 
-    monkeypatch.setattr(training.worlds, "start", slowly)
+    monkeypatch.setattr(training.worlds[0], "start", slowly)
     monkeypatch.setattr(ppo, "time", SimpleNamespace(perf_counter=lambda: clock() + late[0]))
     training.run(ignore)
     assert [point.steps for point in training.curve] == [0, 128, 256]
@@ -147,19 +149,36 @@ def test_the_advantage_is_the_discounted_sum_of_differences_up_to_the_end_of_the
             assert found[start, world] == pytest.approx(float(expected), abs=1e-6)
 
 
-def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(tmp_path):
-    training = TrainingRun.new(REQUEST, tmp_path / "a", "cpu").training
-    training.worlds.seed(0)
-    world = training.worlds.start()
-    training.memory = training.network.policy.nothing(len(world))
-    outcome = np.full(len(world), Outcome.COLLISION)
-    outcome[3] = Outcome.TIMEOUT
+def test_only_the_time_limit_leaves_the_value_of_what_would_have_followed(monkeypatch):
+    training = dataclasses.replace(REQUEST, beside="square_crossing_5").training("cpu")
+    training.train_until(0.0)
+    for worlds, timed_out in zip(training.worlds, ([], [1, 3]), strict=True):
+        outcome = np.full(worlds.number, Outcome.COLLISION)
+        outcome[timed_out] = Outcome.TIMEOUT
+        now = worlds.worlds.worlds
+        driven = Driven(Step(now, now, outcome, np.ones(len(now))), np.ones(len(now)), np.ones(len(now)), outcome)
+        monkeypatch.setattr(worlds.worlds, "step", lambda command, driven=driven: driven)
+    memory, on = training.memory, torch.zeros(1, 8, dtype=torch.bool)
     with torch.no_grad():
-        value = training._cut_off(Step(world, world, outcome, np.ones(len(world))))
-        training._look(np.ones(len(world), bool))
-        expected = training.network(training.seen, training.memory, training.begins)[1].numpy()
-    assert value[3] == pytest.approx(expected[3], rel=1e-5)
-    assert not value[np.arange(len(world)) != 3].any()
+        value = training.network(training._see(), memory, on)[1].numpy()
+        reward, ended = training._step(np.zeros((8, 2)))
+    expected = np.ones(8)
+    expected[[5, 7]] += training.own.gamma * value[[5, 7]]
+    np.testing.assert_allclose(reward, expected, rtol=1e-5)
+    assert ended.all()
+
+
+def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
+    request = dataclasses.replace(
+        REQUEST, beside="doorway_8,square_crossing_5", validation="circle_crossing_5,doorway_8", steps=130
+    )
+    training = request.training("cpu")
+    assert [worlds.number for worlds in training.worlds] == [3, 3, 2]
+    assert training.nearest == 8
+    training.run(ignore)
+    assert training.curve[-1].steps == 256
+    assert "--beside doorway_8,square_crossing_5" in request.command
+    assert request.about(training)["beside"] == ["doorway_8", "square_crossing_5"]
 
 
 @pytest.mark.slow

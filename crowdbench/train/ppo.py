@@ -19,19 +19,16 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from crowdbench.core.types import Outcome
-from crowdbench.envs.rewards import Step, load_reward
-from crowdbench.envs.training_worlds import CASES, TrainingWorlds
-from crowdbench.envs.views import View
+from crowdbench.catalog import load_scenario
 from crowdbench.metrics.motion import jerk
 from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
 from crowdbench.planners.policy import NETWORKS, PolicyPlanner, Showing
 from crowdbench.predict import ConstantVelocity
-from crowdbench.sim.sensor import observe
 from crowdbench.train.checkpoint import State, parts_state, restore_parts
 from crowdbench.train.driving import DrivingTraining
 from crowdbench.train.gradients import set_gradients
+from crowdbench.train.ppo_worlds import PolicyWorlds
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.memory import keep_freed_memory
 from crowdbench.utils.threads import one_torch_thread
@@ -138,7 +135,8 @@ class Training(DrivingTraining[Policy, CurvePoint]):
 
     def __init__(self, request: Any, device: str) -> None:
         super().__init__(request)
-        self.nearest = request.nearest or max(self.scenario.max_agents - 1, 1)
+        scenarios = [self.scenario, *(load_scenario(name) for name in request.beside_names)]
+        self.nearest = request.nearest or max(1, *(each.max_agents - 1 for each in scenarios))
         self.device, self.own = device, request.parameters
         self.steps = 0
         with torch.random.fork_rng(devices=[]):
@@ -146,8 +144,12 @@ class Training(DrivingTraining[Policy, CurvePoint]):
             policy = NETWORKS[request.network]()
             self.network = ActorCritic(policy).to(device)
         self.showing = Showing(self.nearest, ConstantVelocity() if policy.remembered else None)
-        view = View(self.scenario, action="native" if policy.remembered else "world")
-        self.worlds = TrainingWorlds(self.own.worlds, view, load_reward(request.reward), CASES)
+        # The first ones have a world more where they cannot be shared evenly.
+        shares = [len(part) for part in np.array_split(np.arange(self.own.worlds), len(scenarios))]
+        self.worlds = [
+            PolicyWorlds(share, each, self.showing, request.reward, device)
+            for share, each in zip(shares, scenarios, strict=True)
+        ]
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=self.own.learning_rate, eps=1e-5)
         self.generator = torch.Generator()
         self.returns: list[float] = []
@@ -181,10 +183,10 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         start = time.perf_counter()
         seed = self.request.seed + 1000 * len(self.curve)
         self.generator.manual_seed(seed)
-        self.worlds.seed(seed)
-        self.worlds.start()  # draws new cases
-        self._look(np.ones(self.own.worlds, bool))
+        for worlds in self.worlds:
+            worlds.start(seed)  # draws new cases
         self.memory = self.network.policy.nothing(self.own.worlds)
+        self.begins = torch.ones(1, self.own.worlds, dtype=torch.bool, device=self.device)
         while True:  # once in any case: where cases take long to draw, they alone may have taken until the goal
             self._update()
             now = time.perf_counter()
@@ -208,40 +210,47 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         """Drive some steps of every world."""
         steps, values, rewards, goes_on, memory = [], [], [], [], self.memory
         for _ in range(self.own.steps):
-            mean, value, self.memory = self.network(self.seen, self.memory, self.begins)
+            now = self._see()
+            mean, value, self.memory = self.network(now, self.memory, self.begins)
             noise = torch.randn(mean.shape, generator=self.generator).to(self.device)
             action = mean + self.network.log_std.exp() * noise
-            steps.append((*self.seen, self.begins[0], action, self.network.log_probability(action, mean)))
+            steps.append((*now, self.begins[0], action, self.network.log_probability(action, mean)))
             if not action.isfinite().all():
                 raise InputError(
                     f"the training has failed after {self.steps} steps: the policy's actions are not finite, as where "
                     f"the reward {self.request.reward} is too large"
                 )
-            command = self.showing.commands(action.double().cpu().numpy(), self.obs.vehicle, self.axis)
-            step, reward, returned, _ = self.worlds.step(command)
+            reward, ended = self._step(action.double().cpu().numpy())
             values.append(value)
-            rewards.append(self._tensor(reward + self.own.gamma * self._cut_off(step)))
-            goes_on.append(self._tensor(~step.ended))
-            self.returns += returned[step.ended].tolist()
-            self._look(step.ended)
-        value = torch.stack([*values, self.network(self.seen, self.memory, self.begins)[1]])
-        advantage = advantages(
-            torch.stack(rewards).float(), value, torch.stack(goes_on), self.own.gamma, self.own.trace
-        )
+            rewards.append(reward)
+            goes_on.append(~ended)
+            self.begins = ended[None]
+        value = torch.stack([*values, self.network(self._see(), self.memory, self.begins)[1]])
+        advantage = advantages(torch.stack(rewards), value, torch.stack(goes_on), self.own.gamma, self.own.trace)
         normalized = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
         *seen, begins, action, log_probability = (torch.stack(part) for part in zip(*steps, strict=True))
         target = advantage + value[:-1]
         return Experience(Seen(*seen), memory, begins, action, log_probability, normalized, target)
 
-    def _cut_off(self, step: Step) -> Float[np.ndarray, "world"]:
-        """The value after a step in the worlds where the time limit ended the episode, which cuts off what would have
-        followed (Pardo et al. 2018); 0 in all others."""
-        value = np.zeros(len(step.gap))
-        if len(rows := np.flatnonzero(step.outcome == Outcome.TIMEOUT)):
-            seen = Seen.of(self.showing(observe(step.after.take(rows))), self.device)
-            go_on = seen.mask.new_zeros(1, len(rows))
-            value[rows] = self.network(seen, self.memory[rows], go_on)[1].double().cpu().numpy()
-        return value
+    def _step(self, action: Float[np.ndarray, "world 2"]) -> tuple[Float[Tensor, "world"], Bool[Tensor, "world"]]:
+        """Act in all worlds. The rewards, and where an episode has ended.
+
+        Where the time limit ended it, which cuts off what would have followed, the reward has the value of that (Pardo
+        et al. 2018).
+        """
+        rewards, ends, start = [], [], 0
+        for worlds in self.worlds:
+            part = slice(start, start + worlds.number)
+            paid = worlds.step(action[part])
+            if len(paid.timed_out):
+                memory, go_on = self.memory[part][paid.timed_out], self.begins.new_zeros(1, len(paid.timed_out))
+                value = self.network(paid.cut_off, memory, go_on)[1].double().cpu().numpy()
+                paid.reward[paid.timed_out] += self.own.gamma * value
+            self.returns += paid.returned
+            rewards.append(paid.reward)
+            ends.append(paid.ended)
+            start = part.stop
+        return self._tensor(np.concatenate(rewards)).float(), self._tensor(np.concatenate(ends))
 
     def _descend(self, experience: Experience, worlds: Int[Tensor, "world"]) -> None:
         """One step of the optimizer on the segments of some worlds."""
@@ -265,11 +274,9 @@ class Training(DrivingTraining[Policy, CurvePoint]):
         gain = torch.minimum(ratio * steps.advantage, clipped * steps.advantage)
         return self.own.value_weight * (value - steps.returned) ** 2 - gain
 
-    def _look(self, begins: Bool[np.ndarray, "world"]) -> None:
-        """See the worlds as they are now, in some of which an episode begins."""
-        self.obs = observe(self.worlds.worlds)
-        shown = self.showing(self.obs)
-        self.seen, self.axis, self.begins = Seen.of(shown, self.device), shown.axis, self._tensor(begins)[None]
+    def _see(self) -> Seen:
+        """What is seen in all worlds now."""
+        return Seen(*map(torch.cat, zip(*(worlds.seen for worlds in self.worlds), strict=True)))
 
     def _tensor(self, array: np.ndarray) -> Tensor:
         return torch.from_numpy(array).to(self.device)

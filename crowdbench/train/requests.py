@@ -25,6 +25,11 @@ UNLIMITED = {"max_acceleration": math.inf, "max_turn": math.pi, "max_velocity_ch
 """The limits of `Limits` that exclude nothing."""
 
 
+def _names(listed: str | None) -> list[str]:
+    """Names with commas between them, one by one."""
+    return [name.strip() for name in listed.split(",")] if listed is not None else []
+
+
 @dataclass(frozen=True, kw_only=True)
 class DrivingRequest(Request):
     """A request for a training of `crowdbench.train.driving`.
@@ -55,7 +60,7 @@ class DrivingRequest(Request):
     @property
     def validation_names(self) -> list[str]:
         """The scenarios of `validation`, one by one."""
-        return [name.strip() for name in self.validation.split(",")] if self.validation is not None else []
+        return _names(self.validation)
 
     @property
     def arguments(self) -> Sequence[str]:
@@ -198,6 +203,7 @@ class PPORequest(DrivingRequest):
         steps: The steps that the vehicles of all worlds drive together.
         reward: The name of a reward of the environments, or a file.
         nearest: How many pedestrians the policy is shown, at most; None for as many as the scenario has.
+        beside: The scenarios to train in beside the one of the card, by name or path, with commas between them.
         ppo: Parameters of `crowdbench.train.ppo_parameters`, by name; the others have their defaults.
     """
 
@@ -205,6 +211,7 @@ class PPORequest(DrivingRequest):
     reward: str = option("progress", "The reward: crowdnav, progress, crowdnav_plus or ./mine.py")
     nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
 
+    beside: str | None = option(None, "Scenarios to train in too, as in a,b, each with as many worlds as --scenario")
     ppo: Mapping[str, Any] | None = option(None, "A parameter of PPO, as in gamma=0.99; repeatable", pairs=True)
 
     length: ClassVar[str] = "steps"
@@ -221,7 +228,18 @@ class PPORequest(DrivingRequest):
         """See `DrivingRequest`."""
         file, _ = file_and_function(self.reward)
         files = {} if file is None else {"reward_files": file_digests(file)}
-        return {"nearest": training.nearest, "reward": self.reward, "ppo": dataclasses.asdict(self.parameters), **files}
+        return {
+            "nearest": training.nearest,
+            "reward": self.reward,
+            "beside": self.beside_names,
+            "ppo": dataclasses.asdict(self.parameters),
+            **files,
+        }
+
+    @property
+    def beside_names(self) -> list[str]:
+        """The scenarios of `beside`, one by one."""
+        return _names(self.beside)
 
     @property
     def parameters(self) -> Parameters:
