@@ -1,5 +1,6 @@
 """The measurements run and count correctly. No test checks how fast anything is."""
 
+import functools
 import hashlib
 import itertools
 import json
@@ -26,8 +27,9 @@ from crowdbench.runs.decision_time import decide_alone
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.spec import EVERY_STEP
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import ppo
+from crowdbench.train import ppo_worlds
 from crowdbench.train import value as method
+from crowdbench.train.requests import PPORequest
 from crowdbench.utils.errors import InputError
 
 torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
@@ -141,8 +143,9 @@ def test_the_share_of_the_limit_is_of_operations_per_second(monkeypatch):
 
 
 def test_a_training_of_a_policy_and_cases_of_large_crowds_are_measured(monkeypatch):
-    for name, size in {"WORLDS": 4, "STEPS": 8, "SEGMENTS": 4, "CASES": 8}.items():
-        monkeypatch.setattr(ppo, name, size)
+    sizes = {"worlds": 4, "steps": 8, "segments": 4}
+    monkeypatch.setattr(decisions, "PPORequest", functools.partial(PPORequest, ppo=sizes))
+    monkeypatch.setattr(ppo_worlds, "CASES", 8)
     monkeypatch.setattr(decisions, "PAPER", ("sarl_lin",))
     [trained], [driven] = decisions.measure_ppo_training(steps=50), decisions.measure_large_crowds(cases=1)
     assert trained.unit == "steps/s"

@@ -110,8 +110,11 @@ def test_the_policy_of_crowdnav_in_the_docs_drives(tmp_path, monkeypatch):
     factory.policy_factory = {"sarl": Sarl}
     for name in ("crowd_nav", "crowd_nav.policy", "crowd_nav.policy.policy_factory"):
         monkeypatch.setitem(sys.modules, name, factory)
+    for name in ("rvo2", "gym", "gym.envs.registration"):  # which the example replaces
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.chdir(tmp_path)
-    trained = tmp_path / "data" / "output"
+    trained = tmp_path / "CrowdNav" / "crowd_nav" / "data" / "output"
     trained.mkdir(parents=True)
     (trained / "policy.config").write_text("[sarl]\ninputs = 3\n")
     network = torch.nn.Linear(3, 1)
