@@ -262,7 +262,7 @@ def test_the_shipped_studies_can_be_made():
     assert {str(run.spec.cases) for run in learned.runs} == {"test:0:500", "val:500:1000"}
     assert len(crowds.runs) == 14 * 7
     around = {run.scenario.name for run in worlds.runs}
-    assert len(worlds.runs) == 12 * len(around)
+    assert len(worlds.runs) == 15 * len(around)
     assert not around & {run.scenario.name for run in crowds.runs}
     assert {run.driver.name for run in crowds.runs if run.driver.privileged} == {"sarl"}
     assert {str(run.spec.cases) for run in kce.runs} == {"val:2000:2200"}
