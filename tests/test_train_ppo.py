@@ -216,7 +216,7 @@ def test_parameters_of_ppo_are_in_the_command_and_wrong_ones_get_one_sentence():
         ),
         ({"gamma": 1.5}, "^in --ppo, gamma is 1.5, but must be a number from 0 to 1"),
         ({"epochs": 0}, "^in --ppo, epochs is 0, but must be a whole number, 1 or more"),
-        ({"clip": "much"}, "^in --ppo, clip is 'much', but must be a number above 0"),
+        ({"clip": 0.0}, "^in --ppo, clip is 0.0, but must be a number above 0"),
         ({"worlds": 8}, "^in --ppo, segments is 32, but must be 8, the number of worlds, at most"),
     ]:
         with pytest.raises(InputError, match=sentence):
