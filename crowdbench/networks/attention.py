@@ -13,7 +13,6 @@ from crowdbench.networks.policy import SCALE, Encoder, Policy, Seen
 HEADS = 4
 """Heads of each attention."""
 
-
 MEMORY = 128
 """Numbers that a policy keeps from step to step."""
 

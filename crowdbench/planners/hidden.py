@@ -31,7 +31,7 @@ def hidden_scene(obs: Observation, scene: Scene) -> Scene | None:
         scene: The scene with the people who are seen.
 
     Returns:
-        The scene; None where the vehicle's sensor sees through walls.
+        The scene; None without walls, or where the vehicle's sensor sees through them.
     """
     if not obs.sensor.occlusion or obs.obstacles.shape[1] == 0:
         return None
