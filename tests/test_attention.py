@@ -8,7 +8,7 @@ import torch
 from lookahead_scenes import DT, crowded
 
 from crowdbench import load_scenario
-from crowdbench.core.dynamics import Unicycle
+from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
 from crowdbench.networks.attention import AttentionEncoder, attention_policy
 from crowdbench.networks.features import VEHICLE_FEATURES, features
 from crowdbench.networks.features_ahead import REACH, STEPS, WALLS
@@ -72,6 +72,14 @@ def test_the_nearest_walls_are_shown_nearest_first():
         np.testing.assert_allclose(shown.vehicle[w, VEHICLE_FEATURES : VEHICLE_FEATURES + 2], [cos, sin])
     away = dataclasses.replace(vehicle, position=np.full((2, 2), 100.0))
     assert not shown_of(dataclasses.replace(obs, vehicle=away)).vehicle[:, -3 * WALLS :].any()
+
+
+@pytest.mark.parametrize(("dynamics", "kind"), [(Holonomic(), [0, 0]), (Unicycle(), [1, 0]), (Bicycle(), [0, 1])])
+def test_a_policy_is_told_what_it_drives(dynamics, kind):
+    obs = crowded(2, 1)
+    vehicle = dataclasses.replace(obs.vehicle, dynamics=dynamics, body=(-0.5, 0.0, 1.5))
+    shown = shown_of(dataclasses.replace(obs, vehicle=vehicle)).vehicle
+    np.testing.assert_array_equal(shown[:, VEHICLE_FEATURES + 3 : VEHICLE_FEATURES + 6], [[*kind, 1.5]] * 2)
 
 
 def test_nobody_is_heard_who_is_not_there_and_the_order_does_not_matter():

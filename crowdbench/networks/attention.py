@@ -16,7 +16,7 @@ HEADS = 4
 MEMORY = 128
 """Numbers that a policy keeps from step to step."""
 
-VEHICLE_SCALE = [SCALE, *[1.0] * 7, *[SCALE, SCALE, 1.0] * WALLS]
+VEHICLE_SCALE = [SCALE, *[1.0] * 10, *[SCALE, SCALE, 1.0] * WALLS]
 PEDESTRIAN_SCALE = [SCALE, SCALE, *[1.0] * 4, SCALE, 1.0, *[SCALE] * (2 * STEPS), REACH, 1.0]
 """What is shown is divided by this, so that it is of the order of 1."""
 

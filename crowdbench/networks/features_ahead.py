@@ -2,7 +2,8 @@
 
 In the same frame of the goal, after the numbers of `crowdbench.networks.features`:
 
-    vehicle:     heading as cosine and sine, turn rate, and of the nearest walls x, y, and 1 where there is one
+    vehicle:     heading as cosine and sine, turn rate, 1 for a unicycle, 1 for a bicycle, how far its farthest disc is
+                 from its position, and of the nearest walls x, y, and 1 where there is one
     pedestrian:  position x, y after each of the next steps, time since it was seen, radius in which it may be
 
 A wall is the nearest point of an edge of an obstacle, in metres; the turn rate is in rad/s, times are in seconds.
@@ -13,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.core.dynamics import Bicycle, Unicycle, reach
 from crowdbench.core.types import Observation
 from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES, Features, features
 
@@ -25,7 +27,7 @@ WALLS = 4
 REACH = 5.0
 """Distance in metres up to which a wall is shown, and the largest age in seconds of what was seen."""
 
-VEHICLE_AHEAD = VEHICLE_FEATURES + 3 + 3 * WALLS
+VEHICLE_AHEAD = VEHICLE_FEATURES + 6 + 3 * WALLS
 PEDESTRIAN_AHEAD = PEDESTRIAN_FEATURES + 2 * STEPS + 2
 """Numbers about the vehicle, and about each pedestrian."""
 
@@ -48,7 +50,9 @@ def features_ahead(
     facing = _turn(np.stack([np.cos(own.heading), np.sin(own.heading)], axis=1), shown)
     near = _turn(walls - own.position[:, None], shown)
     near = np.concatenate([np.nan_to_num(near), np.isfinite(near[..., :1])], axis=2).reshape(len(obs), -1)
-    vehicle = np.concatenate([shown.vehicle, facing, own.angular_speed[:, None], near], axis=1)
+    kind = [isinstance(own.dynamics, Unicycle), isinstance(own.dynamics, Bicycle), reach(own.body)]
+    kind = np.broadcast_to(np.array(kind, float), (len(obs), 3))
+    vehicle = np.concatenate([shown.vehicle, facing, own.angular_speed[:, None], kind, near], axis=1)
     pedestrians = np.zeros((*shown.pedestrians.shape[:2], PEDESTRIAN_AHEAD))
     pedestrians[..., :PEDESTRIAN_FEATURES] = shown.pedestrians
     if obs.pedestrians.seen.shape[1] > 0:
