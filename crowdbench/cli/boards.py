@@ -182,6 +182,8 @@ def verify(
     folder = entry.parent.parent
     board = read_board(folder) if (folder / FILE).exists() else find_board(submitted.spec.board)
     board = board.with_data(data)
+    if cases and cases > len(board.cases):
+        raise InputError(f"--cases is {cases}, but the board {board.name} has {len(board.cases)} cases")
     announce_compilation()
     driven = Cases("test", 0, cases) if cases else cases_of_season(submitted, board, work) if season else None
     total = count_cases(submitted, board, driven or board.cases)

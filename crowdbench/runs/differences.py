@@ -17,8 +17,11 @@ from crowdbench.runs.results import BLOCK, Episodes
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.tables import flatten
 
-TOLERANCE = 1e-9
-"""By how much figures may differ, absolutely or relatively, where versions or machines do."""
+TOLERANCE = 1e-6
+"""By how much figures may differ, absolutely or relatively, where versions or machines do.
+
+In a minute among people who react to each other a difference in rounding, 1e-16, grows to 1e-8 and more.
+"""
 
 _NOT_COMPARED = ("split", "case", "rules", "logs")
 """Parts of a trace that are no states, or that a replay does not have."""

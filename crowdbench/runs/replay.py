@@ -76,7 +76,7 @@ class Replay:
         return {"agrees": not self.differences, **dataclasses.asdict(self)}
 
     def __str__(self) -> str:
-        how = "outcomes exactly and figures to 1e-9" if self.versions else "to the last bit"
+        how = "outcomes exactly and figures to 1e-6" if self.versions else "to the last bit"
         states = f", the states of {self.recorded} episodes with run.rrd" if self.recorded else ""
         lines = [
             f"{self.cases} cases were simulated again from their commands and compared, {how}: outcomes, steps and "
