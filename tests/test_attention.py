@@ -9,10 +9,11 @@ from lookahead_scenes import DT, crowded
 
 from crowdbench import load_scenario
 from crowdbench.core.dynamics import Bicycle, Holonomic, Unicycle
-from crowdbench.networks.attention import AttentionEncoder, attention_policy
+from crowdbench.networks.attention import AttentionEncoder
+from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import VEHICLE_FEATURES, features
 from crowdbench.networks.features_ahead import REACH, STEPS, WALLS
-from crowdbench.networks.policy import Policy, Seen
+from crowdbench.networks.policy import Seen
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.policy import PolicyPlanner, Showing
 from crowdbench.predict import ConstantVelocity
@@ -100,7 +101,7 @@ def test_nobody_is_heard_who_is_not_there_and_the_order_does_not_matter():
 
 def test_an_episode_begins_without_a_memory_and_steps_at_once_are_steps_one_by_one():
     torch.manual_seed(0)
-    policy, seen = attention_policy(), Seen.of(shown_of(crowded(6, 3)))  # 2 steps of 3 worlds
+    policy, seen = make_policy("ppo_attention"), Seen.of(shown_of(crowded(6, 3)))  # 2 steps of 3 worlds
     first, second = (seen.each(lambda part, at=at: part[3 * at : 3 * at + 3]) for at in (0, 1))
     before = torch.randn(3, policy.remembered)
     begins = torch.tensor([[False, True, False], [False, False, True]])
@@ -113,11 +114,12 @@ def test_an_episode_begins_without_a_memory_and_steps_at_once_are_steps_one_by_o
     assert (kept - before).abs().max() > 0.1
 
 
-@pytest.mark.parametrize("policy", [Policy, attention_policy])
-def test_an_episode_is_the_same_alone_and_in_company(policy):
+@pytest.mark.parametrize("network", POLICIES)
+def test_an_episode_is_the_same_alone_and_in_company(network):
     torch.manual_seed(0)
     scenario = load_scenario("unicycle_10", {"time_limit": 4.0, "pedestrians.number": 3})
-    planner = PolicyPlanner(policy(), Showing(3, ConstantVelocity() if policy is attention_policy else None))
+    policy = make_policy(network)
+    planner = PolicyPlanner(policy, Showing(3, ConstantVelocity() if policy.remembered else None))
     together = rollout(Driver(planner, "policy"), scenario, Cases("val", 0, 4))
     alone = rollout(Driver(planner, "policy"), scenario, Cases("val", 2, 3))
     np.testing.assert_allclose(together.command[2], alone.command[0], atol=1e-5)

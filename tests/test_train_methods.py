@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from crowdbench import InputError
 from crowdbench.cli import app, train
+from crowdbench.networks.encoders import POLICIES
 from crowdbench.networks.value import NETWORKS
-from crowdbench.planners.policy import NETWORKS as POLICIES
 from crowdbench.predict.social_gan import NAME
 from crowdbench.train import training_run
 from crowdbench.train.method import option

@@ -178,7 +178,9 @@ def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     training.run(ignore)
     assert training.curve[-1].steps == 256
     assert "--beside doorway_8,square_crossing_5" in request.command
-    assert request.about(training)["beside"] == ["doorway_8", "square_crossing_5"]
+    about = request.about(training)["beside"]
+    assert [each["name"] for each in about] == ["doorway_8", "square_crossing_5"]
+    assert about[0]["pedestrians"]["number"] == [8, 8]
 
 
 @pytest.mark.slow
@@ -251,8 +253,8 @@ def test_a_reward_of_ones_own_is_on_the_card(tmp_path):
 @pytest.mark.parametrize(
     ("scenario", "expected"),
     [
-        ({"pedestrians": {"number": 4}}, 4),
-        ({"pedestrians": {"number": [2, 7]}}, 7),
+        ({"pedestrians": {"number": 20}}, 20),
+        ({"pedestrians": {"number": [2, 7]}}, 12),
         ({"pedestrians": {"number": "many"}}, None),
         ("circle_crossing_5", None),
     ],
@@ -261,7 +263,7 @@ def test_a_policy_knows_with_how_many_pedestrians_it_was_trained(scenario, expec
     weights = tmp_path / "ppo.safetensors"
     shutil.copy(weights_file("ppo"), weights)
     card = json.loads(weights_file("ppo").with_suffix(".json").read_text())
-    card["training"]["scenario"] = scenario
+    card["training"] |= {"scenario": scenario, "beside": [{"pedestrians": {"number": [1, 12]}}]}
     weights.with_suffix(".json").write_text(json.dumps(card))
     assert load_policy(str(weights)).trained_pedestrians == expected
 

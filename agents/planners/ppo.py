@@ -8,14 +8,15 @@ once per decision.
 from crowdbench.planners.policy import PolicyPlanner, load_policy
 
 
-def planner(weights: str = "ppo", device: str = "cpu") -> PolicyPlanner:
+def planner(weights: str = "ppo", device: str = "cpu", encoder: str = "") -> PolicyPlanner:
     """Make the planner.
 
     Args:
         weights: The trained policy: a name (`crowdbench list weights`) or a file.
         device: Where the policy runs: `cpu` or `cuda`.
+        encoder: The file of the encoder that it was trained with, where that was one of your own.
 
     Returns:
         The planner.
     """
-    return load_policy(weights, device)
+    return load_policy(weights, device, encoder=encoder)

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.nn.functional import scaled_dot_product_attention
 
 from crowdbench.networks.features_ahead import PEDESTRIAN_AHEAD, REACH, STEPS, VEHICLE_AHEAD, WALLS
-from crowdbench.networks.policy import SCALE, Encoder, Policy, Seen
+from crowdbench.networks.policy import SCALE, Encoder, Seen
 
 HEADS = 4
 """Heads of each attention."""
@@ -78,8 +78,3 @@ class AttentionEncoder(Encoder):
         crowd = self.toward(own[:, None], each, heard)[:, 0] * anybody
         urgent = each.masked_fill(~mask[..., None], -torch.inf).amax(dim=1).masked_fill(~anybody, 0.0)
         return self.joined(torch.cat([own, crowd, urgent], dim=1))
-
-
-def attention_policy() -> Policy:
-    """A policy that encodes by attention and remembers."""
-    return Policy(AttentionEncoder(), MEMORY)

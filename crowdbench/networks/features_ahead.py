@@ -50,9 +50,10 @@ def features_ahead(
     facing = _turn(np.stack([np.cos(own.heading), np.sin(own.heading)], axis=1), shown)
     near = _turn(walls - own.position[:, None], shown)
     near = np.concatenate([np.nan_to_num(near), np.isfinite(near[..., :1])], axis=2).reshape(len(obs), -1)
-    kind = [isinstance(own.dynamics, Unicycle), isinstance(own.dynamics, Bicycle), reach(own.body)]
-    kind = np.broadcast_to(np.array(kind, float), (len(obs), 3))
-    vehicle = np.concatenate([shown.vehicle, facing, own.angular_speed[:, None], kind, near], axis=1)
+    kind = np.array([isinstance(own.dynamics, Unicycle), isinstance(own.dynamics, Bicycle), reach(own.body)], float)
+    vehicle = np.concatenate(
+        [shown.vehicle, facing, own.angular_speed[:, None], np.tile(kind, (len(obs), 1)), near], axis=1
+    )
     pedestrians = np.zeros((*shown.pedestrians.shape[:2], PEDESTRIAN_AHEAD))
     pedestrians[..., :PEDESTRIAN_FEATURES] = shown.pedestrians
     if obs.pedestrians.seen.shape[1] > 0:

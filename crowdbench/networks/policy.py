@@ -108,14 +108,14 @@ class Policy(nn.Module):
         action: The last layer: a velocity in the frame of the goal in m/s, or what `PolicyPlanner` makes of it.
 
     Args:
-        encoder: The encoder; by default a `SetEncoder`.
+        encoder: The encoder.
         remembered: Numbers that are kept from step to step; 0 for none.
         hidden: Numbers in the hidden layer.
     """
 
-    def __init__(self, encoder: Encoder | None = None, remembered: int = 0, hidden: int = 64) -> None:
+    def __init__(self, encoder: Encoder, remembered: int = 0, hidden: int = 64) -> None:
         super().__init__()
-        self.encoder = encoder or SetEncoder()
+        self.encoder = encoder
         self.remembered: int = remembered
         self.coded: int = remembered or self.encoder.encoded
         self.memory = nn.GRUCell(self.encoder.encoded, remembered) if remembered else None

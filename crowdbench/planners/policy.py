@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,22 +14,21 @@ from jaxtyping import Float
 
 from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.types import Observation, Vehicle
-from crowdbench.networks.attention import attention_policy
+from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import Features, Vectors, features, in_disc, in_range, to_world
 from crowdbench.networks.features_ahead import REACH, STEPS, WALLS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
 from crowdbench.networks.weights import digest, load_into, read_card, weights_file
 from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import along_walls
+from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.load import file_and_function
 from crowdbench.predict import Predictor
 from crowdbench.predict.base import validate_prediction
 from crowdbench.predict.load import load_predictor
 from crowdbench.sim.nearest_walls import nearest_walls
 from crowdbench.utils.errors import InputError, is_integer
 from crowdbench.utils.threads import in_chunks
-
-NETWORKS: dict[str, Callable[[], Policy]] = {"ppo": Policy, "ppo_attention": attention_policy}
-"""What makes the policies that can be trained, by the name of the network on cards."""
 
 CHUNK = 4096
 """Worlds that go through the network at once."""
@@ -129,24 +129,29 @@ class PolicyPlanner(Planner):
         return command if self.native else along_walls(obs, command)
 
 
-def load_policy(weights: str, device: str = "cpu", predictor: str = "constant_velocity") -> PolicyPlanner:
+def load_policy(
+    weights: str, device: str = "cpu", predictor: str = "constant_velocity", encoder: str = ""
+) -> PolicyPlanner:
     """A planner with a trained policy.
 
     Args:
         weights: The name of built-in weights, or a file.
         device: `cpu` or `cuda`.
         predictor: What predicts the pedestrians for a policy with a memory: a name or a file.
+        encoder: The file of the encoder that the policy was trained with; none for the network's own.
 
     Returns:
         The planner.
 
     Raises:
-        InputError: The weights are missing, altered or not those of a policy, or there is no such predictor.
+        InputError: The weights are missing, altered or not those of a policy, the encoder is not the one that they
+            were trained with, or there is no such predictor.
     """
     path = weights_file(weights)
-    network = str(read_card(path).get("network"))
-    policy = load_into(NETWORKS.get(network, Policy)(), network if network in NETWORKS else "ppo", path, device)
-    training = read_card(path).get("training", {})
+    card = read_card(path)
+    network, training = card["network"] if card["network"] in POLICIES else "ppo", card.get("training", {})
+    _check_encoder(path, training.get("encoder_files"), encoder)
+    policy = load_into(make_policy(network, encoder or None), network, path, device)
     nearest = training.get("nearest")
     if not is_integer(nearest) or nearest < 1:
         raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
@@ -154,11 +159,23 @@ def load_policy(weights: str, device: str = "cpu", predictor: str = "constant_ve
     return PolicyPlanner(policy, showing, network, _most_pedestrians(training))
 
 
+def _check_encoder(weights: Path, trained: object, encoder: str) -> None:
+    """Raise InputError unless an encoder is the one of which a card has these digests."""
+    given = file_digests(file_and_function(encoder)[0] or Path(encoder)) if encoder else None
+    if given != trained:
+        right = (
+            f"with the encoder {', '.join(trained)}" if isinstance(trained, dict) else "without a file of an encoder"
+        )
+        raise InputError(
+            f"the weights {weights} were trained {right}: option encoder must be what they were trained with"
+        )
+
+
 def _most_pedestrians(training: Mapping[str, Any]) -> int | None:
     """The largest number of pedestrians that a card says of the training; None where it does not say one."""
     try:
-        number = training["scenario"]["pedestrians"]["number"]
+        numbers = [each["pedestrians"]["number"] for each in (training["scenario"], *training.get("beside", []))]
     except (KeyError, TypeError):
         return None
-    most = number[-1] if isinstance(number, list) and number else number
-    return most if is_integer(most) else None
+    most = [number[-1] if isinstance(number, list) and number else number for number in numbers]
+    return max(most) if all(map(is_integer, most)) else None

@@ -22,8 +22,9 @@ from torch import Tensor, nn
 from crowdbench.catalog import load_scenario
 from crowdbench.metrics.motion import jerk
 from crowdbench.metrics.outcomes import navigation_time_or_limit, success_rate
+from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.policy import ActorCritic, Memory, Policy, Seen
-from crowdbench.planners.policy import NETWORKS, PolicyPlanner, Showing
+from crowdbench.planners.policy import PolicyPlanner, Showing
 from crowdbench.predict import ConstantVelocity
 from crowdbench.train.checkpoint import State, parts_state, restore_parts
 from crowdbench.train.driving import DrivingTraining
@@ -135,13 +136,14 @@ class Training(DrivingTraining[Policy, CurvePoint]):
 
     def __init__(self, request: Any, device: str) -> None:
         super().__init__(request)
-        scenarios = [self.scenario, *(load_scenario(name) for name in request.beside_names)]
+        self.beside = [load_scenario(name) for name in request.beside_names]
+        scenarios = [self.scenario, *self.beside]
         self.nearest = request.nearest or max(1, *(each.max_agents - 1 for each in scenarios))
         self.device, self.own = device, request.parameters
         self.steps = 0
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(request.seed)
-            policy = NETWORKS[request.network]()
+            policy = make_policy(request.network, request.encoder)
             self.network = ActorCritic(policy).to(device)
         self.showing = Showing(self.nearest, ConstantVelocity() if policy.remembered else None)
         # The first ones have a world more where they cannot be shared evenly.

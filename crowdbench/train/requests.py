@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from crowdbench.networks import card as cards
 from crowdbench.plugins.files import file_digests
@@ -18,11 +18,19 @@ from crowdbench.train.method import CardText, Request, Training, option
 from crowdbench.train.ppo_parameters import Parameters, read_parameters
 from crowdbench.utils.errors import InputError
 
+if TYPE_CHECKING:
+    from crowdbench.scenario.scenario import Scenario
+
 EPISODES = 4000
 """The episodes of the training of a value network where their number is not given."""
 
 UNLIMITED = {"max_acceleration": math.inf, "max_turn": math.pi, "max_velocity_change": math.inf}
 """The limits of `Limits` that exclude nothing."""
+
+
+def _describe(scenario: Scenario) -> dict[str, Any]:
+    """What a card says of a scenario: its name, its digest and all its keys."""
+    return {"name": scenario.name, "digest": scenario.digest, **scenario.table}
 
 
 def _names(listed: str | None) -> list[str]:
@@ -90,7 +98,7 @@ class DrivingRequest(Request):
         validation = {"scenarios": [each.name for each in training.validation], "cases": str(VALIDATION_CASES)}
         return {
             "training": {
-                "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
+                "scenario": _describe(scenario),
                 **self.about(training),
                 "validation": validation,
                 "seed": self.seed,
@@ -204,6 +212,7 @@ class PPORequest(DrivingRequest):
         reward: The name of a reward of the environments, or a file.
         nearest: How many pedestrians the policy is shown, at most; None for as many as the scenario has.
         beside: The scenarios to train in beside the one of the card, by name or path, with commas between them.
+        encoder: The file of an encoder to train with in place of the network's own; None for that.
         ppo: Parameters of `crowdbench.train.ppo_parameters`, by name; the others have their defaults.
     """
 
@@ -212,6 +221,7 @@ class PPORequest(DrivingRequest):
     nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
 
     beside: str | None = option(None, "Scenarios to train in too, as in a,b, each with as many worlds as --scenario")
+    encoder: str | None = option(None, "The file of an encoder (feature extractor) of your own, ./mine.py")
     ppo: Mapping[str, Any] | None = option(None, "A parameter of PPO, as in gamma=0.99; repeatable", pairs=True)
 
     length: ClassVar[str] = "steps"
@@ -226,12 +236,14 @@ class PPORequest(DrivingRequest):
 
     def about(self, training: Any) -> dict[str, Any]:
         """See `DrivingRequest`."""
-        file, _ = file_and_function(self.reward)
-        files = {} if file is None else {"reward_files": file_digests(file)}
+        files: dict[str, dict[str, str]] = {}
+        for name, spec in {"reward": self.reward, "encoder": self.encoder}.items():
+            file, _ = file_and_function(spec or "")
+            files |= {} if file is None else {f"{name}_files": file_digests(file)}
         return {
             "nearest": training.nearest,
             "reward": self.reward,
-            "beside": self.beside_names,
+            "beside": [_describe(each) for each in training.beside],
             "ppo": dataclasses.asdict(self.parameters),
             **files,
         }
@@ -250,7 +262,9 @@ class PPORequest(DrivingRequest):
     def card_text(cls, card: Mapping[str, Any]) -> CardText:
         """See `Request`."""
         trained = card["training"]
-        rows = {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
+        beside = [cards.crowd(each) for each in trained.get("beside", [])]
+        rows = {"trained beside in": "; ".join(beside)} if beside else {}
+        rows |= {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
         return cls.driving_text(card, f"in {cards.crowd(trained['scenario'])}", rows, "")
 
 
@@ -330,8 +344,11 @@ class SocialGANRequest(Request):
 
         if self.data is None:
             scenario = load_scenario(self.scenario, self.overrides)
-            description = {"name": scenario.name, "digest": scenario.digest, **scenario.table}
-            return {"scenario": description, "dt": scenario.rules.dt, "scenes": []}, "simulated crowds only"
+            return {
+                "scenario": _describe(scenario),
+                "dt": scenario.rules.dt,
+                "scenes": [],
+            }, "simulated crowds only"
         trained_on = [scene for scene in scenes(read_folder(Path(self.data))) if scene != self.held_out]
         source = {"held_out": self.held_out, "dt": DT if self.dt is None else self.dt, "scenes": trained_on}
         return source, f"recorded tracks: {', '.join(trained_on)}, and those that are in no scene's test"

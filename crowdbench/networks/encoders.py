@@ -1,0 +1,58 @@
+"""Encoders in users' files: the feature extractors of policies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+from crowdbench.networks.attention import MEMORY, AttentionEncoder
+from crowdbench.networks.features import PEDESTRIAN_FEATURES, VEHICLE_FEATURES
+from crowdbench.networks.features_ahead import PEDESTRIAN_AHEAD, VEHICLE_AHEAD
+from crowdbench.networks.policy import Encoder, Policy, Seen, SetEncoder
+from crowdbench.plugins.load import Kind, file_and_function
+from crowdbench.utils.errors import InputError, is_integer, plugin_errors
+
+ENCODERS = Kind("encoder", "encoder", makes=Encoder)
+
+POLICIES: dict[str, tuple[Callable[[], Encoder], int]] = {
+    "ppo": (SetEncoder, 0),
+    "ppo_attention": (AttentionEncoder, MEMORY),
+}
+"""The policies that can be trained, by the name of the network on cards: what makes their encoder, and the numbers that
+they remember."""
+
+
+def make_policy(network: str, encoder: str | None = None) -> Policy:
+    """A policy with new weights.
+
+    Args:
+        network: One of `POLICIES`.
+        encoder: Another encoder than its own: a file.
+
+    Returns:
+        The policy.
+
+    Raises:
+        InputError: There is no such encoder, or it is broken.
+    """
+    own, remembered = POLICIES[network]
+    return Policy(own() if encoder is None else _load_encoder(encoder, bool(remembered)), remembered)
+
+
+def _load_encoder(spec: str, ahead: bool) -> Encoder:
+    """The encoder of a file, which has been tried on what it will be shown."""
+    if file_and_function(spec)[0] is None:
+        raise InputError(f"encoder is {spec!r}, but must be a file: ./mine.py")
+    name, encoder = ENCODERS.load(spec)
+    own, each = (VEHICLE_AHEAD, PEDESTRIAN_AHEAD) if ahead else (VEHICLE_FEATURES, PEDESTRIAN_FEATURES)
+    mask = torch.tensor([[False, False], [True, False], [True, True]])
+    with plugin_errors(f"the encoder {name} raised"), torch.no_grad():
+        code = encoder(Seen(torch.ones(3, own), mask[..., None] * torch.ones(3, 2, each), mask))
+        encoded = encoder.encoded
+    if not is_integer(encoded) or not isinstance(code, torch.Tensor) or code.shape != (3, encoded):
+        found = list(code.shape) if isinstance(code, torch.Tensor) else type(code).__name__
+        raise InputError(f"the encoder {name} gave {found} for 3 rows, but must give [3, {encoded}], its `encoded`")
+    if not code.isfinite().all():
+        raise InputError(f"the encoder {name} gives numbers that are not finite, as where nobody is seen")
+    return encoder
