@@ -90,6 +90,11 @@ def progress(step: Step) -> Float[np.ndarray, "world"]:
     return np.where(step.collided, COLLISION, crowdnav(step)) + PROGRESS * step.progress
 
 
+def safe_progress(step: Step) -> Float[np.ndarray, "world"]:
+    """As `progress`, with -2 for a collision: two goals' worth, as in CrowdNav++ (Liu et al. 2023)."""
+    return np.where(step.collided, -2.0, crowdnav(step)) + PROGRESS * step.progress
+
+
 def crowdnav_plus(step: Step) -> Float[np.ndarray, "world"]:
     """The reward of CrowdNav++ (Liu et al. 2023, equations 3 to 5), with its code's numbers.
 
@@ -111,7 +116,11 @@ def _predicted_contact(world: World) -> Float[np.ndarray, "world"]:
     return np.where(touches, -20.0 / 2.0 ** (ahead + 1), 0.0).min(axis=1)
 
 
-REWARDS = Kind("reward", "reward", {"crowdnav": crowdnav, "progress": progress, "crowdnav_plus": crowdnav_plus})
+REWARDS = Kind(
+    "reward",
+    "reward",
+    {"crowdnav": crowdnav, "progress": progress, "safe_progress": safe_progress, "crowdnav_plus": crowdnav_plus},
+)
 
 
 @dataclass(frozen=True)
