@@ -24,8 +24,9 @@ from crowdbench.envs.rewards import (
 )
 from crowdbench.envs.stable_baselines import CrowdVecEnv
 from crowdbench.envs.views import ACTIONS, OBSERVATIONS
+from crowdbench.networks.encoders import make_policy
 from crowdbench.networks.features import features, in_disc, to_world
-from crowdbench.networks.policy import Policy, Seen
+from crowdbench.networks.policy import Seen
 from crowdbench.planners.policy import PolicyPlanner, Showing
 from crowdbench.plugins.load import load_module
 from crowdbench.scenario.cases import Cases
@@ -130,7 +131,7 @@ def test_many_worlds_are_rendered():
     [
         (
             {"reward": "nothing"},
-            r"^no reward is called 'nothing'; there are crowdnav, progress, crowdnav_plus, or give a file",
+            r"^no reward is called 'nothing'; there are crowdnav, progress, safe_progress, crowdnav_plus, or give",
         ),
         ({"reward": "./missing.py"}, r"^there is no file .*missing\.py"),
         ({"observation": "round"}, r"^observation is 'round', but must be one of flat, goal_frame, dict$"),
@@ -384,7 +385,7 @@ def test_a_policy_drives_as_it_was_trained(speed):
     scenario = load_scenario("circle_crossing_5", {"vehicle.preferred_speed": speed})
     env = CrowdVecEnv(4, scenario, nearest=5, cases=4)
     seen = env.reset()
-    policy = Policy()
+    policy = make_policy("ppo")
     inputs = (torch.as_tensor(seen[name], dtype=torch.float32) for name in ("vehicle", "pedestrians"))
     with torch.no_grad():
         shown = Seen(*inputs, torch.as_tensor(seen["mask"] > 0.5))

@@ -217,7 +217,7 @@ class PPORequest(DrivingRequest):
     """
 
     steps: int = option(5_000_000, "Train for this many steps, of all worlds together", least=1)
-    reward: str = option("progress", "The reward: crowdnav, progress, crowdnav_plus or ./mine.py")
+    reward: str = option("progress", "The reward: crowdnav, progress, safe_progress, crowdnav_plus or ./mine.py")
     nearest: int | None = option(None, "How many pedestrians the policy is shown; else as many as there are", least=1)
 
     beside: str | None = option(None, "Scenarios to train in too, as in a,b, each with as many worlds as --scenario")

@@ -1,0 +1,25 @@
+"""A recurrent policy that attends to where people will be, trained by PPO in CrowdNav++'s crowds, without a lookahead.
+
+Liu, Chang, Huang, Chakraborty, Liang, Geng, McPherson and Driggs-Campbell, "Intention Aware Robot Crowd Navigation with
+Attention-Based Interaction Graph", ICRA 2023, arXiv:2203.01821. The policy is shown the present and the next five steps
+of everybody, walls and its own motion, attends among people and from the vehicle to them, and remembers.
+"""
+
+from crowdbench.planners.policy import PolicyPlanner, load_policy
+
+
+def planner(
+    weights: str = "ppo_attention", device: str = "cpu", predictor: str = "constant_velocity", encoder: str = ""
+) -> PolicyPlanner:
+    """Make the planner.
+
+    Args:
+        weights: The trained policy: a name (`crowdbench list weights`) or a file.
+        device: Where the policy runs: `cpu` or `cuda`.
+        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        encoder: The file of the encoder that it was trained with, where that was one of your own.
+
+    Returns:
+        The planner.
+    """
+    return load_policy(weights, device, predictor, encoder)
