@@ -244,7 +244,7 @@ def test_a_full_disk_is_not_the_planners_fault(root, tmp_path, monkeypatch):
 
     monkeypatch.setattr("crowdbench.runs.store.write_manifest", full)
     with pytest.raises(NotWritten, match="cannot be written: No space left on device"):
-        verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work")
+        pytest.fail(verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work").reason)
 
 
 def test_a_network_is_entered_once(root, tmp_path):
