@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # the aliases tell type checkers that these are public
     from crowdbench.envs.observations import flatten as flatten
     from crowdbench.envs.parallel import parallel_env as parallel_env
     from crowdbench.metrics import METRICS as METRICS
+    from crowdbench.networks.policy import Encoder as Encoder
     from crowdbench.networks.value import load_network as load_network
     from crowdbench.planners.base import OneWorldPlanner as OneWorldPlanner
     from crowdbench.planners.base import Planner as Planner
@@ -46,6 +47,7 @@ _HOMES = {
     "METRICS": "metrics",
     "Cases": "scenario.cases",
     "Driver": "planners.driver",
+    "Encoder": "networks.policy",
     "Episodes": "runs.results",
     "InputError": "utils.errors",
     "Observation": "core.types",

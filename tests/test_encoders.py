@@ -18,7 +18,7 @@ torch.set_num_threads(1)
 MEAN = '''
 import torch
 from torch import nn
-from crowdbench.networks.policy import Encoder
+from crowdbench import Encoder
 
 
 class Mean(Encoder):
@@ -77,6 +77,11 @@ def test_a_policy_is_trained_and_drives_with_an_encoder_of_ones_own(network, min
     [
         ("encoded = 16", "encoded = 8", r"gave \[3, 16\] for 3 rows, but must give \[3, 8\]"),
         ("encoded = 16", "encoded = 'many'", r"must give \[3, many\]"),
+        (
+            "self.each(seen.pedestrians) * seen.mask[..., None]).sum(dim=1)",
+            "self.each(seen.pedestrians.flatten(1)))",
+            "raised",
+        ),
         ("torch.tanh(", "str(", "gave str for 3 rows"),
         (".clamp(min=1)", "", "numbers that are not finite, as where nobody is seen"),
         ("torch.tanh(", "torch.tan_h(", "the encoder mine raised AttributeError"),

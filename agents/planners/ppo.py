@@ -8,7 +8,7 @@ once per decision.
 from crowdbench.planners.policy import PolicyPlanner, load_policy
 
 
-def planner(weights: str = "ppo", device: str = "cpu", encoder: str = "") -> PolicyPlanner:
+def planner(weights: str = "ppo", device: str = "cpu", encoder: str | None = None) -> PolicyPlanner:
     """Make the planner.
 
     Args:

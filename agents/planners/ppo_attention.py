@@ -9,7 +9,10 @@ from crowdbench.planners.policy import PolicyPlanner, load_policy
 
 
 def planner(
-    weights: str = "ppo_attention", device: str = "cpu", predictor: str = "constant_velocity", encoder: str = ""
+    weights: str = "ppo_attention",
+    device: str = "cpu",
+    predictor: str = "constant_velocity",
+    encoder: str | None = None,
 ) -> PolicyPlanner:
     """Make the planner.
 

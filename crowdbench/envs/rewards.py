@@ -91,7 +91,7 @@ def progress(step: Step) -> Float[np.ndarray, "world"]:
 
 
 def safe_progress(step: Step) -> Float[np.ndarray, "world"]:
-    """As `progress`, with -2 for a collision: two goals' worth, as in CrowdNav++ (Liu et al. 2023)."""
+    """As `progress`, with -2 for a collision: twice what the goal gives, as in CrowdNav++ (Liu et al. 2023)."""
     return np.where(step.collided, -2.0, crowdnav(step)) + PROGRESS * step.progress
 
 

@@ -1,4 +1,4 @@
-"""Encoders in users' files: the feature extractors of policies."""
+"""The policies that can be trained, and encoders (feature extractors) of one's own for them."""
 
 from __future__ import annotations
 
@@ -41,15 +41,16 @@ def make_policy(network: str, encoder: str | None = None) -> Policy:
 
 
 def _load_encoder(spec: str, ahead: bool) -> Encoder:
-    """The encoder of a file, which has been tried on what it will be shown."""
+    """The encoder of a file, tried on rows of two and of one pedestrian; `ahead` for `features_ahead`."""
     if file_and_function(spec)[0] is None:
         raise InputError(f"encoder is {spec!r}, but must be a file: ./mine.py")
     name, encoder = ENCODERS.load(spec)
     own, each = (VEHICLE_AHEAD, PEDESTRIAN_AHEAD) if ahead else (VEHICLE_FEATURES, PEDESTRIAN_FEATURES)
     mask = torch.tensor([[False, False], [True, False], [True, True]])
+    seen = Seen(torch.ones(3, own), mask[..., None] * torch.ones(3, 2, each), mask)
     with plugin_errors(f"the encoder {name} raised"), torch.no_grad():
-        code = encoder(Seen(torch.ones(3, own), mask[..., None] * torch.ones(3, 2, each), mask))
-        encoded = encoder.encoded
+        code, encoded = encoder(seen), encoder.encoded
+        encoder(Seen(seen.vehicle, seen.pedestrians[:, :1], mask[:, :1]))
     if not is_integer(encoded) or not isinstance(code, torch.Tensor) or code.shape != (3, encoded):
         found = list(code.shape) if isinstance(code, torch.Tensor) else type(code).__name__
         raise InputError(f"the encoder {name} gave {found} for 3 rows, but must give [3, {encoded}], its `encoded`")

@@ -130,7 +130,7 @@ class PolicyPlanner(Planner):
 
 
 def load_policy(
-    weights: str, device: str = "cpu", predictor: str = "constant_velocity", encoder: str = ""
+    weights: str, device: str = "cpu", predictor: str = "constant_velocity", encoder: str | None = None
 ) -> PolicyPlanner:
     """A planner with a trained policy.
 
@@ -138,7 +138,7 @@ def load_policy(
         weights: The name of built-in weights, or a file.
         device: `cpu` or `cuda`.
         predictor: What predicts the pedestrians for a policy with a memory: a name or a file.
-        encoder: The file of the encoder that the policy was trained with; none for the network's own.
+        encoder: The file of the encoder that the policy was trained with; None for the network's own.
 
     Returns:
         The planner.
@@ -150,8 +150,9 @@ def load_policy(
     path = weights_file(weights)
     card = read_card(path)
     network, training = card["network"] if card["network"] in POLICIES else "ppo", card.get("training", {})
+    policy = make_policy(network, encoder)
     _check_encoder(path, training.get("encoder_files"), encoder)
-    policy = load_into(make_policy(network, encoder or None), network, path, device)
+    load_into(policy, network, path, device)
     nearest = training.get("nearest")
     if not is_integer(nearest) or nearest < 1:
         raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
@@ -159,9 +160,10 @@ def load_policy(
     return PolicyPlanner(policy, showing, network, _most_pedestrians(training))
 
 
-def _check_encoder(weights: Path, trained: object, encoder: str) -> None:
+def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:
     """Raise InputError unless an encoder is the one of which a card has these digests."""
-    given = file_digests(file_and_function(encoder)[0] or Path(encoder)) if encoder else None
+    file, _ = file_and_function(encoder or "")
+    given = None if file is None else file_digests(file)
     if given != trained:
         right = (
             f"with the encoder {', '.join(trained)}" if isinstance(trained, dict) else "without a file of an encoder"

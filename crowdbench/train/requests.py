@@ -226,7 +226,11 @@ class PPORequest(DrivingRequest):
 
     length: ClassVar[str] = "steps"
     measured: ClassVar[Sequence[str]] = (*DrivingRequest.measured, "jerk", "max_velocity_change")
-    use = "run --planner ppo"
+
+    @property
+    def use(self) -> str:
+        """See `Request`."""
+        return f"run --planner {self.network}"
 
     def training(self, device: str) -> Training:
         """See `Request`. Raises InputError where there is no such scenario or reward."""
@@ -265,7 +269,10 @@ class PPORequest(DrivingRequest):
         beside = [cards.crowd(each) for each in trained.get("beside", [])]
         rows = {"trained beside in": "; ".join(beside)} if beside else {}
         rows |= {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
-        return cls.driving_text(card, f"in {cards.crowd(trained['scenario'])}", rows, "")
+        place = f"in {cards.crowd(trained['scenario'])}"
+        if not beside:
+            return cls.driving_text(card, place, rows, "")
+        return cls.driving_text(card, f"{place}, and {len(beside)} more", rows, ", not in those beside it")
 
 
 @dataclass(frozen=True, kw_only=True)
