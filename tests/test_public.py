@@ -7,6 +7,7 @@ NAMES = [
     "METRICS",
     "Cases",
     "Driver",
+    "Encoder",
     "Episodes",
     "InputError",
     "Observation",
