@@ -304,8 +304,8 @@ def test_a_program_that_speaks_another_version_is_refused(tmp_path):
 def test_a_program_that_answers_something_else_gets_one_sentence(answers, sentence, tmp_path):
     program = tmp_path / "odd"
     program.write_text(
-        f"#!{sys.executable}\nimport os, struct\nfor kind, content in {answers!r}:\n"
-        "    _, size = struct.unpack('<IQ', os.read(0, 12))\n    os.read(0, size)\n"
+        f"#!{sys.executable}\nimport os, struct, sys\nread = sys.stdin.buffer.read\nfor kind, content in {answers!r}:\n"
+        "    _, size = struct.unpack('<IQ', read(12))\n    read(size)\n"
         "    os.write(1, struct.pack('<IQ', kind, len(content)) + content)\n"
     )
     program.chmod(0o755)
