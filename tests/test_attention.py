@@ -57,18 +57,21 @@ def test_people_are_shown_where_they_are_predicted_and_how_uncertain_that_is():
     assert not shown.pedestrians[~shown.seen].any()
 
 
-def test_the_nearest_walls_are_shown_nearest_first():
+def test_the_nearest_walls_in_directions_that_differ_are_shown_nearest_first():
     obs = crowded(2, 1)
-    square = np.array([[1.0, -1.0], [2.0, -1.0], [2.0, 1.0], [1.0, 1.0]])
-    far = np.array([[0.0, 7.0], [1.0, 7.0], [np.nan] * 2, [np.nan] * 2])
+    square = np.array(
+        [[1.0, -0.5], [2.0, -0.5], [2.0, 1.2], [1.0, 1.2]]
+    )  # its lower corner is 27 degrees off, 50 the upper
+    others = np.array([[[-3.0, -4.0], [-3.0, 4.0]], [[0.0, 7.0], [1.0, 7.0]]])
+    others = np.concatenate([others, np.full((2, 2, 2), np.nan)], axis=1)
     vehicle = dataclasses.replace(obs.vehicle, position=np.zeros((2, 2)), heading=np.array([0.0, 0.5]))
-    obs = dataclasses.replace(obs, vehicle=vehicle, obstacles=np.stack([np.stack([square, far])] * 2))
+    obs = dataclasses.replace(obs, vehicle=vehicle, obstacles=np.stack([np.stack([square, *others])] * 2))
     shown = shown_of(obs)
-    nearest = np.array([[1.0, 0.0], [1.0, -1.0], [1.0, 1.0], [2.0, 0.0]])
+    nearest = np.array([[1.0, 0.0], [1.0, 1.2], [-3.0, 0.0]])
     for w in range(2):
         walls = shown.vehicle[w, -3 * WALLS :].reshape(WALLS, 3)
-        np.testing.assert_allclose(walls[:, 2], 1.0)
-        np.testing.assert_allclose(walls[:, :2], turned(nearest, shown.axis[w]), atol=1e-12)
+        np.testing.assert_array_equal(walls[:, 2], [1.0, 1.0, 1.0, 0.0])
+        np.testing.assert_allclose(walls[:3, :2], turned(nearest, shown.axis[w]), atol=1e-12)
         cos, sin = turned(np.array([np.cos(vehicle.heading[w]), np.sin(vehicle.heading[w])]), shown.axis[w])
         np.testing.assert_allclose(shown.vehicle[w, VEHICLE_FEATURES : VEHICLE_FEATURES + 2], [cos, sin])
     away = dataclasses.replace(vehicle, position=np.full((2, 2), 100.0))

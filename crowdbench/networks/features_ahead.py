@@ -6,7 +6,8 @@ In the same frame of the goal, after the numbers of `crowdbench.networks.feature
                  from its position, and of the nearest walls x, y, and 1 where there is one
     pedestrian:  position x, y after each of the next steps, time since it was seen, radius in which it may be
 
-A wall is the nearest point of an edge of an obstacle, in metres; the turn rate is in rad/s, times are in seconds.
+A wall is the nearest point of an edge of an obstacle, in metres, 45 degrees or more from walls that are nearer; the
+turn rate is in rad/s, times are in seconds.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ STEPS = 5
 """Predicted steps (Liu et al. 2023)."""
 
 WALLS = 4
-"""Walls that are shown, the nearest ones."""
+"""Walls that are shown, the nearest ones in directions that differ."""
 
 REACH = 5.0
 """Distance in metres up to which a wall is shown, and the largest age in seconds of what was seen."""

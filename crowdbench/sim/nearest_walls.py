@@ -1,4 +1,4 @@
-"""The walls that are nearest to a vehicle."""
+"""The walls that are nearest to a vehicle, in different directions."""
 
 from __future__ import annotations
 
@@ -12,22 +12,26 @@ from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
 from crowdbench.utils.compiled import njit
 
 
+APART = math.cos(math.radians(45.0))
+"""Two walls are shown only if they are at least 45 degrees apart, so that a block nearby does not stand for all."""
+
+
 def nearest_walls(
     position: Float[np.ndarray, "world 2"],
     obstacles: Float[np.ndarray, "world polygon corner 2"],
     number: int,
     reach: float,
 ) -> Float[np.ndarray, "world wall 2"]:
-    """The nearest points of the nearest edges of obstacles, nearest first.
+    """The nearest points of the nearest edges of obstacles in directions that differ, nearest first.
 
     Args:
         position: Points in metres.
         obstacles: Polygons in metres, NaN after the last corner.
-        number: How many edges of each world.
+        number: How many points of each world.
         reach: The largest distance in metres.
 
     Returns:
-        Points in metres, NaN where fewer edges are within reach.
+        Points in metres, NaN where fewer are within reach.
     """
     walls = np.full((len(position), number, 2), np.nan)
     _fill_walls(np.ascontiguousarray(position), np.ascontiguousarray(obstacles), reach, walls)
@@ -38,21 +42,31 @@ def nearest_walls(
 @njit(error_model="numpy")
 def _fill_walls(position, obstacles, reach, walls):
     """Fill `walls`, see `nearest_walls`."""
-    number = walls.shape[1]
-    away = np.empty(number)
     for w in range(len(position)):
-        away[:] = reach
         x, y = position[w, 0], position[w, 1]
-        for polygon in obstacles[w]:
-            corners = number_of_corners(polygon)
-            for k in range(corners if corners > 2 else corners - 1):
-                a, b = polygon[k], polygon[(k + 1) % corners]
-                nearest_x, nearest_y = nearest_on_segment(x, y, a[0], a[1], b[0], b[1])
-                distance, place = math.hypot(nearest_x - x, nearest_y - y), number
-                while place > 0 and distance < away[place - 1]:
-                    place -= 1
-                if place < number:
-                    for later in range(number - 1, place, -1):
-                        away[later] = away[later - 1]
-                        walls[w, later, 0], walls[w, later, 1] = walls[w, later - 1, 0], walls[w, later - 1, 1]
-                    away[place], walls[w, place, 0], walls[w, place, 1] = distance, nearest_x, nearest_y
+        for place in range(walls.shape[1]):
+            nearest = reach
+            for polygon in obstacles[w]:
+                corners = number_of_corners(polygon)
+                for k in range(corners if corners > 2 else corners - 1):
+                    a, b = polygon[k], polygon[(k + 1) % corners]
+                    wall_x, wall_y = nearest_on_segment(x, y, a[0], a[1], b[0], b[1])
+                    distance = math.hypot(wall_x - x, wall_y - y)
+                    if distance < nearest and _is_apart(
+                        wall_x - x, wall_y - y, distance, position[w], walls[w, :place]
+                    ):
+                        nearest = distance
+                        walls[w, place, 0], walls[w, place, 1] = wall_x, wall_y
+            if nearest == reach:
+                break
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _is_apart(x, y, distance, position, walls):
+    """Whether a direction, and a distance in it, is apart from those of all walls."""
+    for other in walls:
+        other_x, other_y = other[0] - position[0], other[1] - position[1]
+        if x * other_x + y * other_y > APART * distance * math.hypot(other_x, other_y):
+            return False
+    return True
