@@ -177,7 +177,8 @@ class IsolatedPlanner(Planner):
                 raise TimeLimit from None
             raise self._fault(f"took longer than {limit:g} s", where) from None
         except TooLarge:
-            raise self._fault(f"took more than {self.limits.memory / 1e9:g} GB of memory", where) from None
+            taken = f"took {self.process.memory / 1e9:.1f} GB of memory, more than {self.limits.memory / 1e9:g} GB,"
+            raise self._fault(taken, where) from None
         except Broken as error:
             raise self._fault(str(error), where) from None
         finally:

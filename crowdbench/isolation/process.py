@@ -211,8 +211,12 @@ def _memory(process: psutil.Process) -> int:
 def _size(process: psutil.Process, folder: str) -> int:
     """The bytes in a folder as a process in a sandbox sees it."""
     with contextlib.suppress(OSError):
-        inside = f"/proc/{process.pid}/root{folder}"
-        if os.stat(inside).st_dev != os.stat(folder).st_dev:  # otherwise the sandbox is still being made
-            found = os.statvfs(inside)
-            return (found.f_blocks - found.f_bfree) * found.f_frsize
+        # Opened once: while the sandbox is being made the path leads to the machine's own folder, then to another one.
+        inside = os.open(f"/proc/{process.pid}/root{folder}", os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            if os.fstat(inside).st_dev != os.stat(folder).st_dev:
+                found = os.fstatvfs(inside)
+                return (found.f_blocks - found.f_bfree) * found.f_frsize
+        finally:
+            os.close(inside)
     return 0

@@ -11,7 +11,6 @@ from jaxtyping import Float
 from crowdbench.sim.obstacles import nearest_on_segment, number_of_corners
 from crowdbench.utils.compiled import njit
 
-
 APART = math.cos(math.radians(45.0))
 """Two walls are shown only if they are at least 45 degrees apart, so that a block nearby does not stand for all."""
 
@@ -50,23 +49,22 @@ def _fill_walls(position, obstacles, reach, walls):
                 corners = number_of_corners(polygon)
                 for k in range(corners if corners > 2 else corners - 1):
                     a, b = polygon[k], polygon[(k + 1) % corners]
-                    wall_x, wall_y = nearest_on_segment(x, y, a[0], a[1], b[0], b[1])
-                    distance = math.hypot(wall_x - x, wall_y - y)
-                    if distance < nearest and _is_apart(
-                        wall_x - x, wall_y - y, distance, position[w], walls[w, :place]
-                    ):
+                    point = nearest_on_segment(x, y, a[0], a[1], b[0], b[1])
+                    distance = math.hypot(point[0] - x, point[1] - y)
+                    if distance < nearest and _is_apart(point, distance, position[w], walls[w, :place]):
                         nearest = distance
-                        walls[w, place, 0], walls[w, place, 1] = wall_x, wall_y
+                        walls[w, place, 0], walls[w, place, 1] = point
             if nearest == reach:
                 break
 
 
 @no_type_check
 @njit(error_model="numpy")
-def _is_apart(x, y, distance, position, walls):
-    """Whether a direction, and a distance in it, is apart from those of all walls."""
-    for other in walls:
-        other_x, other_y = other[0] - position[0], other[1] - position[1]
-        if x * other_x + y * other_y > APART * distance * math.hypot(other_x, other_y):
+def _is_apart(point, distance, position, walls):
+    """Whether a point, at a distance in metres from a position, is in another direction than all walls."""
+    x, y = point[0] - position[0], point[1] - position[1]
+    for wall in walls:
+        wall_x, wall_y = wall[0] - position[0], wall[1] - position[1]
+        if x * wall_x + y * wall_y > APART * distance * math.hypot(wall_x, wall_y):
             return False
     return True
