@@ -30,6 +30,7 @@ COMMANDS = {
     "certify": "certify:certify",
     "compare": "results:compare",
     "study": "study:study",
+    "dial": "dial:dial",
     "reproduce": "study:reproduce",
     "view": "results:view",
     "table": "figures:table",

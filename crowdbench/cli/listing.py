@@ -7,6 +7,7 @@ import json
 import re
 import types
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -18,7 +19,7 @@ from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import read_text
 from crowdbench.utils.tables import Grid
 
-LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "layouts", "metrics")
+LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "dials", "layouts", "metrics")
 
 WORDS: dict[Any, str] = {
     bool: "true or false",
@@ -32,10 +33,10 @@ WORDS: dict[Any, str] = {
 
 @help_from_docstring
 def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> None:
-    """List planners, pedestrians, predictors, weights, scenarios, layouts or metrics, or explain one of them.
+    """List planners, pedestrians, predictors, weights, scenarios, dials, layouts or metrics, or explain one of them.
 
     Args:
-        kind: planners, pedestrians, predictors, weights, scenarios, layouts or metrics.
+        kind: planners, pedestrians, predictors, weights, scenarios, dials, layouts or metrics.
         name: One of them, to be explained with its options.
     """
     if kind not in LISTED:
@@ -48,6 +49,10 @@ def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> No
         page = _weights_page(name)
     elif kind == "scenarios":
         page = _scenario_page(name)
+    elif kind == "dials":
+        from crowdbench.study.dials.dial import load_dial
+
+        page = Page(read_text(Path(load_dial(name).file)))
     else:
         page = _plugin_page(kind, name)
     print(page.text.strip())
@@ -95,6 +100,10 @@ def _names(kind: str) -> list[tuple[str, str]]:
         from crowdbench.catalog import scenarios
 
         return scenarios()
+    if kind == "dials":
+        from crowdbench.study.dials.dial import dials
+
+        return dials()
     from crowdbench.check.kinds import KINDS
 
     return KINDS[kind].plugins.names()

@@ -47,7 +47,8 @@ def study(
 
     study = read_study(file, data.absolute() if data else None)
     directory = out or Path("runs") / f"study-{study.name}"
-    _make(study.runs, directory, shard, on, threads)
+    make_runs(study.runs, directory, shard, on, threads)
+    make_runs(study.second(directory), directory, shard, on, threads)
     tables = study.fill(directory)
     command = f"study {file}{' --data DIR' if data else ''}"
     _print({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
@@ -80,7 +81,7 @@ def reproduce(
     from crowdbench.study.study import read_reproduction
 
     study = read_reproduction(table, quick)
-    _make(study.runs, out, shard, on, threads)
+    make_runs(study.runs, out, shard, on, threads)
     tables = study.fill(out)
     claims = [claim for each in tables if isinstance(each, FilledPlannersTable) for claim in each.claims]
     command = f"reproduce{f' --table {table}' if table else ''}{' --quick' if quick else ''}"
@@ -135,7 +136,7 @@ def _print(found: object, tables: Sequence[FilledTable], page: str, format: Form
         print(format_tables([grid for table in tables for grid in table.grids()], format))
 
 
-def _make(runs: Sequence[Run], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:
+def make_runs(runs: Sequence[Run], out: Path, shard: str | None, on: str | None, threads: int | None) -> None:
     """Make the runs that the folder `out` lacks; exits after an interrupt, and where other shards are missing."""
     from crowdbench.runs.shards import Shard
     from crowdbench.study.folder import describe_run, make_in_folder, missing_runs, run_directory

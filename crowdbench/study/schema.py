@@ -110,7 +110,7 @@ class PlannersSpec(TomlTable):
 
 
 class CrowdPlannerSpec(TomlTable):
-    """A planner of `[[crowds]]`, with its options; a name or a file alone stands for one without options."""
+    """A planner of `[[crowds]]` and `[[dials]]`, with its options; a name or a file stands for one without options."""
 
     planner: Name
     options: Values = Field(default={})
@@ -120,16 +120,30 @@ def _named(planner: Any) -> Any:
     return {"planner": planner} if isinstance(planner, str) else planner
 
 
+Planners = Annotated[
+    list[Annotated[CrowdPlannerSpec, BeforeValidator(_named)]],
+    Field(
+        min_length=1, description='a list of names such as "orca", or tables such as { planner = "orca", options = {} }'
+    ),
+]
+
+
 class CrowdsSpec(TomlTable):
     """`[[crowds]]`: planners in several scenarios; "all" stands for all built-in ones without `[tracks]`."""
 
     title: Name
-    planners: list[Annotated[CrowdPlannerSpec, BeforeValidator(_named)]] = Field(
-        min_length=1, description='a list of names such as "orca", or tables such as { planner = "orca", options = {} }'
-    )
+    planners: Planners
     scenarios: Annotated[str, Field(pattern="^all$")] | Names = Field(description='"all" or a list of scenarios')
     overrides: Values = Field(default={})
     cases: CasesText = Cases.parse("test:500")
+
+
+class DialsSpec(TomlTable):
+    """`[[dials]]`: planners on dials, by their names or files."""
+
+    title: Name
+    planners: Planners
+    dials: Names
 
 
 class StudySpec(TomlTable):
@@ -139,3 +153,4 @@ class StudySpec(TomlTable):
     sources: list[Text] = Field(default=[], description="a list of texts in quotes")
     tables: list[PlannersSpec] = Field(default=[], description="a list of tables [[tables]]")
     crowds: list[CrowdsSpec] = Field(default=[], description="a list of tables [[crowds]]")
+    dials: list[DialsSpec] = Field(default=[], description="a list of tables [[dials]]")

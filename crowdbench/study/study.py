@@ -9,13 +9,14 @@ from pathlib import Path
 
 from crowdbench.runs.run import Run
 from crowdbench.study.crowds import CrowdsTable, FilledCrowdsTable
+from crowdbench.study.dials.table import DialsTable, FilledDialsTable
 from crowdbench.study.planners import FilledPlannersTable, PlannersTable
 from crowdbench.study.schema import StudySpec
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import printed_by
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
-FilledTable = FilledPlannersTable | FilledCrowdsTable
+FilledTable = FilledPlannersTable | FilledCrowdsTable | FilledDialsTable
 
 REPRODUCTION = Path(__file__).with_name("reproduce.toml")
 """The tables of Li et al. (2020) and more."""
@@ -39,13 +40,20 @@ class Study:
 
     name: str
     description: str
-    tables: Sequence[PlannersTable | CrowdsTable]
+    tables: Sequence[PlannersTable | CrowdsTable | DialsTable]
     sources: list[str]
 
     @property
     def runs(self) -> list[Run]:
-        """All runs that its tables need, some perhaps twice."""
+        """All runs that its tables need, some perhaps twice; those of `second` are made after these."""
         return [run for table in self.tables for run in table.runs]
+
+    def second(self, out: Path) -> list[Run]:
+        """The runs that follow from what others found, which are in the folder `out`: those of dials.
+
+        Raises InputError where one of the others is not there.
+        """
+        return [run for table in self.tables if isinstance(table, DialsTable) for run in table.second(out)]
 
     def fill(self, out: Path) -> list[FilledTable]:
         """Its tables with the figures of the runs in the folder `out`.
@@ -105,12 +113,13 @@ def _read(path: Path) -> StudySpec:
 def _load(spec: StudySpec, path: Path, data: Path | None = None) -> Study:
     """Load the planners and scenarios of a study."""
     file = Location(path.name)
-    tables: list[PlannersTable | CrowdsTable] = [
+    tables: list[PlannersTable | CrowdsTable | DialsTable] = [
         *(PlannersTable.of(table, file.at("tables", i)) for i, table in enumerate(spec.tables)),
         *(CrowdsTable.of(table, file.at("crowds", i), data) for i, table in enumerate(spec.crowds)),
+        *(DialsTable.of(table, file.at("dials", i)) for i, table in enumerate(spec.dials)),
     ]
     if not tables:
-        raise InputError(f"{path.name} has no table: a study needs [[tables]] or [[crowds]]")
+        raise InputError(f"{path.name} has no table: a study needs [[tables]], [[crowds]] or [[dials]]")
     study = Study(path.stem, spec.description, tables, spec.sources)
     if data is not None and not any(run.scenario.tracks for run in study.runs):
         raise InputError(f"--data does not go with {path.name}, none of whose scenarios has a table [tracks]")

@@ -77,14 +77,14 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """A dataclass and what is in it as JSON knows it: undefined numbers become null."""
+    """A dataclass and what is in it as JSON knows it: undefined and infinite numbers become null."""
     if dataclasses.is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list):
         return [plain(item) for item in value]
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _latex(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -1,0 +1,72 @@
+"""The figure of a dial: the success of planners at its levels, and where each crosses 90 %."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
+from crowdbench.metrics.summary import wilson
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.files import read_text
+
+WANTED = 90.0
+"""The success in per cent that a dial asks for."""
+
+BESIDE = 0.08
+"""How far the points of planners are beside each other, in levels."""
+
+
+def plot_dial(paths: Sequence[Path], out: Path) -> None:
+    """The success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
+
+    Args:
+        paths: Files that `crowdbench dial` wrote, all of the same dial.
+        out: The figure's file.
+
+    Raises:
+        InputError: One of them is no such file, or of another dial, they are too many, or the figure cannot be written.
+    """
+    found = [_read(path) for path in paths]
+    dial = found[0]["dial"]
+    if others := [path for path, each in zip(paths, found, strict=True) if each["dial"] != dial]:
+        raise InputError(f"{others[0]} is of another dial than {paths[0]}: give files of one dial")
+    if len(found) > len(COLOURS):
+        raise InputError(f"{len(found)} planners cannot be told apart in one figure: give {len(COLOURS)} at most")
+    levels = np.array(dial["levels"], float)
+    place = np.arange(len(levels))
+    with axes(out) as ax:
+        ax.axhline(WANTED, color="#888888", linewidth=0.8)
+        for number, each in enumerate(found):
+            (row,) = each["rows"]
+            colour, beside = COLOURS[number], BESIDE * (number - (len(found) - 1) / 2)
+            successes = zip(row["success"], row["cases"], strict=True)
+            rates = [wilson(np.arange(cases) < round(rate * cases)) for rate, cases in successes]
+            low, mean, high = (
+                100.0 * np.array([getattr(rate, end) for rate in rates]) for end in ("low", "mean", "high")
+            )
+            ends, dash = np.stack([mean - low, high - mean]), DASHES[number % len(DASHES)]
+            ax.errorbar(place + beside, mean, yerr=ends, fmt="none", ecolor=colour, elinewidth=0.8, capsize=1.5)
+            ax.plot(place + beside, mean, dash, color=colour, marker=MARKERS[number], ms=3, label=row["planner"])
+            if row["holds"] and row["holds"]["level"] is not None:
+                held = np.interp(row["holds"]["level"], np.sort(levels), np.argsort(levels))
+                ax.plot([held, held], [0.0, WANTED], ":", color=colour, linewidth=0.8)
+        ax.set_xticks(place, [f"{level:g}" for level in levels])
+        ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
+        ax.legend()
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """What a file says. Raises InputError where it was not written by `crowdbench dial`."""
+    try:
+        found: dict[str, Any] = json.loads(read_text(path))
+        found["dial"]["levels"], found["rows"][0]["success"]
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, IndexError):
+        raise InputError(f"{path} is not what `crowdbench dial` writes: give the files that it says it kept") from None
+    return found

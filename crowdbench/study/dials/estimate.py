@@ -1,0 +1,186 @@
+"""The level of a dial up to which a planner succeeds, with an interval, from outcomes at some levels.
+
+Success does not rise with the level. So the rates are fitted by isotonic regression, weighted by cases (Ayer et al.
+1955), and the level is where the fit crosses the wanted rate, interpolated on the scale of log odds. Levels are counted
+from 0 here.
+
+Cases are driven in two stages: few at all levels, then many at the three levels around the crossing. The bootstrap
+repeats both. It resamples cases, and all levels of a case together; where a resample crosses elsewhere, so that its
+second stage has other levels, the cases of the first stage stand for those that were not driven there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.metrics.summary import CONFIDENCE
+
+WANTED, HALF = 0.9, 0.5
+"""The rate that a dial asks for, and the one that is told beside it."""
+
+AROUND = 3
+"""Levels of the second stage."""
+
+RESAMPLES = 2000
+SIGNIFICANT = 0.01
+"""Where success rises with the level more than chance would have it in this share of dials, a level means nothing."""
+
+_SEED = 0
+"""Of the bootstrap: the same cases are resampled for every planner, so that differences are paired."""
+
+First = Bool[np.ndarray, "level case"]
+Second = Mapping[int, Bool[np.ndarray, "case"]]
+"""Where a planner succeeds: at all levels in the cases of the first stage, and by level in those of the second."""
+
+Rates = Float[np.ndarray, "*resample level"]
+Counts = Int[np.ndarray, "*#resample level"]
+"""Success rates, and the numbers of cases that they are of."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Crossing:
+    """The level at which success crosses a rate.
+
+    Attributes:
+        level: The level, -inf where success is below the rate at all of them, inf where at none.
+        low: The lower bound of its 95 % interval.
+        high: The upper bound.
+        resampled: The level in each resample; those of two planners are paired.
+    """
+
+    level: float
+    low: float
+    high: float
+    resampled: Float[np.ndarray, "resample"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """What the outcomes say of a planner.
+
+    Attributes:
+        cases: The number of cases driven at each level.
+        success: The success rate at each level.
+        fitted: The same where it must not rise.
+        p_rising: How likely success rises as much by chance, where it does not rise.
+        wanted: Where it crosses `WANTED`.
+        half: Where it crosses `HALF`.
+    """
+
+    cases: Int[np.ndarray, "level"]
+    success: Float[np.ndarray, "level"]
+    fitted: Float[np.ndarray, "level"]
+    p_rising: float
+    wanted: Crossing
+    half: Crossing
+
+    @property
+    def is_monotone(self) -> bool:
+        """Whether success may be said not to rise with the level, so that there is a figure at all."""
+        return self.p_rising >= SIGNIFICANT
+
+
+def levels_around(first: First) -> list[int]:
+    """The levels of the second stage: those nearest to where the first stage crosses `WANTED`."""
+    return np.flatnonzero(_around(first.mean(axis=1), np.full(len(first), first.shape[1]))).tolist()
+
+
+def fit(first: First, second: Second) -> Fit:
+    """Fit the outcomes of both stages.
+
+    Args:
+        first: See `First`.
+        second: See `Second`; the levels that `levels_around` gives.
+    """
+    draws, levels = np.random.default_rng(_SEED), len(first)
+    pools = [second.get(level, first[level]) for level in range(levels)]
+    is_second, most = np.isin(np.arange(levels), list(second)), max(map(len, second.values()), default=0)
+    cases, successes = first.shape[1] + most * is_second, first.sum(axis=1) + [*map(np.sum, pools)] * is_second
+    success = successes / cases
+    fitted = _not_rising(success, cases)
+
+    one = first[:, draws.integers(first.shape[1], size=(RESAMPLES, first.shape[1]))].sum(axis=2).T
+    again, coins = draws.random((RESAMPLES, most)), draws.random((RESAMPLES, levels)) < 0.5
+    two = np.stack([_draw(pool, again, coin) for pool, coin in zip(pools, coins.T, strict=True)], axis=1)
+    around = _around(one / first.shape[1], np.full(levels, first.shape[1]))
+    count = first.shape[1] + most * around
+    again_fitted = _not_rising((one + two * around) / count, count)
+    wanted, half = (
+        Crossing(float(_cross(fitted, cases, rate)), *_interval(each), each)
+        for rate, each in ((rate, _cross(again_fitted, count, rate)) for rate in (WANTED, HALF))
+    )
+    # As likely as success rises, if the fit were the truth.
+    rising = _rise((one + two * is_second) / cases + fitted - success, cases) >= _rise(success, cases)
+    return Fit(cases, success, fitted, float(rising.mean()), wanted, half)
+
+
+def difference(one: Crossing, other: Crossing) -> tuple[float, float, float]:
+    """By how many levels one planner holds more than another, and the 95 % interval of the paired bootstrap.
+
+    NaN where one of them has no level, or none in some resample.
+    """
+    if not (np.isfinite(one.resampled).all() and np.isfinite(other.resampled).all()):
+        return math.nan, math.nan, math.nan
+    return one.level - other.level, *_interval(one.resampled - other.resampled)
+
+
+def _draw(
+    outcomes: Bool[np.ndarray, "case"], where: Float[np.ndarray, "resample draw"], coin: Bool[np.ndarray, "resample"]
+) -> Int[np.ndarray, "resample"]:
+    """How many succeed of some outcomes, drawn with replacement.
+
+    Among them is one more, by chance: else where nobody failed, nobody ever would.
+    """
+    case = (where * (len(outcomes) + 1)).astype(np.int64)
+    return np.asarray((np.append(outcomes, False)[case] | ((case == len(outcomes)) & coin[:, None])).sum(axis=1))
+
+
+def _around(success: Rates, cases: Counts) -> Bool[np.ndarray, "*resample level"]:
+    """Which levels are nearest to where success crosses `WANTED`."""
+    number = np.arange(success.shape[-1])
+    level = np.clip(_cross(_not_rising(success, cases), cases, WANTED), 0.0, number[-1])
+    away = np.abs(number - level[..., None])
+    return away.argsort(axis=-1, kind="stable").argsort(axis=-1, kind="stable") < AROUND
+
+
+def _not_rising(success: Rates, cases: Counts) -> Rates:
+    """The isotonic regression of rates, by the min-max formula (Robertson et al. 1988)."""
+    zero = np.zeros((*success.shape[:-1], 1))
+    successes, number = (
+        np.concatenate([zero, x.cumsum(axis=-1)], axis=-1) for x in (success * cases, cases + 0.0 * success)
+    )
+    levels = np.arange(success.shape[-1])
+    # Of levels from the first to the last one: the mean rate.
+    total = number[..., None, 1:] - number[..., :-1, None]
+    mean = (successes[..., None, 1:] - successes[..., :-1, None]) / np.where(total > 0.0, total, 1.0)
+    before, after = levels[:, None, None] <= levels, levels[None, :, None] >= levels
+    largest = np.where(after, mean[..., None], -np.inf).max(axis=-2)
+    return np.asarray(np.where(before[:, 0], largest, np.inf).min(axis=-2))
+
+
+def _rise(success: Rates, cases: Counts) -> Float[np.ndarray, "*resample"]:
+    """By how much rates rise: their squared distance from those that do not."""
+    return np.asarray((cases * (success - _not_rising(success, cases)) ** 2).sum(axis=-1))
+
+
+def _cross(fitted: Rates, cases: Counts, wanted: float) -> Float[np.ndarray, "*resample"]:
+    """Where rates that do not rise cross a rate; infinite where they do not."""
+    holds = (fitted >= wanted).sum(axis=-1)
+    # With half a success and half a failure more, since the log odds of 0 and of 1 are infinite (Haldane 1956).
+    odds = np.log((fitted * cases + 0.5) / ((1.0 - fitted) * cases + 0.5)) - math.log(wanted / (1.0 - wanted))
+    last = np.clip(holds - 1, 0, fitted.shape[-1] - 2)
+    before, after = (np.take_along_axis(odds, each[..., None], axis=-1)[..., 0] for each in (last, last + 1))
+    part = np.clip(before / np.where(before > after, before - after, 1.0), 0.0, 1.0)
+    level = np.where(holds == fitted.shape[-1], np.inf, last + part)
+    return np.asarray(np.where(holds == 0, -np.inf, level))
+
+
+def _interval(levels: Float[np.ndarray, "resample"]) -> tuple[float, float]:
+    """The bounds between which 95 % of the levels lie; levels may be infinite, so that none is interpolated."""
+    low, high = np.quantile(levels, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], method="inverted_cdf")
+    return float(low), float(high)
