@@ -75,6 +75,20 @@ def noise_keys(keys: UInt[np.ndarray, "world"]) -> UInt[np.ndarray, "world"]:
     return np.frombuffer(b"".join(hashed), np.uint64).copy()
 
 
+def other_chance(keys: UInt[np.ndarray, "world"], step: int, number: int) -> UInt[np.ndarray, "world"]:
+    """The keys of cases that go on from a step as by other chance.
+
+    Args:
+        keys: The keys of the cases.
+        step: The step.
+        number: Which of several such futures.
+
+    Returns:
+        64-bit keys.
+    """
+    return _keys(np.uint64(number), np.uint64(len(SPLITS) + step), keys)
+
+
 def normal(
     key: UInt[np.ndarray, "world"], purpose: str, step: Int[np.ndarray, "world"], shape: tuple[int, ...]
 ) -> Float[np.ndarray, "world *shape"]:

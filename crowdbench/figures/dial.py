@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from crowdbench.figures.kept import read_kept
 from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
 from crowdbench.metrics.summary import wilson
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.files import read_text
 
 WANTED = 90.0
 """The success in per cent that a dial asks for."""
@@ -31,7 +29,7 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
     Raises:
         InputError: One of them is no such file, or of another dial, they are too many, or the figure cannot be written.
     """
-    found = [_read(path) for path in paths]
+    found = [read_kept(path, "dial", ("dial", "levels"), ("rows", 0, "success")) for path in paths]
     dial = found[0]["dial"]
     if others := [path for path, each in zip(paths, found, strict=True) if each["dial"] != dial]:
         raise InputError(f"{others[0]} is of another dial than {paths[0]}: give files of one dial")
@@ -58,15 +56,3 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
         ax.set_xticks(place, [f"{level:g}" for level in levels])
         ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
         ax.legend()
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """What a file says. Raises InputError where it was not written by `crowdbench dial`."""
-    try:
-        found: dict[str, Any] = json.loads(read_text(path))
-        found["dial"]["levels"], found["rows"][0]["success"]
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError, IndexError):
-        raise InputError(f"{path} is not what `crowdbench dial` writes: give the files that it says it kept") from None
-    return found

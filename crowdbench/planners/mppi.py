@@ -150,9 +150,9 @@ class MPPIPlanner(Planner):
         require(
             "horizon", self.horizon, steps <= self.horizon, f"{steps} or more, the steps that are asked for at once"
         )
-        answer = self.predictor.predict(obs, self.horizon)
-        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
         first, noise = self._first_guesses(obs), self._noise(obs)
+        answer = self.predictor.predict_given(obs, self.horizon, first[:, 0])
+        prediction = validate_prediction(answer, type(self.predictor).__name__, obs, self.horizon)
         best = np.empty((len(obs), self.horizon, 2))
         shown = np.empty((len(obs), min(SHOWN, self.search.samples), self.horizon, 3))
 

@@ -52,6 +52,19 @@ class Predictor(abc.ABC):
             The futures.
         """
 
+    def predict_given(self, obs: Observation, steps: int, plan: Float[np.ndarray, "world time 2"]) -> Prediction:
+        """Predict all pedestrians where it is known what the vehicle is about to do.
+
+        Args:
+            obs: The observation of every world.
+            steps: Number of steps to predict.
+            plan: The commands of the vehicle in these steps, as its dynamics takes them.
+
+        Returns:
+            The futures; those of `predict`, unless the predictor's people react to the vehicle.
+        """
+        return self.predict(obs, steps)
+
     def unseen(self, scene: str) -> Predictor:
         """The predictor to be evaluated on a recorded scene: one that was not trained on it."""
         return self

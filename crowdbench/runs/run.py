@@ -8,14 +8,14 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from llvmlite.binding import get_host_cpu_name
 
-from crowdbench.core.types import Trace
+from crowdbench.core.types import Trace, World
 from crowdbench.metrics import METRICS, UNDISTURBED, Metric
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.manifest import code
@@ -49,6 +49,7 @@ class Run:
         metrics: What is measured, by name.
         origin: Where planner, scenario and metrics come from, for the manifest.
         details: What else `result.json` says of the planner: its files, and what an isolated one has used.
+        foresee: See `rollout`.
     """
 
     spec: RunSpec
@@ -57,6 +58,7 @@ class Run:
     metrics: Mapping[str, Metric]
     origin: Mapping[str, Any] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
+    foresee: Callable[[World], None] | None = None
 
     def drive(self, part: Cases, directory: Path, progress: Progress | None = None) -> None:
         """Drive some of the cases, measure and record them, and write the directory of a run of these cases.
@@ -104,6 +106,7 @@ class Run:
                         keep_logs=with_episodes,
                         undisturbed=with_episodes or of_others,
                         progress=progress,
+                        foresee=self.foresee,
                     )
             except LogsTooLarge as error:
                 batch, self.driver.seconds = error.fitting, seconds

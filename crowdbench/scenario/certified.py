@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 from pydantic import AfterValidator, Field
 
 from crowdbench.core.rng import SPLITS
@@ -125,6 +125,13 @@ class CertificateStatus:
         """By split, the cases without a certificate; none where the file is for the scenario before a change."""
         is_stale = self.certified.scenario != self.digest
         return {} if is_stale else {split: each.left_out for split, each in self.certified.splits.items()}
+
+    def certify(self, cases: Cases) -> Bool[np.ndarray, "case"] | None:
+        """Which of some cases, counted among all, have a certificate; None where it is not known of each."""
+        examined = self.certified.splits.get(cases.split)
+        if self.certified.scenario != self.digest or examined is None or examined.examined < cases.stop:
+            return None
+        return ~np.isin(cases.indices, examined.left_out)
 
     def sentence(self, cases: Cases) -> str:
         """The share of the cases that have a certificate, or what must be done to know it for those of a run."""

@@ -38,7 +38,9 @@ def crowd_velocities(world: World, policies: Mapping[str, PedestrianPolicy]) -> 
     return crowd_decisions(world, policies)[0]
 
 
-def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> tuple[Velocities, World]:
+def crowd_decisions(
+    world: World, policies: Mapping[str, PedestrianPolicy], people: UInt[np.ndarray, "world"] | None = None
+) -> tuple[Velocities, World]:
     """What the pedestrians' policies decide: the velocities that they ask for, and what they remember.
 
     Policies are asked only here, in a world in which an invisible vehicle is not `present`. There a visible one is the
@@ -48,6 +50,7 @@ def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> t
     Args:
         world: The worlds as they are now.
         policies: The scenario's policies by name.
+        people: The keys that say who sees the vehicle; those of the worlds if None.
 
     Returns:
         A velocity in m/s per pedestrian, by the pedestrian's own policy, and the worlds with the memories of the
@@ -60,7 +63,8 @@ def crowd_decisions(world: World, policies: Mapping[str, PedestrianPolicy]) -> t
     if differ_in_sight(world.rules):
         blind = world.replace(memory=world.memory[BLIND])
         other, blind_memories = _query_policies(_without_vehicle(blind), policies)
-        velocity = np.where(sees_vehicle(world.key, world.person, world.rules)[:, :, None], velocity, other)
+        sees = sees_vehicle(world.key if people is None else people, world.person, world.rules)
+        velocity = np.where(sees[:, :, None], velocity, other)
         memories[BLIND] = {**blind.memory, **blind_memories}
     return velocity, _with_memories(world, memories)
 

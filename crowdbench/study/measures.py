@@ -67,6 +67,15 @@ GAP = Measure("minimum_gap", "gap", "m", sign=1, digits=3)
 PLANNER_MEASURES = {each.metric: each for each in (SUCCESS, TIME, VELOCITY_CHANGE, JERK)}
 """What a table of planners may show, by metric."""
 
+BAR = 20
+"""Characters of the bar of a success rate of 1."""
+
+
+def draw_bar(rate: float) -> str:
+    """A bar as long as a rate is high."""
+    return "█" * round(BAR * rate)
+
+
 LEAST_SHARED = 6
 """Cases that both planners must solve before a difference over these cases counts.
 

@@ -146,6 +146,15 @@ class DialsSpec(TomlTable):
     dials: Names
 
 
+class LaddersSpec(TomlTable):
+    """`[[ladders]]`: scenarios, in which the best of some planners is a marker."""
+
+    title: Name
+    planners: Planners
+    scenarios: Names
+    cases: CasesText = Cases.parse("test:100")
+
+
 class StudySpec(TomlTable):
     """The whole file."""
 
@@ -154,3 +163,4 @@ class StudySpec(TomlTable):
     tables: list[PlannersSpec] = Field(default=[], description="a list of tables [[tables]]")
     crowds: list[CrowdsSpec] = Field(default=[], description="a list of tables [[crowds]]")
     dials: list[DialsSpec] = Field(default=[], description="a list of tables [[dials]]")
+    ladders: list[LaddersSpec] = Field(default=[], description="a list of tables [[ladders]]")

@@ -10,13 +10,15 @@ from pathlib import Path
 from crowdbench.runs.run import Run
 from crowdbench.study.crowds import CrowdsTable, FilledCrowdsTable
 from crowdbench.study.dials.table import DialsTable, FilledDialsTable
+from crowdbench.study.ladder.table import FilledLaddersTable, LaddersTable
 from crowdbench.study.planners import FilledPlannersTable, PlannersTable
 from crowdbench.study.schema import StudySpec
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import printed_by
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
-FilledTable = FilledPlannersTable | FilledCrowdsTable | FilledDialsTable
+Table = PlannersTable | CrowdsTable | DialsTable | LaddersTable
+FilledTable = FilledPlannersTable | FilledCrowdsTable | FilledDialsTable | FilledLaddersTable
 
 REPRODUCTION = Path(__file__).with_name("reproduce.toml")
 """The tables of Li et al. (2020) and more."""
@@ -40,7 +42,7 @@ class Study:
 
     name: str
     description: str
-    tables: Sequence[PlannersTable | CrowdsTable | DialsTable]
+    tables: Sequence[Table]
     sources: list[str]
 
     @property
@@ -49,11 +51,12 @@ class Study:
         return [run for table in self.tables for run in table.runs]
 
     def second(self, out: Path) -> list[Run]:
-        """The runs that follow from what others found, which are in the folder `out`: those of dials.
+        """The runs that follow from what others found, which are in the folder `out`: of dials and ladders.
 
         Raises InputError where one of the others is not there.
         """
-        return [run for table in self.tables if isinstance(table, DialsTable) for run in table.second(out)]
+        twice = [table for table in self.tables if isinstance(table, DialsTable | LaddersTable)]
+        return [run for table in twice for run in table.second(out)]
 
     def fill(self, out: Path) -> list[FilledTable]:
         """Its tables with the figures of the runs in the folder `out`.
@@ -113,13 +116,14 @@ def _read(path: Path) -> StudySpec:
 def _load(spec: StudySpec, path: Path, data: Path | None = None) -> Study:
     """Load the planners and scenarios of a study."""
     file = Location(path.name)
-    tables: list[PlannersTable | CrowdsTable | DialsTable] = [
+    tables: list[Table] = [
         *(PlannersTable.of(table, file.at("tables", i)) for i, table in enumerate(spec.tables)),
         *(CrowdsTable.of(table, file.at("crowds", i), data) for i, table in enumerate(spec.crowds)),
         *(DialsTable.of(table, file.at("dials", i)) for i, table in enumerate(spec.dials)),
+        *(LaddersTable.of(table, file.at("ladders", i)) for i, table in enumerate(spec.ladders)),
     ]
     if not tables:
-        raise InputError(f"{path.name} has no table: a study needs [[tables]], [[crowds]] or [[dials]]")
+        raise InputError(f"{path.name} has no table: a study needs [[tables]], [[crowds]], [[dials]] or [[ladders]]")
     study = Study(path.stem, spec.description, tables, spec.sources)
     if data is not None and not any(run.scenario.tracks for run in study.runs):
         raise InputError(f"--data does not go with {path.name}, none of whose scenarios has a table [tracks]")

@@ -16,7 +16,7 @@ from crowdbench.runs.spec import directory_name
 from crowdbench.study.dials.dial import FIRST, SECOND, Dial, load_dial
 from crowdbench.study.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
 from crowdbench.study.folder import read_episodes
-from crowdbench.study.measures import SUCCESS
+from crowdbench.study.measures import SUCCESS, draw_bar
 from crowdbench.study.schema import DialsSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
@@ -27,8 +27,6 @@ NOTES = (
     "difference in levels, paired by case. Each planner drove 30 cases at all levels, and 240 others at each of the "
     "three levels around its figure. What is below the first level or above the last is said so, and is no number."
 )
-BAR = 20
-"""Characters of a success rate of 1 in a bar."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,7 +187,7 @@ class FilledDial:
     def curve(self, row: DialRow) -> Grid:
         """The success of a planner at each level, with bars."""
         each = zip(self.dial.levels, row.success, row.cases, strict=True)
-        rows = [[f"{level:g}", SUCCESS.number(rate), "█" * round(BAR * rate), str(n)] for level, rate, n in each]
+        rows = [[f"{level:g}", SUCCESS.number(rate), draw_bar(rate), str(n)] for level, rate, n in each]
         return Grid(row.planner, [self.dial.key, "success", "", "cases"], rows, align="rrlr")
 
     def sentence(self, row: DialRow) -> str:

@@ -1,0 +1,56 @@
+"""The figure of ladders: a bar for each scenario, whose parts are what ever more foresight is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from crowdbench.figures.kept import read_kept
+from crowdbench.figures.style import COLOURS, axes
+
+FIRST = "#bbbbbb"
+"""The colour of what the lowest rung succeeds in."""
+
+REASONS = dict(zip(("perception", "prediction", "luck", "search"), COLOURS, strict=False))
+"""The colours of what separates the rungs."""
+
+
+def plot_ladders(paths: Sequence[Path], out: Path) -> None:
+    """A bar for each scenario: the success of the lowest rung, and what each further one adds or takes away.
+
+    Args:
+        paths: Files that `crowdbench ladder` wrote.
+        out: The figure's file.
+
+    Raises:
+        InputError: One of them is no such file, or the figure cannot be written.
+    """
+    found = [
+        read_kept(path, "ladder", ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "reason"))
+        for path in paths
+    ]
+    with axes(out, height=0.9 + 0.25 * len(found)) as ax:
+        for place, each in enumerate(reversed(found)):
+            rates = [100.0 * rung["mean"] for rung in each["success"].values()]
+            ax.barh(place, rates[0], color=FIRST, height=0.6)
+            for step, before, after in zip(each["steps"], rates, rates[1:], strict=False):
+                left, width = min(before, after), abs(after - before)
+                loses = after < before
+                height, hatch = (0.25, "////") if loses else (0.6, None)
+                colour = REASONS[step["reason"]]
+                ax.barh(place, width, left=left, height=height, color=colour, hatch=hatch, edgecolor="white")
+            ax.plot([100.0 * each["best_success"]["mean"]], [place], "k*", ms=5)
+        names = [each["scenario"] for each in reversed(found)]
+        ax.set_yticks(range(len(found)), names, fontsize=6)
+        ax.set(xlabel="success, %", xlim=(0, 101))
+        ax.grid(visible=False, axis="y")
+        bars = [ax.barh(0, 0, color=colour, label=reason) for reason, colour in REASONS.items()]
+        star = ax.plot([], [], "k*", ms=5, label="best planner")
+        ax.legend(
+            handles=[*bars, *star],
+            ncols=5,
+            loc="lower center",
+            bbox_to_anchor=(0.4, 1.0),
+            fontsize=6,
+            columnspacing=0.8,
+        )
