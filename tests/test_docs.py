@@ -113,8 +113,8 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
 
 
 STUDIES = {path.stem: f"{path.stem}.md" for path in sorted((DOCS / "studies").glob("*.toml"))}
-STUDIES |= {"suite": "suite_tables.md", "recorded": "recorded_tables.md"}
-"""The studies and the pages of their tables. What the tables of two of them show is said on a page of its own."""
+STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials")}
+"""The studies and the pages of their tables. What the tables of three of them show is said on a page of its own."""
 
 PRINTED = {page: f"study docs/studies/{name}.toml" for name, page in STUDIES.items()}
 PRINTED["recorded_tables.md"] += " --data DIR"
@@ -139,12 +139,12 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(n
     study = tomllib.loads(file.read_text())
     page = (DOCS / STUDIES.get(name, "reproduction.md")).read_text()
     assert page.split("\n\n")[1] == study["description"]
-    titles = [table["title"] for table in (*study.get("tables", []), *study.get("crowds", []))]
+    titles = [table["title"] for table in (each for kind in ("tables", "crowds", "dials", "ladders") for each in study.get(kind, []))]
     assert re.findall("^## (.+)$", page, re.MULTILINE) == titles
     assert [source for source in study.get("sources", []) if source not in page] == []
 
 
-@pytest.mark.parametrize("name", ["suite", "recorded"])
+@pytest.mark.parametrize("name", ["suite", "recorded", "dials"])
 def test_the_tables_and_what_they_show_link_to_each_other(name):
     assert f"({name}_tables.md)" in (DOCS / f"{name}.md").read_text()
     assert f"({name}.md" in (DOCS / f"{name}_tables.md").read_text()
