@@ -139,7 +139,8 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(n
     study = tomllib.loads(file.read_text())
     page = (DOCS / STUDIES.get(name, "reproduction.md")).read_text()
     assert page.split("\n\n")[1] == study["description"]
-    titles = [table["title"] for table in (each for kind in ("tables", "crowds", "dials", "ladders") for each in study.get(kind, []))]
+    kinds = ("tables", "crowds", "dials", "ladders")
+    titles = [table["title"] for kind in kinds for table in study.get(kind, [])]
     assert re.findall("^## (.+)$", page, re.MULTILINE) == titles
     assert [source for source in study.get("sources", []) if source not in page] == []
 
