@@ -23,6 +23,8 @@ RUN_ELSEWHERE = {
     "validity": "tests/test_validity.py",
     "bench": "tests/test_bench.py",
     "certify": "tests/test_certify.py",
+    "dial": "tests/test_dials.py",
+    "ladder": "tests/test_ladder.py",
 }
 """Commands that take long, or need what others have left, and where they are run."""
 
@@ -77,6 +79,7 @@ def where_else(arguments):
     text = " ".join(arguments)
     places = {
         "study ": "tests/test_study.py",
+        "plot dial": "tests/test_dials.py",
         "run-board ": "tests/test_run_board.py",
         "--shard": "tests/test_parts.py",
         "weights=runs": ".ci/train",
