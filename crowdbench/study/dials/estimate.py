@@ -34,7 +34,7 @@ _SEED = 0
 """Of the bootstrap: the same cases are resampled for every planner, so that differences are paired."""
 
 First = Bool[np.ndarray, "level case"]
-Second = Mapping[int, Bool[np.ndarray, "case"]]
+Second = Mapping[int, Bool[np.ndarray, "other_case"]]
 """Where a planner succeeds: at all levels in the cases of the first stage, and by level in those of the second."""
 
 Rates = Float[np.ndarray, "*resample level"]
