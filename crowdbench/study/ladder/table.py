@@ -178,14 +178,14 @@ class FilledLadder:
 
     def bars(self) -> Grid:
         """A row for each rung, with a bar, and one for the best planner."""
-        gains = ["", *(f"{_say_points(step.gain)} without the limits of {step.reason}" for step in self.steps)]
+        gains = ["", *(f"{_say_points(step.gain)}, {step.reason}" for step in self.steps)]
         rows = [
             [rung, SUCCESS.estimate(each), draw_bar(each.mean), KNOWS[rung], gain]
             for (rung, each), gain in zip(self.success.items(), gains, strict=True)
         ]
         rows.append(["best", SUCCESS.estimate(self.best_success), draw_bar(self.best_success.mean), self.best, ""])
         title = f"{self.scenario}, cases {self.cases}"
-        return Grid(title, ["rung", "success", "", "knows", "points above the rung below"], rows, align="lrlll")
+        return Grid(title, ["rung", "success", "", "knows", "points above the rung below, due to"], rows, align="lrlll")
 
     def cells(self) -> list[str]:
         """Its row in a table."""
