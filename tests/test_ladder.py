@@ -83,7 +83,7 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
     command += ["--out", str(tmp_path / "runs")]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
-    assert "points above the rung below" in result.stdout
+    assert "points above the rung below, due to" in result.stdout
     again = CliRunner().invoke(app, [*command, "--json"])
     assert "run 1" not in again.output  # all are kept
     (found,) = json.loads(again.stdout)
