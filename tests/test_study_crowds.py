@@ -57,8 +57,9 @@ def test_a_few_shared_successes_are_no_evidence_and_the_cell_says_so():
 
 def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     study = read('description = "What is compared"\n' + CROWDS.replace('"8"', '"20"'))
-    for runs in study.tables[0].by_scenario:
+    for better, runs in zip((0, 4), study.tables[0].by_scenario, strict=True):
         one, two = side_by_side(navigation_time=1.0)
+        two.columns["success_rate"][12 : 12 + better] = True
         # What a failure has says nothing of those who arrive.
         one.columns["minimum_gap"][12:] = -5.0
         one.columns["minimum_gap"][:12] = 0.25
@@ -71,15 +72,18 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert head == [printed_by("study tiny.toml"), "What is compared", "## Crowds"]
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
-    assert lines[0] == ["planner", "success", "collision", "at fault", "time-out", "time", "discomfort", "jerk", "gap"]
-    assert lines[2][:5] == ["orca", "60.0 % (38.7 to 78.1)", "40.0 %", "20.0 %", "0.0 %"]
+    assert lines[0] == ["success", "orca", "orca_margin"]
+    assert lines[2:4] == [["circle_crossing_5", "**60.0 %**", "**60.0 %**"], ["square_crossing_5", "60.0 %", "**80.0 %**"]]
+    crowd = lines[4:]
+    assert crowd[0] == ["planner", "success", "collision", "at fault", "time-out", "time", "discomfort", "jerk", "gap"]
+    assert crowd[2][:5] == ["orca", "60.0 % (38.7 to 78.1)", "40.0 %", "20.0 %", "0.0 %"]
     time = bootstrap(one.columns["navigation_time"][:12], np.ones(12))
-    assert lines[2][5] == f"{time.mean:.2f} s ({time.low:.2f} to {time.high:.2f})"
-    assert lines[2][6] == "12.50 % (12.50 to 12.50)"
-    assert lines[2][8] == "0.250 m (0.250 to 0.250)"
-    assert lines[4] == ["significantly better or worse than", "orca"]
-    assert lines[6][0] == "orca_margin"
-    assert lines[6][1].startswith("better: time")
+    assert crowd[2][5] == f"{time.mean:.2f} s ({time.low:.2f} to {time.high:.2f})"
+    assert crowd[2][6] == "12.50 % (12.50 to 12.50)"
+    assert crowd[2][8] == "0.250 m (0.250 to 0.250)"
+    assert crowd[4] == ["significantly better or worse than", "orca"]
+    assert crowd[6][0] == "orca_margin"
+    assert crowd[6][1].startswith("better: time")
     assert "The 5 tests in a crowd are not corrected" in text
 
 

@@ -204,8 +204,19 @@ class FilledCrowdsTable:
     crowds: list[FilledCrowd]
 
     def markdown(self) -> str:
-        """The tables as GitHub shows them, under their headings."""
-        return "\n\n".join([f"## {self.title}", f"Cases {self.cases}.", *(crowd.markdown() for crowd in self.crowds)])
+        """The tables as GitHub shows them, under their headings; where there are several crowds, success comes first."""
+        success = [self.success()] if len(self.crowds) > 1 else []
+        return "\n\n".join([f"## {self.title}", f"Cases {self.cases}.", *success, *map(FilledCrowd.markdown, self.crowds)])
+
+    def success(self) -> str:
+        """Who succeeds where, a row for each crowd, as GitHub shows it; the highest of each row is bold."""
+        rows = []
+        for crowd in self.crowds:
+            rates = [row.success_rate.mean for row in crowd.planners]
+            texts = map(SUCCESS.number, rates)
+            cells = [f"**{text}**" if rate == max(rates) else text for rate, text in zip(rates, texts, strict=True)]
+            rows.append([crowd.scenario, *cells])
+        return markdown(["success", *(row.name for row in self.crowds[0].planners)], rows)
 
     def grids(self) -> list[Grid]:
         """The parts of it that have a row for each planner."""
