@@ -73,7 +73,10 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
     assert lines[0] == ["success", "orca", "orca_margin"]
-    assert lines[2:4] == [["circle_crossing_5", "**60.0 %**", "**60.0 %**"], ["square_crossing_5", "60.0 %", "**80.0 %**"]]
+    assert lines[2:4] == [
+        ["circle_crossing_5", "**60.0 %**", "**60.0 %**"],
+        ["square_crossing_5", "60.0 %", "**80.0 %**"],
+    ]
     crowd = lines[4:]
     assert crowd[0] == ["planner", "success", "collision", "at fault", "time-out", "time", "discomfort", "jerk", "gap"]
     assert crowd[2][:5] == ["orca", "60.0 % (38.7 to 78.1)", "40.0 %", "20.0 %", "0.0 %"]

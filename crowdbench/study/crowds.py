@@ -204,9 +204,11 @@ class FilledCrowdsTable:
     crowds: list[FilledCrowd]
 
     def markdown(self) -> str:
-        """The tables as GitHub shows them, under their headings; where there are several crowds, success comes first."""
+        """The tables as GitHub shows them, under their headings; success comes first where there are several crowds."""
         success = [self.success()] if len(self.crowds) > 1 else []
-        return "\n\n".join([f"## {self.title}", f"Cases {self.cases}.", *success, *map(FilledCrowd.markdown, self.crowds)])
+        return "\n\n".join(
+            [f"## {self.title}", f"Cases {self.cases}.", *success, *map(FilledCrowd.markdown, self.crowds)]
+        )
 
     def success(self) -> str:
         """Who succeeds where, a row for each crowd, as GitHub shows it; the highest of each row is bold."""
