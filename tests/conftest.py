@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 import crowdbench
@@ -17,6 +18,10 @@ os.environ |= {"OMP_NUM_THREADS": "1", "NUMBA_THREADING_LAYER": "workqueue"}
 
 SHARED = "CROWDBENCH_SHARED"
 COMMANDS = "crowdbench.cli"
+
+# The same examples at every run, and nothing left in the folder.
+settings.register_profile("reproducible", derandomize=True, database=None, deadline=None)
+settings.load_profile("reproducible")
 
 
 def pytest_addoption(parser):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from boards import card, write_board
 
-from crowdbench.boards.consistency_test import ALPHA, lower_than_claimed, p_value
+from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench.boards.method import range_over_networks
-from crowdbench.boards.ranking import CRITERIA
 from crowdbench.boards.skeleton import write_skeleton
 from crowdbench.boards.standings import over_board
 from crowdbench.boards.submission import read_card

@@ -1,141 +1,189 @@
-import itertools
-
 import numpy as np
 import pytest
-from scipy import stats
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
-from crowdbench.boards.ranking import ALPHA, CRITERIA, compare_all, p_value, pareto, ranks, smallest_difference
-from crowdbench.runs.compare import holm
+from crowdbench.boards.ranking import CONFIDENCE, DELTA, SCT, SUCCESS, Scale, compare_all, pareto, ranks, scores
 from crowdbench.utils.errors import InputError
 
 CASES = 500
+ALONE = np.ones(1)
 
 
-def entry(failures, seconds=1.0, collide=True):
+def entry(failures, seconds=1.5):
     """The columns of an entry that fails in some cases, and otherwise takes `seconds` times the shortest time."""
     success = np.ones(CASES)
     success[list(failures)] = 0.0
-    collisions = (1.0 - success) * collide
-    return {"success_rate": success, "collision_rate": collisions, "sct": success / np.broadcast_to(seconds, CASES)}
+    return {SUCCESS: success[None], SCT: (success / np.broadcast_to(seconds, CASES))[None]}
 
 
-def compared(entries):
-    """Comparisons on a board of one scenario."""
-    return compare_all(
-        {i: {name: values[None] for name, values in each.items()} for i, each in enumerate(entries)}, np.ones(1)
-    )
+def numbered(entries):
+    return {str(number): own for number, own in enumerate(entries)}
 
 
-def ranked(*entries):
-    comparisons = compared(entries)
-    return [(rank.rank, rank.last) for rank in ranks(range(len(entries)), comparisons).values()]
+def ranked(entries, weights=ALONE, scale=Scale(), blocks=None):  # noqa: B008
+    """The ranks by name, in the order in which the entries stand."""
+    entries = entries if isinstance(entries, dict) else numbered(entries)
+    return ranks(scores(entries, weights, scale), compare_all(entries, weights, scale, blocks))
 
 
-def test_entries_that_do_not_differ_share_the_first_rank():
-    assert ranked(entry([1, 2]), entry([3]), entry([])) == [(1, 3)] * 3
+def places(entries, **rules):
+    found = ranked(entries, **rules)
+    return [(found[name].rank, found[name].first, found[name].last) for name in sorted(found)]
 
 
-def test_success_comes_first_then_collisions_then_time():
-    generator = np.random.default_rng(0)
-    noise = generator.uniform(0.9, 1.1, CASES)
-    fails, collides = entry(range(50)), entry(range(50, 100))
-    waits, slow = entry(range(100, 150), collide=False), entry([], 1.4 * noise)
-    quick = entry([], 1.2 * noise)
-    assert ranked(quick, slow, waits, collides, fails) == [(1, 1), (2, 2), (3, 3), (4, 5), (4, 5)]
-    criteria = {one.entries: one.criterion for one in compared([quick, slow, waits, collides])}
-    assert criteria[0, 1] == "sct"
-    assert criteria[0, 2] == "success_rate"
-    assert criteria[2, 3] == "collision_rate"
+@st.composite
+def boards(draw, most=6, cases=40):
+    """Entries of a few cases each, some alike, some of which drove fewer cases."""
+    seed = draw(st.integers(0, 2**32 - 1))
+    generator = np.random.default_rng(seed)
+    own = {}
+    for number in range(draw(st.integers(2, most))):
+        rate = draw(st.sampled_from([0.0, 0.3, 0.6, 0.9, 1.0]))
+        driven = draw(st.sampled_from([cases, cases, cases // 2]))
+        success = (generator.random(driven) < rate).astype(float)
+        sct = success * draw(st.sampled_from([0.5, 0.9])) * generator.uniform(0.9, 1.0, driven)
+        own[f"entry{number}"] = {SUCCESS: success[None], SCT: sct[None]}
+    if draw(st.booleans()):
+        own["twin"] = own["entry0"]
+    return own
 
 
-def test_ranks_do_not_depend_on_the_order_of_entries():
-    generator = np.random.default_rng(1)
-    entries = [entry(generator.choice(CASES, size, replace=False)) for size in (0, 5, 20, 40)]
-    expected = dict(enumerate(ranked(*entries)))
-    for order in itertools.permutations(range(4)):
-        assert dict(zip(order, ranked(*(entries[i] for i in order)), strict=True)) == expected
+def test_a_score_is_success_and_up_to_half_a_point_for_being_quick():
+    found = scores({"a": entry(range(50), 1.25), "b": entry([], 4.0)}, ALONE, Scale(0.4, 0.6))
+    assert list(found) == ["b", "a"]
+    assert found["b"] == 1.0  # an SCT of 0.25
+    assert found["a"] == pytest.approx(0.9 + DELTA)  # 0.72
+    assert scores({"c": entry([], 2.0)}, ALONE, Scale(0.4, 0.6))["c"] == pytest.approx(1.0 + DELTA / 2)
 
 
-def test_holm_multiplies_by_the_number_of_tests_that_are_left():
-    # By hand: the smallest times 4, the next times 3, then times 2 and 1, and none smaller than the one before.
-    p = np.array([0.01, 0.04, 0.03, 0.005])
-    np.testing.assert_allclose(holm(p), [0.03, 0.06, 0.06, 0.02])
+@settings(max_examples=25)
+@given(boards())
+def test_ranks_are_an_order(own):
+    """Whoever has the higher score has no worse rank, and equal scores have equal ranks and places."""
+    score, found = scores(own, ALONE, Scale()), ranked(own)
+    names = list(found)
+    assert names == list(score)
+    assert [score[name] for name in names] == sorted(score.values(), reverse=True)
+    assert [found[name].rank for name in names] == sorted(rank.rank for rank in found.values())
+    if "twin" in own:
+        assert found["twin"].rank == found["entry0"].rank
+    assert found[names[0]].rank == 1
 
 
-@pytest.mark.slow
-def test_a_wrong_difference_is_found_in_no_more_than_one_board_of_twenty():
-    generator = np.random.default_rng(2)
-    boards, wrong = 400, 0
-    for _ in range(boards):
-        difficulty = generator.beta(0.3, 3.0, CASES)
-        entries = [
-            entry(np.flatnonzero(generator.random(CASES) < difficulty), generator.uniform(1.0, 1.5, CASES))
-            for _ in range(4)
-        ]
-        wrong += any(one.criterion for one in compared(entries))
-    assert wrong / boards <= ALPHA + 2.0 * np.sqrt(ALPHA * (1 - ALPHA) / boards)
+@settings(max_examples=25)
+@given(boards())
+def test_a_rank_lies_within_its_interval(own):
+    for rank in ranked(own).values():
+        assert 1 <= rank.first <= rank.rank <= rank.last <= len(own)
 
 
-def test_a_p_value_is_mcnemars_or_students():
-    generator = np.random.default_rng(3)
-    a, b = (generator.random((2, CASES)) < [[0.9], [0.8]]).astype(float)
-    table = stats.binomtest(int((a > b).sum()), int((a != b).sum())).pvalue
-    assert p_value(a, b, np.ones(CASES)) == pytest.approx(table)
-    a, b = generator.normal(size=(2, CASES))
-    assert p_value(a, b, np.ones(CASES)) == pytest.approx(stats.ttest_rel(a, b).pvalue)
-    assert p_value(a, a, np.ones(CASES)) == 1.0
+@settings(max_examples=25)
+@given(boards())
+def test_success_comes_first_where_it_differs_by_more_than_half_a_point(own):
+    score, rate = scores(own, ALONE, Scale()), {name: each[SUCCESS].mean() for name, each in own.items()}
+    for a in own:
+        for b in own:
+            assert rate[a] <= rate[b] + DELTA or score[a] > score[b]
 
 
-def test_weights_count_as_repeated_families_do():
-    """Where the cases of one family count twice as much, so do their differences, and the error with them."""
-    generator = np.random.default_rng(4)
-    a, b = generator.normal(0.1, 1.0, CASES), generator.normal(size=CASES)
-    weights = np.repeat([1.0, 2.0], CASES // 2)
-    error = np.sqrt((weights**2 * (a - b - np.average(a - b, weights=weights)) ** 2).sum()) / weights.sum()
-    t = np.average(a - b, weights=weights) / error / np.sqrt(CASES / (CASES - 1))
-    assert p_value(a, b, weights) == pytest.approx(2 * stats.t.sf(abs(t), CASES - 1))
+@settings(max_examples=25)
+@given(boards())
+def test_an_entry_that_stands_last_changes_nobodys_rank(own):
+    assume(min(scores(own, ALONE, Scale()).values()) > 0.0)
+    before = ranked(own)
+    last = {SUCCESS: np.zeros((1, 40)), SCT: np.zeros((1, 40))}
+    after = ranked(own | {"zzz": last})
+    assert {name: after[name].rank for name in own} == {name: rank.rank for name, rank in before.items()}
 
 
-def test_cases_of_a_block_count_as_one_observation():
-    """Ten blocks of ten cases that differ little tell what their ten means tell, not what a hundred cases would."""
-    generator = np.random.default_rng(5)
-    means, block = generator.normal(0.4, 1.0, 10), np.repeat(np.arange(10), 10)
-    a, b = means[block] + generator.normal(0.0, 0.1, 100), np.zeros(100)
-    by_mean = stats.ttest_1samp(a.reshape(10, 10).mean(axis=1), 0.0).pvalue
-    assert p_value(a, b, np.ones(100), block) == pytest.approx(by_mean)
-    assert p_value(a, b, np.ones(100)) < by_mean / 100
-    assert p_value(a, b, np.ones(100), np.arange(100)) == pytest.approx(p_value(a, b, np.ones(100)))
+@settings(max_examples=10)
+@given(boards(), st.randoms())
+def test_the_order_in_which_entries_come_does_not_matter(own, random):
+    names = list(own)
+    random.shuffle(names)
+    assert ranked({name: own[name] for name in names}) == ranked(own)
+
+
+def test_entries_that_chance_may_have_ordered_share_a_rank():
+    assert places([entry([1, 2]), entry([3]), entry([])]) == [(1, 1, 3)] * 3
+
+
+def test_an_entry_starts_a_tier_where_any_of_the_tier_above_beats_it():
+    # 6 failures are beaten by none at all, but not by 3: the first and the third are apart, the second with neither.
+    none, three, six = entry([]), entry(range(3)), entry(range(6))
+    assert places([none, three]) == [(1, 1, 2), (1, 1, 2)]
+    assert places([none, three, six]) == [(1, 1, 3), (1, 1, 3), (3, 1, 3)]
+
+
+def test_speed_counts_among_those_who_succeed_alike_in_many_cases():
+    """In few cases nobody knows that they succeed alike: the variance is that of one failure more."""
+    both = [entry([], seconds * np.random.default_rng(0).uniform(0.9, 1.1, CASES)) for seconds in (1.4, 1.2)]
+    assert list(ranked(both)) == ["1", "0"]
+    assert places(both) == [(1, 1, 2), (1, 1, 2)]
+    often = [{metric: np.tile(values, 8) for metric, values in each.items()} for each in both]
+    assert places(often) == [(2, 2, 2), (1, 1, 1)]
 
 
 def test_entries_are_compared_in_the_cases_that_both_drove():
-    good, bad = entry([]), entry(range(60, 100))
-    few = {name: values[:50] for name, values in bad.items()}
-    first, second, third = compared([good, few, bad])
-    assert not first.criterion  # it fails in none of the first 50
-    assert second.differences["success_rate"] == pytest.approx(40 / CASES)
-    assert third.differences["success_rate"] == 0.0
+    few = {metric: values[:, :50] for metric, values in entry(range(40)).items()}
+    (pair,) = compare_all({"all": entry(range(25)), "few": few}, ALONE, Scale())
+    assert (pair.higher, pair.lower) == ("all", "few")
+    assert pair.difference == pytest.approx(15 / 50 * (1 + DELTA / 1.5))
+    assert pair.is_decided
 
 
 def test_scenarios_count_by_their_weights_however_many_cases_they_have():
     two = [{name: values.reshape(2, -1) for name, values in each.items()} for each in (entry([]), entry(range(25)))]
-    (found,) = compare_all(dict(enumerate(two)), np.array([0.75, 0.25]))
-    assert found.differences["success_rate"] == pytest.approx(0.75 * 25 / 250)
+    (pair,) = compare_all(numbered(two), np.array([0.75, 0.25]), Scale())
+    assert pair.difference == pytest.approx(0.75 * 25 / 250 * (1 + DELTA / 1.5))
 
 
-@pytest.mark.parametrize("entries", [2, 5])
-def test_the_smallest_difference_is_the_smallest_that_is_found(entries):
-    least = round(smallest_difference(CASES, entries) * CASES)
-    others = {"collision_rate": np.zeros(CASES), "sct": np.ones(CASES)}
-    for failures in (least - 1, least):
-        columns = [entry([]) | others for _ in range(entries - 1)] + [entry(range(failures)) | others]
-        found = {one.criterion for one in compared(columns)}
-        assert ("success_rate" in found) == (failures == least)
+def test_cases_of_a_block_count_as_one_observation():
+    """Ten blocks of fifty cases, of which one entry fails in a whole block: too little to tell it from the other."""
+    blocks = np.arange(CASES)[None] // 50
+    both = [entry([]), entry(range(50))]
+    assert places(both) == [(1, 1, 1), (2, 2, 2)]
+    assert places(both, blocks=blocks) == [(1, 1, 2), (1, 1, 2)]
+    assert places(both, blocks=np.arange(CASES)[None]) == places(both)
+
+
+def test_a_bound_is_that_of_students_t_where_many_cases_differ():
+    generator = np.random.default_rng(3)
+    success = generator.random((2, CASES)) < [[0.7], [0.5]]
+    own = {
+        name: {SUCCESS: each[None].astype(float), SCT: np.zeros((1, CASES))}
+        for name, each in zip("ab", success, strict=True)
+    }
+    (pair,) = compare_all(own, ALONE, Scale())
+    values = success[0].astype(float) - success[1]
+    expected = values.mean() - 1.965 * values.std(ddof=1) / np.sqrt(CASES)
+    assert pair.bound == pytest.approx(expected, abs=0.004)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [0.01, 0.1, 0.4])
+def test_what_does_not_differ_is_told_apart_no_more_often_than_is_said(rate):
+    generator = np.random.default_rng(2)
+    trials, pairs, surely = 150, 0, 0
+    for _ in range(trials):
+        own = [entry(np.flatnonzero(generator.random(CASES) < rate), generator.uniform(1, 2, CASES)) for _ in range(4)]
+        found = compare_all(numbered(own), ALONE, Scale())
+        pairs += sum(pair.is_decided for pair in found)
+        surely += any(pair.is_sure for pair in found)
+    wrong = 1.0 - CONFIDENCE
+    assert pairs / (6 * trials) <= wrong + 3.0 * np.sqrt(wrong * (1 - wrong) / trials)
+    assert surely / trials <= wrong + 3.0 * np.sqrt(wrong * (1 - wrong) / trials)
 
 
 def test_a_metric_without_a_value_cannot_rank():
-    without = entry([]) | {"sct": np.full(CASES, np.nan)}
+    without = entry([]) | {SCT: np.full((1, CASES), np.nan)}
     with pytest.raises(InputError, match=r"^entries cannot be compared: sct has no value in some case$"):
-        compared([entry([]), without])
+        ranked([entry([]), without])
+
+
+def test_one_entry_is_the_first():
+    assert places([entry([])]) == [(1, 1, 1)]
 
 
 def test_the_pareto_set_is_what_nothing_beats():
@@ -146,4 +194,4 @@ def test_the_pareto_set_is_what_nothing_beats():
 def test_what_ranks_are_metrics():
     from crowdbench.metrics import METRICS
 
-    assert set(CRITERIA) <= set(METRICS)
+    assert {SUCCESS, SCT} <= set(METRICS)

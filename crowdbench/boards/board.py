@@ -12,8 +12,9 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from crowdbench.boards.ranking import Scale
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types.rules import COLLISION_RULES
 from crowdbench.metrics import METRICS, Metric
@@ -61,7 +62,7 @@ METRIC_TITLES = {
 LATER = ("at_fault_rate",)
 """Those that the runs of earlier entries lack: there they are undefined."""
 
-_SHOWN_ONLY = {"title", "description", "position", "recorded", "ranked"}
+_SHOWN_ONLY = {"title", "description", "position", "recorded", "ranked", "sct_scale"}
 """Keys of a board that are not in its digest."""
 
 _COUNTED = {"version", "families", "cases", "public_cases", "replan_every", "look_first", "collision", "ranks_flagged"}
@@ -84,12 +85,20 @@ class FlagsSpec(TomlTable):
     jerk: float = number(above=0.0, below=1000.0)
 
 
+def _rising(scale: list[float]) -> list[float]:
+    slow, quick = scale
+    if not 0.0 <= slow < quick <= 1.0:
+        raise ValueError
+    return scale
+
+
 class BoardSpec(TomlTable):
     """The whole of `board.toml`. A change of the rules is a new `version`.
 
     `position` orders boards where several are listed. `recorded` says that its scenarios need recorded tracks, and
-    `ranked` whether entries have ranks. Authors run `public_cases` of each scenario, which everybody knows. A season's
-    figures are of `cases` of each.
+    `ranked` whether entries have ranks. `sct_scale` has the SCT at which being quick adds nothing to a score, and that
+    at which it adds most. Authors run `public_cases` of each scenario, which everybody knows. A season's figures are of
+    `cases` of each.
     """
 
     title: Name
@@ -107,6 +116,9 @@ class BoardSpec(TomlTable):
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     collision: str = choice(COLLISION_RULES, default="swept")
     ranks_flagged: Flag = False
+    sct_scale: Annotated[list[float], AfterValidator(_rising)] = Field(
+        default=[0.0, 1.0], description="two numbers from 0 to 1, the smaller one first"
+    )
     flags: Annotated[FlagsSpec, Field(description="a table [flags] with intimate_zone and jerk")]
 
 
@@ -169,6 +181,11 @@ class Board:
         """How much each scenario counts: all families count alike, and in a family all scenarios. The sum is 1."""
         families = self.spec.families
         return np.array([1.0 / (len(families) * len(names)) for names in families.values() for _ in names])
+
+    @property
+    def scale(self) -> Scale:
+        """What the board fixes of the score."""
+        return Scale(*self.spec.sct_scale)
 
     def overrides(self, seed: int | None) -> dict[str, Any]:
         """What the board changes in its scenarios, for the cases of a seed; None for the public ones, known to all."""

@@ -7,11 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.boards.ranking import CRITERIA
 from crowdbench.runs.results import Episodes
 
 ALPHA = 0.001
 """The probability, at most, with which an honest entry is called lower than claimed."""
+
+CRITERIA = {"success_rate": 1, "collision_rate": -1, "sct": 1}
+"""The metrics that are tested, and whether more of each is better (1) or worse (-1)."""
 
 WORDS = {"success_rate": "success", "collision_rate": "collisions", "sct": "success weighted by completion time"}
 
@@ -19,7 +21,7 @@ WORDS = {"success_rate": "success", "collision_rate": "collisions", "sct": "succ
 def lower_than_claimed(public: Mapping[str, Episodes], other: Mapping[str, Episodes]) -> list[str]:
     """The ways in which a planner does worse on unknown cases than on the public ones, beyond chance.
 
-    In each scenario and each metric that ranks, a one-sided test asks whether the public cases went better: Fisher's
+    In each scenario and each of three metrics, a one-sided test asks whether the public cases went better: Fisher's
     exact test for rates, the test of Mann and Whitney (1947) for success weighted by completion time. `ALPHA` is
     divided by the number of tests (Bonferroni).
 

@@ -21,9 +21,10 @@ Made by `crowdbench leaderboard readme` from the entries in these folders; `crow
 makes pages with figures from them. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank
 means.
 
-A rank is 1 plus the number of entries that are significantly better (paired by case, all pairs of a board tested
-together by Holm's method); in brackets are the ranks that the data allow. Success and SCT (success weighted by
-completion time) have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world, on one
+Entries stand in the order of their score: success in per cent, and up to half a point for being quick. They share a
+rank unless one that stands higher is better by more than chance explains; in brackets are the places that an entry may
+have, with a confidence of 95 % for the whole board. Success, SCT (success weighted by completion time) and the columns
+on manners have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world, on one
 core of the machine of reference. "method" is the mean success over networks that were trained with other seeds, with an
 interval for other networks and other cases. "imposed delay" is the time that all pedestrians of a case together lose to
 the vehicle, where they see it. "rules" is the version of the rules by which an entry was verified: see
@@ -59,23 +60,8 @@ def section(table: Standings) -> str:
     lines.append(markdown(list(rows[0]), [list(row.values()) for row in rows]))
     if table.ranked:
         counts = sorted({one.cases for one in table.ranked}, reverse=True)
-        lines += ["", " ".join(_resolution(table, cases) for cases in counts)]
+        lines += ["", f"{' and '.join(map(str, counts))} cases of each scenario."]
     return "\n".join([*lines, ""])
-
-
-def _resolution(table: Standings, cases: int) -> str:
-    """What difference in success so many cases of each scenario tell apart."""
-    total = f"{cases * len(table.board.scenarios)} cases"
-    least = table.smallest_difference(cases)
-    if table.board.spec.recorded:
-        blocks = sum(len(set(own.tolist())) for own in table.ranked[0].blocks.values())
-        return f"{total} in {blocks} blocks of recorded time, over which entries are compared."
-    if least > 1.0 or len(table.ranked) < 2:
-        return f"{total}."
-    return (
-        f"{total} tell apart a difference in success of {100 * least:.2f} percentage points at best, among "
-        f"{len(table.ranked)} entries."
-    )
 
 
 def _cells(table: Standings, one: Standing) -> dict[str, str]:
@@ -83,11 +69,12 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
     figures, speed, method = one.figures, one.decision_time, one.method
     pareto = " \\*" if one.is_pareto else ""
     slow = "" if speed is None or speed.is_real_time else ", not real-time"
-    notes = [*one.flags, *[f"{one.cases} cases"] * (one in table.slow)]
+    notes = f"{one.cases} cases" if one in table.slow else ""
     cells = {
-        "rank": "" if one.rank is None else f"{one.rank.rank} ({one.rank.rank} to {one.rank.last})",
+        "rank": "" if one.rank is None else f"{one.rank.rank} ({one.rank.first} to {one.rank.last})",
         "entry": f"{one.entry.name}{pareto}, {one.entry.spec.submitted_by}",
         "success": _with_interval(figures["success_rate"], 2, " %"),
+        "score": _number(100.0 * one.score, 2),
     }
     if len(table.board.scenarios) > 1:
         cells["worst scenario"] = _number(one.worst, 1, " %")
@@ -95,17 +82,17 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
     cells["method"] = "" if method is None else f"{success}, {method.networks} networks"
     cells["collisions"] = _number(figures["collision_rate"].mean, 1, " %")
     if any(math.isfinite(each.figures["at_fault_rate"].mean) for each in table.entries):
-        cells["at fault"] = _number(figures["at_fault_rate"].mean, 1, " %")
+        cells["at fault"] = _with_interval(figures["at_fault_rate"], 1, " %")
     cells["SCT"] = _with_interval(figures["sct"], 3)
     cells["time"] = _number(figures["navigation_time"].mean, 2, " s")
-    cells["time within 0.45 m"] = _number(figures["intimate_zone"].mean, 0, " %")
+    cells["time within 0.45 m"] = _with_interval(figures["intimate_zone"], 1, " %")
     if "imposed_delay" in figures:
-        cells["imposed delay"] = _number(figures["imposed_delay"].mean, 1, " s")
-    cells["jerk"] = _number(figures["jerk"].mean, 1)
+        cells["imposed delay"] = _with_interval(figures["imposed_delay"], 1, " s")
+    cells["jerk"] = _with_interval(figures["jerk"], 1)
     cells["rules"] = "" if one.verification is None else str(one.verification.rules)
     untimed = "not timed" if one.verification and one.verification.untimed else ""
     cells["decision"] = untimed if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}"
-    cells[""] = one.reason or ", ".join(notes)
+    cells[""] = one.reason or notes
     return cells
 
 

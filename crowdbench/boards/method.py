@@ -11,7 +11,6 @@ from jaxtyping import Float
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import Entry
-from crowdbench.boards.ranking import CRITERIA
 from crowdbench.boards.run_entry import EntryRun, read_episodes
 from crowdbench.boards.verdict import Method, Range
 from crowdbench.metrics.summary import wilson
@@ -20,6 +19,9 @@ from crowdbench.study.intervals import mean_over_networks
 
 LEAST = 5
 """Fewer networks say nothing of their method."""
+
+METRICS = ("success_rate", "collision_rate", "sct")
+"""Shares whose means over networks are told."""
 
 MOST_CASES = 250
 """Cases that each network drives, at most."""
@@ -62,7 +64,7 @@ def summarize_method(run: EntryRun, others: Sequence[EntryRun]) -> Method:
     each = [read_episodes(run.board, one.out)[name].columns for one in (run, *others)]
     metrics = {
         metric: range_over_networks(np.array([columns[metric][:cases] for columns in each], float))
-        for metric in CRITERIA
+        for metric in METRICS
     }
     return Method(networks=len(each), cases=cases, metrics=metrics)
 

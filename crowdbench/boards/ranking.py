@@ -1,62 +1,86 @@
-"""What a rank means: which entries of a board are better than which, beyond what chance explains.
+"""What a rank means: entries stand in the order of their scores, and share a rank where chance may have ordered them.
 
-Two entries are compared on the cases that both drove, the first ones of each scenario: by success first, then by
-collisions, then by success weighted by completion time. All comparisons of a board are tested together, so that with
-probability 0.95 or more none of them finds a difference where there is none (Holm 1979). An entry's rank is 1 plus the
-number of entries that are better.
+The score of an entry is U = S + 0.005 g. S is its success rate, and g = clip((Q - a) / (b - a), 0, 1) says how quick it
+is: Q is its success weighted by completion time (SCT), and a and b are the board's. So whoever succeeds more often by
+more than half a point stands higher, however long it takes.
+
+An entry beats one that stands lower if the difference of their scores, paired by case, is above 0 with a confidence of
+97.5 %. From the top, an entry starts a new tier where some member of the present tier beats it. Its rank is 1 plus the
+number of entries in higher tiers. The interval of a rank says which places the entry may have, with a confidence of
+95 % for all entries of the board together (Mogstad, Romano, Shaikh and Wilhelm 2024).
 """
 
 from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.runs.compare import holm, mcnemar
+from crowdbench.boards.paired_bootstrap import Differences, studentise
 from crowdbench.utils.errors import InputError
 
-ALPHA = 0.05
-"""The probability, over all comparisons of a board, with which any of them finds a difference that is none."""
+SUCCESS, SCT = "success_rate", "sct"
+"""The metrics that rank."""
 
-CRITERIA: Mapping[str, int] = {"success_rate": 1, "collision_rate": -1, "sct": 1}
-"""The metrics that rank, in this order, and whether more of each is better (1) or worse (-1)."""
+DELTA = 0.005
+"""The share of success that being quick is worth, at most."""
+
+CONFIDENCE = 0.95
+"""Of the intervals of all ranks of a board together; a single entry beats another one with half of the doubt."""
+
+NORMAL = 1.96
+"""The least number of standard errors that a difference has to have: where few cases differ, a bootstrap asks for less,
+since it draws from no others."""
+
+Columns = Mapping[str, Float[np.ndarray, "scenario _"]]
+"""The metrics that rank in the first cases of each scenario, as many as an entry drove."""
+
+Weights = Float[np.ndarray, "scenario"]
+
+
+class Scale(NamedTuple):
+    """The SCT at which being quick is worth nothing, and the one at which it is worth `DELTA`."""
+
+    slow: float = 0.0
+    quick: float = 1.0
+
+    @property
+    def slope(self) -> float:
+        """What a score gains where SCT is larger by 1."""
+        return DELTA / (self.quick - self.slow)
+
+    def score(self, success: float, sct: float) -> float:
+        """The score of means over a board."""
+        return success + self.slope * min(max(sct - self.slow, 0.0), self.quick - self.slow)
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """Two entries, compared.
+class Pair:
+    """Two entries, compared in the cases that both drove.
 
     Attributes:
-        entries: The names of both.
-        differences: By metric, the mean of the first entry minus that of the second.
-        p: By metric, the two-sided p-value, corrected for all comparisons of the board.
+        higher: The name of the one that stands higher.
+        lower: The name of the other one.
+        difference: By how much its score is higher in these cases.
+        bound: The lower 97.5 % bound of the difference.
+        is_sure: Whether it is above 0 also with regard to all other pairs of the board.
     """
 
-    entries: tuple[str, str]
-    differences: Mapping[str, float]
-    p: Mapping[str, float]
+    higher: str
+    lower: str
+    difference: float
+    bound: float
+    is_sure: bool
 
     @property
-    def criterion(self) -> str:
-        """The first metric in which they differ significantly; empty where there is none."""
-        return next((metric for metric in CRITERIA if self.p[metric] < ALPHA), "")
-
-    @property
-    def better(self) -> str | None:
-        """The entry that is better; None where no difference is significant."""
-        if not (criterion := self.criterion):
-            return None
-        return self.entries[0 if self.differences[criterion] * CRITERIA[criterion] > 0.0 else 1]
-
-    @property
-    def worse(self) -> str | None:
-        """The other one; None likewise."""
-        first, second = self.entries
-        return None if self.better is None else second if self.better == first else first
+    def is_decided(self) -> bool:
+        """Whether the higher one beats the lower one."""
+        return self.bound > 0.0
 
 
 @dataclass(frozen=True)
@@ -64,119 +88,112 @@ class Rank:
     """The rank of an entry.
 
     Attributes:
-        rank: 1 plus the number of entries that are better.
-        last: The number of entries minus those that are worse: with more cases the rank could be any from `rank` on to
-            this one.
+        rank: 1 plus the number of entries in higher tiers.
+        first: 1 plus the number of entries that are surely better.
+        last: The number of entries minus those that are surely worse.
     """
 
     rank: int
+    first: int
     last: int
 
 
-def compare_all(
-    columns: Mapping[str, Mapping[str, Float[np.ndarray, "scenario _"]]],
-    weights: Float[np.ndarray, "scenario"],
-    blocks: Int[np.ndarray, "scenario _"] | None = None,
-) -> list[Comparison]:
-    """Compare each entry with each other one.
+def scores(columns: Mapping[str, Columns], weights: Weights, scale: Scale) -> dict[str, float]:
+    """The scores of entries by their names, the highest first.
 
     Args:
-        columns: By the name of each entry, the metrics of `CRITERIA` in the first cases of each scenario, as many as
-            it drove.
-        weights: How much each scenario counts, which is the same for all entries.
-        blocks: The block of each case, where those of the same block are not independent.
-
-    Returns:
-        A comparison for each pair of entries.
+        columns: The metrics of each entry by its name.
+        weights: How much each scenario counts; the sum is 1.
+        scale: What the board fixes.
 
     Raises:
-        InputError: An entry has no value of a metric in a case.
+        InputError: An entry has no value of a metric in some case.
     """
-    for metric in CRITERIA:
-        if any(np.isnan(entry[metric]).any() for entry in columns.values()):
+    found = {name: _score(own, weights, scale) for name, own in columns.items()}
+    return dict(sorted(found.items(), key=lambda each: (-each[1], each[0])))
+
+
+def _score(own: Columns, weights: Weights, scale: Scale) -> float:
+    for metric in (SUCCESS, SCT):
+        if np.isnan(own[metric]).any():
             raise InputError(f"entries cannot be compared: {metric} has no value in some case")
-    pairs = list(itertools.combinations(columns, 2))
-    differences, raw = [], []
-    for a, b in pairs:
-        cases = min(columns[a]["sct"].shape[1], columns[b]["sct"].shape[1])
-        weight, block = np.repeat(weights, cases), None if blocks is None else blocks[:, :cases].ravel()
-        both = {metric: (columns[a][metric][:, :cases], columns[b][metric][:, :cases]) for metric in CRITERIA}
-        differences.append({metric: float(weights @ (x - y).mean(axis=1)) for metric, (x, y) in both.items()})
-        raw += [p_value(x.ravel(), y.ravel(), weight, block) for x, y in both.values()]
-    corrected = holm(np.array(raw)).reshape(len(pairs), len(CRITERIA)).tolist()
-    return [
-        Comparison(pair, difference, dict(zip(CRITERIA, p, strict=True)))
-        for pair, difference, p in zip(pairs, differences, corrected, strict=True)
-    ]
+    return scale.score(*(float(weights @ own[metric].mean(axis=1)) for metric in (SUCCESS, SCT)))
 
 
-def p_value(
-    a: Float[np.ndarray, "case"],
-    b: Float[np.ndarray, "case"],
-    weights: Float[np.ndarray, "case"],
-    block: Int[np.ndarray, "case"] | None = None,
-) -> float:
-    """The two-sided p-value of the hypothesis that two entries have the same mean, paired by case.
-
-    McNemar's exact test (1947) where the values are 0 or 1, all cases count alike and are independent; otherwise
-    Student's t test on the weighted differences, summed over each block (Liang and Zeger 1986).
+def compare_all(
+    columns: Mapping[str, Columns],
+    weights: Weights,
+    scale: Scale,
+    blocks: Int[np.ndarray, "scenario _"] | None = None,
+) -> list[Pair]:
+    """Compare each entry with each one that stands lower.
 
     Args:
-        a: A metric of one entry.
-        b: The same of the other one.
-        weights: How much each case counts.
-        block: The block of each case, where those of the same block are not independent.
+        columns: The metrics of each entry by its name.
+        weights: How much each scenario counts; the sum is 1.
+        scale: What the board fixes.
+        blocks: The block of each case, where those of the same block are not independent: then the bootstrap resamples
+            blocks.
 
-    Returns:
-        The p-value; 1 where no case differs.
+    Raises:
+        InputError: An entry has no value of a metric in some case.
     """
-    from scipy.stats import t as student
-
-    differences = a - b
-    if not differences.any():
-        return 1.0
-    if block is None and np.isin((a, b), (0.0, 1.0)).all() and (weights == weights[0]).all():
-        return mcnemar(a.astype(bool), b.astype(bool))
-    weighted = weights * differences / weights.sum()
-    mean = weighted.sum()
-    # The variance of a weighted mean of independent cases, with the correction of the sample variance.
-    rest = weights * (differences - mean) / weights.sum()
-    if block is not None:
-        rest = np.bincount(np.unique(block, return_inverse=True)[1], rest)
-    n = len(rest)
-    error = np.sqrt((rest**2).sum() * n / (n - 1)) if n > 1 else np.inf
-    if error == 0.0:
-        return 0.0
-    return float(2.0 * student.sf(abs(mean) / error, n - 1))
+    pairs = list(itertools.combinations(scores(columns, weights, scale), 2))
+    if not pairs:
+        return []
+    both = [_both_drove(columns[a], columns[b]) for a, b in pairs]
+    difference = np.array([_score(a, weights, scale) - _score(b, weights, scale) for a, b in both])
+    most = max(own[SCT].shape[1] for own in columns.values())
+    scenarios = [_differences(both, scenario, most, scale.slope) for scenario in range(len(weights))]
+    own_blocks = None if blocks is None else list(blocks[:, :most])
+    error, deviations = studentise(scenarios, weights, own_blocks)
+    one = np.maximum(np.quantile(deviations, (1.0 + CONFIDENCE) / 2.0, axis=0), NORMAL)
+    # Student's largest of all pairs, of either sign; no pair needs less for itself.
+    every = np.maximum(np.quantile(np.abs(deviations).max(axis=1), CONFIDENCE), one)
+    figures = zip(difference.tolist(), (difference - one * error).tolist(), difference > every * error, strict=True)
+    return [Pair(*pair, gain, bound, bool(sure)) for pair, (gain, bound, sure) in zip(pairs, figures, strict=True)]
 
 
-def ranks(entries: Collection[str], comparisons: Sequence[Comparison]) -> dict[str, Rank]:
+def _both_drove(a: Columns, b: Columns) -> tuple[Columns, Columns]:
+    """The columns of two entries in the cases that both drove."""
+    cases = min(a[SCT].shape[1], b[SCT].shape[1])
+    first, second = ({metric: own[metric][:, :cases] for metric in (SUCCESS, SCT)} for own in (a, b))
+    return first, second
+
+
+def _differences(both: Sequence[tuple[Columns, Columns]], scenario: int, most: int, slope: float) -> Differences:
+    """What pairs differ by in the cases of a scenario; where g is cut off at 0 or 1 this is rather too much."""
+    shape = len(both), most
+    value, driven, discordant = np.zeros(shape), np.zeros(shape, bool), np.zeros(shape, bool)
+    for row, (a, b) in enumerate(both):
+        success, sct = (a[metric][scenario] - b[metric][scenario] for metric in (SUCCESS, SCT))
+        cases = slice(len(success))
+        value[row, cases], driven[row, cases] = success + slope * sct, True
+        discordant[row, cases] = success != 0.0
+    return Differences(value, driven, discordant)
+
+
+def ranks(score: Mapping[str, float], pairs: Sequence[Pair]) -> dict[str, Rank]:
     """The rank of each entry, by name.
 
     Args:
-        entries: The names of the entries.
-        comparisons: Those of all pairs.
+        score: The scores, the highest first.
+        pairs: What `compare_all` gives.
     """
-    better, worse = Counter(one.worse for one in comparisons), Counter(one.better for one in comparisons)
-    return {entry: Rank(1 + better[entry], len(entries) - worse[entry]) for entry in entries}
-
-
-def smallest_difference(cases: int, entries: int) -> float:
-    """The smallest difference in success that a board can tell apart, as a share of its cases.
-
-    It is that of two entries of which only one fails in these cases, and is found where no other comparison of the
-    board is significant. Where both fail in cases of their own, the difference must be larger.
-
-    Args:
-        cases: The number of cases, which all count alike.
-        entries: The number of entries that are ranked.
-
-    Returns:
-        The share; above 1 where nothing can be told apart.
-    """
-    tests = len(CRITERIA) * entries * (entries - 1) / 2
-    # Of d cases that all speak for one of two equal entries, the exact test says p = 2 / 2^d.
-    return float(np.floor(1.0 + np.log2(max(tests, 1.0) / ALPHA)) + 1.0) / cases
+    beaten = {(pair.higher, pair.lower) for pair in pairs if pair.is_decided}
+    better = Counter(pair.lower for pair in pairs if pair.is_sure)
+    worse = Counter(pair.higher for pair in pairs if pair.is_sure)
+    found: dict[str, Rank] = {}
+    tier: list[str] = []
+    for _, group in itertools.groupby(score, key=lambda name: score[name]):
+        # Entries of the same score are never parted.
+        equal = list(group)
+        if any((member, name) in beaten for member in tier for name in equal):
+            tier = []
+        tier += equal
+        rank = 1 + len(found) - (len(tier) - len(equal))
+        found |= {name: Rank(rank, 1 + better[name], len(score) - worse[name]) for name in equal}
+    return found
 
 
 def pareto(costs: Float[np.ndarray, "entry cost"]) -> Bool[np.ndarray, "entry"]:

@@ -17,7 +17,7 @@ from crowdbench.boards.entry import (
     Entry,
     read_entry,
 )
-from crowdbench.boards.ranking import CRITERIA, Comparison, Rank, compare_all, pareto, ranks, smallest_difference
+from crowdbench.boards.ranking import SCT, SUCCESS, Pair, Rank, compare_all, pareto, ranks, scores
 from crowdbench.boards.run_entry import read_episodes
 from crowdbench.boards.season import Season
 from crowdbench.boards.submission import ENTRIES
@@ -54,10 +54,10 @@ class Standing:
         blocks: The blocks of recorded time of these cases, by scenario; none where nobody was recorded.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
         figures: The means over the board, with intervals; undefined for an entry of other rules.
-        flags: "intrusive" and "jerky", where it is beyond the bounds of the board, with a sentence on each.
         reason: Why it has no rank, in a few words; empty where it has one.
         explanation: The same in a sentence.
         rank: Its rank.
+        score: What ranks it; undefined where it has no rank.
         is_pareto: Whether no ranked entry succeeds more often and is quicker.
     """
 
@@ -67,10 +67,10 @@ class Standing:
     blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Mapping[str, Mapping[str, Estimate]]
     figures: Mapping[str, Estimate]
-    flags: Mapping[str, str]
     reason: str
     explanation: str
     rank: Rank | None = None
+    score: float = np.nan
     is_pareto: bool = False
 
     @property
@@ -110,14 +110,14 @@ class Standings:
         season: The name of the season.
         ranked: The ranked entries, the best first.
         others: The others, by name.
-        comparisons: The ranked entries compared with each other.
+        pairs: The ranked entries compared with each other.
     """
 
     board: Board
     season: str
     ranked: Sequence[Standing]
     others: Sequence[Standing]
-    comparisons: Sequence[Comparison]
+    pairs: Sequence[Pair]
 
     @property
     def entries(self) -> Sequence[Standing]:
@@ -137,10 +137,6 @@ class Standings:
     def slow(self) -> Sequence[Standing]:
         """The ranked entries that drove fewer cases than others, because a case takes them long."""
         return [one for one in self.ranked if one.cases < self.board.spec.cases]
-
-    def smallest_difference(self, cases: int) -> float:
-        """The smallest difference in success that so many cases of each scenario tell apart; above 1 if they do not."""
-        return smallest_difference(cases * len(self.board.scenarios), len(self.ranked))
 
 
 def read_entries(board: Board, root: Path) -> list[Entry]:
@@ -167,24 +163,19 @@ def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> 
     each = _limit_ranked([_standing(board, entry, season) for entry in entries])
     candidates = [one for one in each if not one.reason]
     columns = {one.entry.name: one.columns for one in candidates}
-    comparisons = compare_all(columns, board.weights, _blocks(candidates))
-    rank = ranks(columns, comparisons)
+    score = scores(columns, board.weights, board.scale)
+    pairs = compare_all(columns, board.weights, board.scale, _blocks(candidates))
+    rank = ranks(score, pairs)
     costs = [(-one.figures["success_rate"].mean, one.figures["navigation_time"].mean) for one in candidates]
     # A time that is undefined, because nobody arrives, is the longest.
     best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
     ranked = [
-        replace(one, rank=rank[one.entry.name], is_pareto=is_best)
+        replace(one, rank=rank[one.entry.name], score=score[one.entry.name], is_pareto=is_best)
         for one, is_best in zip(candidates, best, strict=True)
     ]
+    ranked.sort(key=lambda one: list(score).index(one.entry.name))
     others = sorted((one for one in each if one.reason), key=lambda one: one.entry.name)
-    return Standings(board, season.spec.name if season else "", sorted(ranked, key=_order), others, comparisons)
-
-
-def _order(standing: Standing) -> tuple[float, ...]:
-    """Entries with the same rank stand in the order of the metrics that rank, which says nothing more."""
-    assert standing.rank is not None
-    means = (standing.figures[metric].mean * -sign for metric, sign in CRITERIA.items())
-    return (standing.rank.rank, standing.rank.last, *means)
+    return Standings(board, season.spec.name if season else "", ranked, others, pairs)
 
 
 def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None:
@@ -234,22 +225,18 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
     }
     scenarios = {name: read_estimates(runs / name, board.metrics) if name in own else {} for name in board.scenarios}
     figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
-    flags = _flags(board, figures, columns["jerk"])
     blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
-    reason, explanation = _why_unranked(board, entry, verification or doubt, flags)
-    return Standing(entry, verification, columns, blocks, scenarios, figures, flags, reason, explanation)
+    reason, explanation = _why_unranked(board, entry, verification or doubt)
+    return Standing(entry, verification, columns, blocks, scenarios, figures, reason, explanation)
 
 
-def _why_unranked(
-    board: Board, entry: Entry, verification: Verification | str, flags: Mapping[str, str]
-) -> tuple[str, str]:
+def _why_unranked(board: Board, entry: Entry, verification: Verification | str) -> tuple[str, str]:
     """Why an entry has no rank, in a few words and in a sentence; both empty if it has one.
 
     Args:
         board: The board.
         entry: The entry.
         verification: What was found in the season, or why there is nothing that counts.
-        flags: Where it is beyond the bounds of the board.
     """
     if not board.spec.ranked:
         return "not ranked", "This board has no ranks: it shows how planners drive."
@@ -263,16 +250,16 @@ def _why_unranked(
         return "reported only", REPORTED_ONLY.format(verification)
     if verification.verdict != Verdict.RERUN:
         return str(verification.verdict), verification.reason
-    return ("", "") if board.spec.ranks_flagged else (", ".join(flags), " ".join(flags.values()))
+    return "", ""
 
 
 def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray, "case"]:
-    """A metric's values in the cases of a scenario; without a run, success and collisions are 0, the rest undefined."""
+    """A metric's values in the cases of a scenario; without a run, what ranks is 0, the rest undefined."""
     if run is not None and metric in run.columns:
         return run.columns[metric][:cases].astype(float)
     if run is not None and metric not in LATER:
         raise InputError(f"the runs of an entry lack the metric {metric}, which its board shows")
-    return np.full(cases, 0.0 if metric in CRITERIA else np.nan)
+    return np.full(cases, 0.0 if metric in (SUCCESS, SCT) else np.nan)
 
 
 def read_estimates(directory: Path, names: Iterable[str]) -> dict[str, Estimate]:
@@ -329,15 +316,3 @@ def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | 
     below, above = np.array([(one.mean - one.low, one.high - one.mean) for one in estimates]).T
     low, high = mean - np.sqrt(np.sum((shares * below) ** 2)), mean + np.sqrt(np.sum((shares * above) ** 2))
     return Estimate(mean, float(low), float(high), sum(one.n for one in estimates), max(one.max for one in estimates))
-
-
-def _flags(board: Board, figures: Mapping[str, Estimate], jerk: Shaped[np.ndarray, "scenario case"]) -> dict[str, str]:
-    """What is beyond the bounds of a board, with a sentence on each; `jerk` is that in every case, in m/s^3."""
-    bounds, flags = board.spec.flags, {}
-    delays = bounds.imposed_delay is not None and figures["imposed_delay"].mean > bounds.imposed_delay
-    if delays or figures["intimate_zone"].mean > bounds.intimate_zone:
-        cost = f", or costs pedestrians more than {bounds.imposed_delay:g} s" if bounds.imposed_delay else ""
-        flags["intrusive"] = f"More than {100 * bounds.intimate_zone:g} % of the time within 0.45 m of somebody{cost}."
-    if not np.isnan(jerk).all() and np.nanpercentile(jerk, 95) > bounds.jerk:
-        flags["jerky"] = f"The 95th percentile of its jerk over episodes is above {bounds.jerk:g} m/s³."
-    return flags

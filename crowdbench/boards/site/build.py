@@ -10,7 +10,6 @@ import jinja2
 from markupsafe import Markup
 
 from crowdbench.boards.board import METRIC_TITLES, Board, read_boards
-from crowdbench.boards.ranking import ALPHA
 from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
 from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
@@ -76,7 +75,7 @@ def _templates() -> jinja2.Environment:
     )
     templates.filters |= {function.__name__: function for function in texts.FILTERS}
     sort = Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8"))
-    templates.globals |= {"METRICS": METRIC_TITLES, "ALPHA": ALPHA, "MARK": Markup(MARK), "SORT": sort}
+    templates.globals |= {"METRICS": METRIC_TITLES, "MARK": Markup(MARK), "SORT": sort}
     templates.globals["tables"] = tables
     return templates
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
-from crowdbench.boards.board import METRIC_TITLES
-from crowdbench.boards.ranking import Comparison
-from crowdbench.boards.site.texts import NOTHING, metric, p_text
+from crowdbench.boards.ranking import Pair
+from crowdbench.boards.site.texts import NOTHING, number
 from crowdbench.boards.standings import Standing, Standings
 from crowdbench.metrics.summary import Estimate
 
@@ -51,31 +50,28 @@ def band(estimate: Estimate, begin: float) -> tuple[float, float, float]:
 
 
 def undecided(table: Standings, one: Standing) -> list[str]:
-    """The names of ranked entries that are neither better nor worse than an entry; none where it has no rank."""
-    pairs = [each.entries for each in table.comparisons if each.better is None and one.entry.name in each.entries]
-    return [name for pair in pairs for name in pair if name != one.entry.name]
+    """The names of ranked entries that an entry neither beats nor is beaten by; none where it has no rank."""
+    pairs = [(pair.higher, pair.lower) for pair in table.pairs if not pair.is_decided]
+    return [name for pair in pairs if one.entry.name in pair for name in pair if name != one.entry.name]
 
 
 def pair_table(table: Standings) -> list[tuple[Standing, list[dict[str, str] | None]]]:
     """A row for each ranked entry with a cell for each ranked entry, None for itself."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
-    for one in table.comparisons:
-        a, b = one.entries
-        cells[a, b], cells[b, a] = _pair_cell(one, a, 1.0), _pair_cell(one, b, -1.0)
+    for pair in table.pairs:
+        cells[pair.higher, pair.lower] = _pair_cell(pair, "better", 1.0)
+        cells[pair.lower, pair.higher] = _pair_cell(pair, "worse", -1.0)
     names = [one.entry.name for one in table.ranked]
     return [(one, [cells.get((one.entry.name, name)) for name in names]) for one in table.ranked]
 
 
-def _pair_cell(one: Comparison, row: str, sign: float) -> dict[str, str]:
-    """The texts of a cell: the difference, row minus column, in the metric that decides, or in success if none does."""
-    criterion = one.criterion or "success_rate"
-    difference = sign * one.differences[criterion]
-    text = metric(difference, criterion)
+def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
+    """The texts of a cell: the verdict, and the difference in score, row minus column, in points."""
+    text = number(100.0 * sign * pair.difference, 2)
     return {
-        "verdict": "" if one.better is None else "better" if one.better == row else "worse",
-        "criterion": METRIC_TITLES[criterion].removesuffix(", %"),
-        "difference": f"+{text}" if difference > 0.0 else text,
-        "p": p_text(one.p[criterion]),
+        "verdict": verdict if pair.is_decided else "",
+        "surely": "surely " if pair.is_sure else "",
+        "difference": text if text.startswith("\N{MINUS SIGN}") else f"+{text}",
     }
 
 

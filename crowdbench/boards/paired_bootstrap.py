@@ -1,0 +1,90 @@
+"""The error of differences between entries: a studentised bootstrap over cases, paired by case (Efron 1979)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+RESAMPLES = 2000
+
+_SEED = 0
+"""The same entries have the same ranks."""
+
+
+class Differences(NamedTuple):
+    """What pairs of entries differ by in the cases of a scenario.
+
+    Attributes:
+        value: The first entry's value minus the second's.
+        driven: Whether both drove the case.
+        discordant: Whether one of them succeeds and the other one does not.
+    """
+
+    value: Float[np.ndarray, "pair case"]
+    driven: Bool[np.ndarray, "pair case"]
+    discordant: Bool[np.ndarray, "pair case"]
+
+
+class Studentised(NamedTuple):
+    """How differences of means scatter.
+
+    Attributes:
+        error: The standard error of each pair's difference.
+        deviations: In each resample, how far a pair's difference is from that of the sample, in standard errors of the
+            resample.
+    """
+
+    error: Float[np.ndarray, "pair"]
+    deviations: Float[np.ndarray, "resample pair"]
+
+
+def studentise(
+    scenarios: Sequence[Differences],
+    weights: Float[np.ndarray, "scenario"],
+    blocks: Sequence[Int[np.ndarray, "case"]] | None = None,
+) -> Studentised:
+    """Resample the cases of each scenario, the same ones for all pairs.
+
+    A variance is at least that of the discordant cases and one more: where few cases differ, or none, as many others
+    may differ by chance.
+
+    Args:
+        scenarios: The differences in each scenario.
+        weights: How much each scenario counts; the sum is 1.
+        blocks: The block of each case of each scenario, where those of the same block are not independent: then they
+            are resampled together.
+    """
+    draws = np.random.default_rng(_SEED)
+    shape = 1 + RESAMPLES, len(scenarios[0].value)
+    deviation, variance, least = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for number, (scenario, weight) in enumerate(zip(scenarios, weights, strict=True)):
+        block = np.arange(scenario.value.shape[1]) if blocks is None else blocks[number]
+        own = np.unique(block, return_inverse=True)[1]
+        mean = (scenario.value * scenario.driven).sum(axis=1) / scenario.driven.sum(axis=1)
+        residual = _over_blocks((scenario.value - mean[:, None]) * scenario.driven, own)
+        cases = _over_blocks(scenario.driven, own)
+        # The sample itself comes first.
+        times = np.ones((shape[0], len(residual)))
+        times[1:] = draws.multinomial(len(residual), np.full(len(residual), 1.0 / len(residual)), size=RESAMPLES)
+        driven = np.maximum(times @ cases, 1.0)
+        off = times @ residual / driven
+        squares = times @ residual**2 - 2.0 * off * (times @ (residual * cases)) + off**2 * (times @ cases**2)
+        drawn = (cases > 0).sum(axis=0)
+        deviation += weight * off
+        variance += weight**2 * squares / driven**2 * drawn / np.maximum(drawn - 1, 1)
+        one_more = times @ _over_blocks(scenario.discordant & scenario.driven, own) + 1.0 / len(scenarios)
+        least += weight**2 * one_more / driven**2
+    error = np.sqrt(np.maximum(variance, least))
+    return Studentised(error[0], deviation[1:] / error[1:])
+
+
+def _over_blocks(
+    values: Shaped[np.ndarray, "pair case"], block: Int[np.ndarray, "case"]
+) -> Float[np.ndarray, "block pair"]:
+    """The sums of values over each block."""
+    sums = np.zeros((1 + int(block.max()), len(values)))
+    np.add.at(sums, block, values.T.astype(float))
+    return sums
