@@ -21,12 +21,8 @@ description = "Five pedestrians"
 version = 1
 cases = 10
 public_cases = 8
-ranks_flagged = true
 [families]
 circle = ["circle_crossing_5"]
-[flags]
-intimate_zone = 0.9
-jerk = 90.0
 """
 
 SEASON = f"""

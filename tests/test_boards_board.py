@@ -12,9 +12,6 @@ cases = 4
 [families]
 circle = ["circle_crossing_5", "circle_crossing_10"]
 square = ["square_crossing_5"]
-[flags]
-intimate_zone = 0.1
-jerk = 5.0
 """
 
 
@@ -41,7 +38,7 @@ def test_the_digest_is_of_the_rules_alone(tmp_path):
     digest = read_board(write(tmp_path)).digest
     for same in ('"Five"', '"Five pedestrians"'):
         assert read_board(write(tmp_path, BOARD.replace(same, '"Other"'))).digest == digest
-    for other in ("cases = 4", "version = 1", "jerk = 5.0"):
+    for other in ("cases = 4", "version = 1"):
         assert read_board(write(tmp_path, BOARD.replace(other, f"{other[:-1]}7"))).digest != digest
 
 
@@ -56,7 +53,16 @@ def test_the_digest_is_of_the_rules_alone(tmp_path):
             r"^five/board\.toml: in families, no scenario is called 'nowhere'; there",
         ),
         ("square_crossing_5", "circle_crossing_5", r"^five/board\.toml: the scenario circle_crossing_5 is in two fam"),
-        ("jerk = 5.0", "jerk = 0.0", r"flags\.jerk is 0\.0, but must be a number above 0 and below 1000$"),
+        (
+            "cases = 4",
+            "sct_scale = [0.9, 0.2]",
+            r"sct_scale is .*, but must be two numbers from 0 to 1, the smaller one first$",
+        ),
+        (
+            "cases = 4",
+            "sct_scale = [0.2]",
+            r"sct_scale is .*, but must be two numbers from 0 to 1, the smaller one first$",
+        ),
     ],
 )
 def test_what_is_wrong_in_a_board_gets_one_sentence(old, new, sentence, tmp_path):

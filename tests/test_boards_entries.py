@@ -274,16 +274,15 @@ def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(roo
         match=r"made for other rules of the board small \(version 1, \w{12}\) than these \(version 1, \w{12}\)",
     ):
         verify(entry_of(root), board, work=tmp_path)
-    board = write_board(root, text=BOARD.replace("jerk =", "imposed_delay = 5.0\njerk ="))
     found = standings(board, read_entries(board, root), read_season(root))
     assert [one.reason for one in found.others] == ["of version 1", "of version 1"]
-    assert all(np.isnan(one.figures["imposed_delay"].mean) for one in found.others)
+    assert all(np.isnan(one.figures["success_rate"].mean) for one in found.others)
     assert "| careful, Ada |  |" in section(found)
 
 
 def test_who_costs_pedestrians_time_has_it_in_a_column(tmp_path):
     text = BOARD.replace("circle_crossing_5", "circle_crossing_5_visible")
-    board = write_board(tmp_path, text=text.replace("jerk =", "imposed_delay = 5.0\njerk ="))
+    board = write_board(tmp_path, text=text)
     (tmp_path / "card.toml").write_text(card())
     submit(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path, tmp_path / "work")
     (found,) = standings(board, read_entries(board, tmp_path), None).others

@@ -1,18 +1,23 @@
 """The parts of boards that need no planner's process."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from boards import card, write_board
+from boards import BOARD, card, write_board
 
 from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
-from crowdbench.boards.method import range_over_networks
+from crowdbench.boards.method import range_over_networks, rank_methods
 from crowdbench.boards.skeleton import write_skeleton
-from crowdbench.boards.standings import over_board
-from crowdbench.boards.submission import read_card
+from crowdbench.boards.standings import over_board, success_by_family
+from crowdbench.boards.submission import Submission, read_card
+from crowdbench.boards.verdict import Method, Range
 from crowdbench.catalog import load_planner
 from crowdbench.metrics.summary import Estimate
 from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
+
+NOTHING_QUICK = Estimate(0.0, 0.0, 0.0, 500, 0.0)
 
 FAMILIES = """
 title = "Two"
@@ -21,9 +26,6 @@ version = 1
 [families]
 circle = ["circle_crossing_5", "circle_crossing_10"]
 square = ["square_crossing_5"]
-[flags]
-intimate_zone = 0.9
-jerk = 90.0
 """
 
 
@@ -105,3 +107,46 @@ def test_the_interval_of_a_method_has_a_width_and_ends_at_1(shares):
     found = range_over_networks(np.array(shares, float))
     assert 0.0 < found.low < found.mean <= found.high <= 1.0
     assert found.high - found.low > 0.004
+
+
+def test_the_method_of_who_was_trained_ranks_by_its_networks_and_that_of_others_by_itself(tmp_path):
+    def figures(success, half):
+        return {"success_rate": Estimate(success, success - half, success + half, 500, 1.0), "sct": NOTHING_QUICK}
+
+    def method(success, half):
+        share = Range(mean=success, low=success - half, high=success + half)
+        return Method(networks=5, cases=250, metrics={"success_rate": share, "sct": Range(mean=0.0, low=0.0, high=0.0)})
+
+    def entry(name, seeds):
+        return SimpleNamespace(name=name, card=SimpleNamespace(training_seeds=seeds))
+
+    ranked = [
+        (entry("lucky", 5), method(0.6, 0.1), figures(0.99, 0.01)),
+        (entry("alone", 1), None, figures(0.98, 0.01)),
+        (entry("fixed", 0), None, figures(0.9, 0.02)),
+    ]
+    assert rank_methods(write_board(tmp_path), ranked) == {"fixed": 1, "lucky": 2}
+
+
+def test_a_closed_board_takes_no_entry(tmp_path):
+    board = write_board(tmp_path, text=BOARD.replace("version = 1", "version = 1\nclosed = true"))
+    with pytest.raises(InputError, match=r"^the board small is closed: Five pedestrians$"):
+        Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada")
+
+
+def test_a_board_of_earlier_keys_has_the_digest_that_its_file_says(tmp_path):
+    earlier = "ab" * 32
+    board = write_board(tmp_path, text=BOARD.replace("version = 1", f'version = 1\ndigest = "{earlier}"'))
+    assert board.digest == earlier
+
+
+def test_a_profile_has_the_success_in_each_family(tmp_path):
+    board = write_board(tmp_path, "two", FAMILIES)
+    rates = {"circle_crossing_5": 0.9, "circle_crossing_10": 0.7, "square_crossing_5": 0.5}
+    found = success_by_family(
+        board,
+        {name: {"success_rate": Estimate(rate, rate - 0.03, rate + 0.04, 60, 1.0)} for name, rate in rates.items()},
+    )
+    assert {family: one.mean for family, one in found.items()} == pytest.approx({"circle": 0.8, "square": 0.5})
+    assert found["circle"].high == pytest.approx(0.8 + 0.04 / np.sqrt(2))
+    assert success_by_family(board, {name: {} for name in rates})["square"].mean == 0.0

@@ -3,7 +3,18 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from crowdbench.boards.ranking import CONFIDENCE, DELTA, SCT, SUCCESS, Scale, compare_all, pareto, ranks, scores
+from crowdbench.boards.ranking import (
+    CONFIDENCE,
+    DELTA,
+    SCT,
+    SUCCESS,
+    Scale,
+    compare_all,
+    pareto,
+    rank_by_bounds,
+    ranks,
+    scores,
+)
 from crowdbench.utils.errors import InputError
 
 CASES = 500
@@ -184,6 +195,11 @@ def test_a_metric_without_a_value_cannot_rank():
 
 def test_one_entry_is_the_first():
     assert places([entry([])]) == [(1, 1, 1)]
+
+
+def test_figures_alone_rank_by_their_intervals():
+    score, error = {"a": 0.9, "b": 0.95, "c": 0.5, "d": 0.91}, {"a": 0.04, "b": 0.01, "c": 0.1, "d": 0.04}
+    assert rank_by_bounds(score, error) == {"b": 1, "d": 1, "a": 3, "c": 4}
 
 
 def test_the_pareto_set_is_what_nothing_beats():

@@ -18,9 +18,7 @@ from crowdbench.boards.verification import verify
 from crowdbench.cli import app
 from crowdbench.utils.errors import InputError
 
-RECORDED = BOARD.replace("ranks_flagged = true", "ranks_flagged = true\nrecorded = true").replace(
-    "circle_crossing_5", "eth_reactive"
-)
+RECORDED = BOARD.replace("version = 1", "version = 1\nrecorded = true").replace("circle_crossing_5", "eth_reactive")
 
 
 @pytest.mark.parametrize(
@@ -73,7 +71,7 @@ def test_entries_are_ranked_by_blocks_of_time(root):
     found = standings(board, read_entries(board, root), read_season(root))
     assert {one.entry.name for one in found.ranked} == {"orca", "straight"}
     assert all(len(np.unique(one.blocks["eth_reactive"])) == 10 for one in found.ranked)
-    assert "10 cases in 10 blocks of recorded time" in section(found)
+    assert "10 cases of each scenario, 10 blocks of recorded time in all." in section(found)
 
 
 @pytest.mark.slow

@@ -31,7 +31,6 @@ from crowdbench.utils.toml import (
     TomlTable,
     choice,
     integer,
-    number,
     parse_table,
     read_toml,
 )
@@ -57,32 +56,16 @@ METRIC_TITLES = {
     "jerk": "jerk, m/s³",
     "imposed_delay": "imposed delay, s",
 }
-"""The metrics that boards show, the last one only where it has a bound, and what they are called there."""
+"""The metrics that boards show, the last one where somebody sees the vehicle, and what they are called there."""
 
-LATER = ("at_fault_rate",)
+LATER = ("at_fault_rate", "imposed_delay")
 """Those that the runs of earlier entries lack: there they are undefined."""
 
-_SHOWN_ONLY = {"title", "description", "position", "recorded", "ranked", "sct_scale"}
-"""Keys of a board that are not in its digest."""
-
-_COUNTED = {"version", "families", "cases", "public_cases", "replan_every", "look_first", "collision", "ranks_flagged"}
-"""Keys that are in the digest of every board. One that comes later is where it differs from its default."""
+_COUNTED = {"version", "families", "cases", "public_cases", "replan_every", "look_first", "collision"}
+"""Keys of a board that are in its digest: what its figures depend on."""
 
 ROOT = PACKAGE_ROOT / "leaderboards"
 """The folder of the boards that ship."""
-
-
-class FlagsSpec(TomlTable):
-    """`flags`: bounds beyond which an entry is called intrusive or jerky. They were fixed on validation cases.
-
-    `intimate_zone` is the largest share of time with a gap below 0.45 m to somebody. `imposed_delay` is the largest
-    mean of the time that all pedestrians of a case together lose to the vehicle, where they see it, in seconds. `jerk`
-    is the largest 95th percentile over episodes, in m/s^3.
-    """
-
-    intimate_zone: float = number(above=0.0, below=1.0)
-    imposed_delay: float | None = number(None, above=0.0, below=10000.0)
-    jerk: float = number(above=0.0, below=1000.0)
 
 
 def _rising(scale: list[float]) -> list[float]:
@@ -97,8 +80,9 @@ class BoardSpec(TomlTable):
 
     `position` orders boards where several are listed. `recorded` says that its scenarios need recorded tracks, and
     `ranked` whether entries have ranks. `sct_scale` has the SCT at which being quick adds nothing to a score, and that
-    at which it adds most. Authors run `public_cases` of each scenario, which everybody knows. A season's figures are of
-    `cases` of each.
+    at which it adds most. A `closed` board takes no entries, because another one has replaced it. `digest` is that of a
+    board whose entries were made when boards had other keys. Authors run `public_cases` of each scenario, which
+    everybody knows. A season's figures are of `cases` of each.
     """
 
     title: Name
@@ -115,11 +99,11 @@ class BoardSpec(TomlTable):
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     collision: str = choice(COLLISION_RULES, default="swept")
-    ranks_flagged: Flag = False
     sct_scale: Annotated[list[float], AfterValidator(_rising)] = Field(
         default=[0.0, 1.0], description="two numbers from 0 to 1, the smaller one first"
     )
-    flags: Annotated[FlagsSpec, Field(description="a table [flags] with intimate_zone and jerk")]
+    closed: Flag = False
+    digest: str = Field(default="", pattern="^([0-9a-f]{64})?$", description="64 hexadecimal digits")
 
 
 @dataclass(frozen=True)
@@ -140,17 +124,13 @@ class Board:
     @property
     def digest(self) -> str:
         """The sha256 of all that its figures depend on. Texts, the position, and what ranks are not in it."""
-        spec = self.spec
-        rules = spec.model_dump(mode="json", include=_COUNTED)
-        rules |= spec.model_dump(mode="json", exclude=_SHOWN_ONLY, exclude_defaults=True)
-        rules["flags"] = spec.flags.model_dump(mode="json", exclude_none=True)
-        return hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
+        rules = self.spec.model_dump(mode="json", include=_COUNTED)
+        return self.spec.digest or hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
 
     @property
     def metrics(self) -> Mapping[str, Metric]:
         """The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
-        is_bound = self.spec.flags.imposed_delay is not None
-        return {name: METRICS[name] for name in METRIC_TITLES if is_bound or name != "imposed_delay"}
+        return {name: METRICS[name] for name in METRIC_TITLES}
 
     @property
     def cases(self) -> Cases:

@@ -23,17 +23,27 @@ means.
 
 Entries stand in the order of their score: success in per cent, and up to half a point for being quick. They share a
 rank unless one that stands higher is better by more than chance explains; in brackets are the places that an entry may
-have, with a confidence of 95 % for the whole board. Success, SCT (success weighted by completion time) and the columns
-on manners have 95 % intervals. "decision" is the 99th percentile of the time for a decision in one world, on one
-core of the machine of reference. "method" is the mean success over networks that were trained with other seeds, with an
-interval for other networks and other cases. "imposed delay" is the time that all pedestrians of a case together lose to
-the vehicle, where they see it. "rules" is the version of the rules by which an entry was verified: see
-[docs/errata.md](../docs/errata.md).
-An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+have, with a confidence of 95 % for the whole board. Figures have 95 % intervals. "method" is the rank of the method, by
+the mean over networks that were trained with other seeds, and its success with an interval for other networks and other
+cases. SCT is success weighted by completion time. "imposed delay" is the time that all pedestrians of a case together
+lose to the vehicle, where they see it. "rules" is the version of the rules by which an entry was verified: see
+[docs/errata.md](../docs/errata.md). "decision" is the 99th percentile of the time for a decision in one world, on one
+core of the machine of reference. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.
 """
+
+COLUMNS = {
+    "collision_rate": ("collisions", " %", 1),
+    "at_fault_rate": ("at fault", " %", 1),
+    "sct": ("SCT", "", 3),
+    "navigation_time": ("time", " s", 2),
+    "intimate_zone": ("time within 0.45 m", " %", 1),
+    "imposed_delay": ("imposed delay", " s", 1),
+    "jerk": ("jerk", "", 1),
+}
+"""Of each metric beside success: the heading of its column, its unit, and its digits after the decimal point."""
 
 
 def write_readme(root: Path) -> Path:
@@ -60,7 +70,9 @@ def section(table: Standings) -> str:
     lines.append(markdown(list(rows[0]), [list(row.values()) for row in rows]))
     if table.ranked:
         counts = sorted({one.cases for one in table.ranked}, reverse=True)
-        lines += ["", f"{' and '.join(map(str, counts))} cases of each scenario."]
+        blocks = sum(len(set(own.tolist())) for own in table.ranked[0].blocks.values())
+        of_time = f", {blocks} blocks of recorded time in all" if blocks else ""
+        lines += ["", f"{' and '.join(map(str, counts))} cases of each scenario{of_time}."]
     return "\n".join([*lines, ""])
 
 
@@ -76,19 +88,13 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
         "success": _with_interval(figures["success_rate"], 2, " %"),
         "score": _number(100.0 * one.score, 2),
     }
-    if len(table.board.scenarios) > 1:
-        cells["worst scenario"] = _number(one.worst, 1, " %")
-    success = "" if method is None else _with_interval(method.metrics["success_rate"], 1, " %")
-    cells["method"] = "" if method is None else f"{success}, {method.networks} networks"
-    cells["collisions"] = _number(figures["collision_rate"].mean, 1, " %")
-    if any(math.isfinite(each.figures["at_fault_rate"].mean) for each in table.entries):
-        cells["at fault"] = _with_interval(figures["at_fault_rate"], 1, " %")
-    cells["SCT"] = _with_interval(figures["sct"], 3)
-    cells["time"] = _number(figures["navigation_time"].mean, 2, " s")
-    cells["time within 0.45 m"] = _with_interval(figures["intimate_zone"], 1, " %")
-    if "imposed_delay" in figures:
-        cells["imposed delay"] = _with_interval(figures["imposed_delay"], 1, " s")
-    cells["jerk"] = _with_interval(figures["jerk"], 1)
+    if table.has_methods:
+        success = _with_interval(method.metrics["success_rate"], 1, " %") if method else "as the entry"
+        networks = f", {method.networks} networks" if method else ""
+        cells["method"] = f"{one.method_rank}: {success}{networks}" if one.method_rank else ""
+    for metric in table.shown:
+        title, unit, digits = COLUMNS[metric]
+        cells[title] = _with_interval(figures[metric], digits, unit)
     cells["rules"] = "" if one.verification is None else str(one.verification.rules)
     untimed = "not timed" if one.verification and one.verification.untimed else ""
     cells["decision"] = untimed if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}"

@@ -11,9 +11,10 @@ from jaxtyping import Float
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import Entry
+from crowdbench.boards.ranking import rank_by_bounds
 from crowdbench.boards.run_entry import EntryRun, read_episodes
 from crowdbench.boards.verdict import Method, Range
-from crowdbench.metrics.summary import wilson
+from crowdbench.metrics.summary import Estimate, wilson
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.intervals import mean_over_networks
 
@@ -22,6 +23,9 @@ LEAST = 5
 
 METRICS = ("success_rate", "collision_rate", "sct")
 """Shares whose means over networks are told."""
+
+Figures = Mapping[str, Estimate]
+"""The means of an entry over a board."""
 
 MOST_CASES = 250
 """Cases that each network drives, at most."""
@@ -67,6 +71,28 @@ def summarize_method(run: EntryRun, others: Sequence[EntryRun]) -> Method:
         for metric in METRICS
     }
     return Method(networks=len(each), cases=cases, metrics=metrics)
+
+
+def rank_methods(
+    board: Board, entries: Sequence[tuple[Entry, Method | None, Mapping[str, Estimate]]]
+) -> dict[str, int]:
+    """The rank of the method of each entry, by the entry's name: of its mean over networks, or of itself.
+
+    Entries that were trained and have too few networks have none.
+
+    Args:
+        board: The board.
+        entries: What is ranked, with what holds of its method and its own figures.
+    """
+    score, error = {}, {}
+    for entry, method, figures in entries:
+        if method is None and entry.card.training_seeds > 0:
+            continue
+        found = figures if method is None else method.metrics
+        success = found["success_rate"]
+        score[entry.name] = board.scale.score(success.mean, found["sct"].mean)
+        error[entry.name] = (success.high - success.low) / 2.0
+    return rank_by_bounds(score, error)
 
 
 def range_over_networks(values: Float[np.ndarray, "network case"]) -> Range:

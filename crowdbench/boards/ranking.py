@@ -196,6 +196,21 @@ def ranks(score: Mapping[str, float], pairs: Sequence[Pair]) -> dict[str, Rank]:
     return found
 
 
+def rank_by_bounds(score: Mapping[str, float], error: Mapping[str, float]) -> dict[str, int]:
+    """The ranks of entries of which no cases are at hand: tiers as in `ranks`, by differences that are not paired.
+
+    Args:
+        score: Their scores, by name.
+        error: The half widths of the 95 % intervals of these.
+    """
+    order = dict(sorted(score.items(), key=lambda each: (-each[1], each[0])))
+    pairs = [
+        Pair(a, b, order[a] - order[b], order[a] - order[b] - float(np.hypot(error[a], error[b])), is_sure=False)
+        for a, b in itertools.combinations(order, 2)
+    ]
+    return {name: rank.rank for name, rank in ranks(order, pairs).items()}
+
+
 def pareto(costs: Float[np.ndarray, "entry cost"]) -> Bool[np.ndarray, "entry"]:
     """Which entries no other one beats in one cost without being worse in another.
 

@@ -17,6 +17,7 @@ from crowdbench.boards.entry import (
     Entry,
     read_entry,
 )
+from crowdbench.boards.method import rank_methods
 from crowdbench.boards.ranking import SCT, SUCCESS, Pair, Rank, compare_all, pareto, ranks, scores
 from crowdbench.boards.run_entry import read_episodes
 from crowdbench.boards.season import Season
@@ -37,6 +38,9 @@ from crowdbench.utils.errors import InputError
 MOST_RANKED = 2
 """The most ranked entries of one submitter on a board."""
 
+SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", "intimate_zone", "imposed_delay", "jerk")
+"""The metrics that the table of a board shows beside success."""
+
 OTHER_RULES = "It was made for other rules of this board than the present ones."
 REPORTED_ONLY = "The figures are its authors', of the public cases: {}."
 
@@ -54,10 +58,12 @@ class Standing:
         blocks: The blocks of recorded time of these cases, by scenario; none where nobody was recorded.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
         figures: The means over the board, with intervals; undefined for an entry of other rules.
+        profile: By family of scenarios, success with its interval; nothing for an entry of other rules.
         reason: Why it has no rank, in a few words; empty where it has one.
         explanation: The same in a sentence.
         rank: Its rank.
         score: What ranks it; undefined where it has no rank.
+        method_rank: The rank of its method, where that is known.
         is_pareto: Whether no ranked entry succeeds more often and is quicker.
     """
 
@@ -67,10 +73,12 @@ class Standing:
     blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Mapping[str, Mapping[str, Estimate]]
     figures: Mapping[str, Estimate]
+    profile: Mapping[str, Estimate]
     reason: str
     explanation: str
     rank: Rank | None = None
     score: float = np.nan
+    method_rank: int | None = None
     is_pareto: bool = False
 
     @property
@@ -92,13 +100,6 @@ class Standing:
     def cases(self) -> int:
         """How many cases of each scenario it drove."""
         return int(self.columns["sct"].shape[1])
-
-    @property
-    def worst(self) -> float:
-        """The smallest success in a scenario of the board, 0 where the planner cannot drive one."""
-        if np.isnan(self.figures["success_rate"].mean):
-            return np.nan
-        return min(each["success_rate"].mean if each else 0.0 for each in self.scenarios.values())
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,11 @@ class Standings:
     def entries(self) -> Sequence[Standing]:
         """Both."""
         return [*self.ranked, *self.others]
+
+    @property
+    def shown(self) -> Sequence[str]:
+        """The metrics that are shown beside success: those that any entry has."""
+        return [name for name in SHOWN if any(np.isfinite(one.figures[name].mean) for one in self.entries)]
 
     @property
     def has_methods(self) -> bool:
@@ -169,9 +175,10 @@ def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> 
     costs = [(-one.figures["success_rate"].mean, one.figures["navigation_time"].mean) for one in candidates]
     # A time that is undefined, because nobody arrives, is the longest.
     best = pareto(np.nan_to_num(np.array(costs).reshape(-1, 2), nan=np.inf)).tolist()
+    methods = rank_methods(board, [(one.entry, one.method, one.figures) for one in candidates])
     ranked = [
-        replace(one, rank=rank[one.entry.name], score=score[one.entry.name], is_pareto=is_best)
-        for one, is_best in zip(candidates, best, strict=True)
+        replace(one, rank=rank[name], score=score[name], method_rank=methods.get(name), is_pareto=is_best)
+        for (name, one), is_best in zip(((one.entry.name, one) for one in candidates), best, strict=True)
     ]
     ranked.sort(key=lambda one: list(score).index(one.entry.name))
     others = sorted((one for one in each if one.reason), key=lambda one: one.entry.name)
@@ -225,9 +232,10 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
     }
     scenarios = {name: read_estimates(runs / name, board.metrics) if name in own else {} for name in board.scenarios}
     figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
+    profile = success_by_family(board, scenarios) if is_present else {}
     blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
     reason, explanation = _why_unranked(board, entry, verification or doubt)
-    return Standing(entry, verification, columns, blocks, scenarios, figures, reason, explanation)
+    return Standing(entry, verification, columns, blocks, scenarios, figures, profile, reason, explanation)
 
 
 def _why_unranked(board: Board, entry: Entry, verification: Verification | str) -> tuple[str, str]:
@@ -297,6 +305,17 @@ def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]])
             shares = shares / shares.sum() if shares.any() else shares * np.nan
         figures[metric] = over_board(shares, each)
     return figures
+
+
+def success_by_family(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Estimate]:
+    """Success in each family of scenarios of a board, all scenarios alike; arguments as for `board_figures`."""
+    families = board.spec.families.items()
+    return {
+        family: over_board(
+            np.full(len(names), 1.0 / len(names)), [scenarios[name].get("success_rate") for name in names]
+        )
+        for family, names in families
+    }
 
 
 def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | None]) -> Estimate:

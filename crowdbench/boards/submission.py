@@ -71,6 +71,8 @@ class Submission:
     def __post_init__(self) -> None:
         if not NAMES.fullmatch(self.name):
             raise InputError(f"{self.name!r} cannot be an entry: {NAMING}")
+        if self.board.spec.closed:
+            raise InputError(f"the board {self.board.name} is closed: {self.board.spec.description}")
 
 
 def submit(

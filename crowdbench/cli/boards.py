@@ -284,7 +284,8 @@ def fill(
     if key is not None:
         find_signer(key, root)
     by_name = {board.name: board for board in read_boards(root)}
-    chosen = [find_named("board", name, by_name) for name in boards or by_name]
+    open_boards = [name for name, board in by_name.items() if not board.spec.closed]
+    chosen = [find_named("board", name, by_name) for name in boards or open_boards]
     if data is not None and not any(board.spec.recorded for board in chosen):
         raise InputError(f"--data goes with boards whose people were recorded, and those of {chosen[0].name} were not")
     announce_compilation()

@@ -75,7 +75,8 @@ def _templates() -> jinja2.Environment:
     )
     templates.filters |= {function.__name__: function for function in texts.FILTERS}
     sort = Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8"))
-    templates.globals |= {"METRICS": METRIC_TITLES, "MARK": Markup(MARK), "SORT": sort}
+    templates.globals |= {"METRICS": METRIC_TITLES, "METRICS_SAY": texts.METRICS_SAY, "MANNERS": texts.MANNERS}
+    templates.globals |= {"MARK": Markup(MARK), "SORT": sort}
     templates.globals["tables"] = tables
     return templates
 

@@ -93,5 +93,16 @@ def options_text(options: Mapping[str, Any]) -> str:
     return json.dumps(options, sort_keys=True, ensure_ascii=False)
 
 
+METRICS_SAY = {
+    "at_fault_rate": "Share of cases with a collision in which the vehicle had a share of 0.1 or more",
+    "sct": "Success weighted by completion time: least over real time, 0 for a failure",
+    "intimate_zone": "Share of time with a gap below 0.45 m to somebody",
+    "imposed_delay": "Time that all pedestrians of a case together lose to the vehicle, where they see it",
+}
+"""What the headings of columns say when they are pointed at."""
+
+MANNERS = ("at_fault_rate", "intimate_zone", "imposed_delay", "jerk")
+"""The metrics of manners, which stand with their intervals."""
+
 FILTERS = number, metric, milliseconds, p_text, sortable, shorten, web_address, options_text
 """What the templates apply to values, each by its own name."""
