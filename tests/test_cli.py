@@ -13,11 +13,12 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench import InputError, cli
+from crowdbench.boards.baselines import find_entry
 from crowdbench.cli import app
 
 ROOT = Path(__file__).parents[1]
 BOARDS = ROOT / "leaderboards"
-ORCA_RUN = BOARDS / "five/entries/orca/public/circle_crossing_5"
+ORCA_RUN = find_entry(BOARDS / "five" / "entries" / "orca") / "public" / "circle_crossing_5"
 
 SLOW_PLANNER = """
 import time

@@ -13,13 +13,14 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from crowdbench.boards.baselines import entry_folders, pack
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import MAINTAINERS
 from crowdbench.boards.planner_files import package_files
 from crowdbench.boards.run_entry import EntryRun
 from crowdbench.boards.season import Season, freeze, read_season
 from crowdbench.boards.standings import read_entries
-from crowdbench.boards.submission import ENTRIES, Submission, submit
+from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import count_cases, is_verified, measure_pace, verify
 from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
 
@@ -71,10 +72,10 @@ def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
 
     Raises InputError where `shipped.toml` is missing or wrong.
     """
-    jobs = []
+    jobs, entered = [], {folder.name for folder in entry_folders(root / board.name)}
     for spec in parse_table(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped:
         is_elsewhere = board.name in spec.not_on or (spec.only_on and board.name not in spec.only_on)
-        if is_elsewhere or (root / board.name / ENTRIES / spec.name).exists():
+        if is_elsewhere or spec.name in entered:
             continue
         networks = [{"weights": name} for name in spec.weights] if board.name in spec.method_on else []
         card = root / CARDS / f"{spec.name}.toml"
@@ -110,3 +111,8 @@ def to_verify(board: Board, root: Path, work: Path, key: Path) -> list[Job]:
         do = functools.partial(verify, entry, board, work=work, season=season, key=key, cases=cases)
         jobs.append(Job(f"{entry.name} on {board.name}", number, do, pace * number))
     return jobs
+
+
+def pack_entries(board: Board, root: Path) -> None:
+    """Move the entries of planners that ship, and what was found of them, into one file of a board."""
+    pack(root / board.name, [each.name for each in read_entries(board, root) if each.spec.submitted_by == MAINTAINERS])

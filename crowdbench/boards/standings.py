@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from crowdbench.boards.baselines import entry_folders
 from crowdbench.boards.board import LATER, Board
 from crowdbench.boards.entry import (
-    ENTRY,
     MAINTAINERS,
     Entry,
     read_entry,
@@ -21,15 +21,14 @@ from crowdbench.boards.method import rank_methods
 from crowdbench.boards.ranking import SCT, SUCCESS, Pair, Rank, compare_all, pareto, ranks, scores
 from crowdbench.boards.run_entry import read_episodes
 from crowdbench.boards.season import Season
-from crowdbench.boards.submission import ENTRIES
 from crowdbench.boards.verdict import (
     DecisionTime,
     Method,
     Unverified,
     Verdict,
     Verification,
+    find_verification,
     read_verification,
-    verification_folder,
 )
 from crowdbench.metrics.summary import NOTHING, Estimate
 from crowdbench.runs.results import RESULT, Episodes, read_estimate, read_result
@@ -147,8 +146,7 @@ class Standings:
 
 def read_entries(board: Board, root: Path) -> list[Entry]:
     """The entries of a board, by name. Raises InputError where one of them is not as it must be, see `read_entry`."""
-    folders = sorted((root / board.name / ENTRIES).glob(f"*/{ENTRY}"))
-    entries = [read_entry(path.parent) for path in folders]
+    entries = [read_entry(folder) for folder in entry_folders(root / board.name)]
     for entry in entries:
         if entry.spec.board != board.name:
             raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")
@@ -220,7 +218,7 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
     if season:
         try:
             verification = read_verification(entry, board, season)
-            runs = verification_folder(entry, season) if verification.figures else runs
+            runs = find_verification(entry, season) if verification.figures else runs
         except Unverified as error:
             doubt = str(error)
     is_present = entry.spec.board_digest == board.digest

@@ -135,8 +135,14 @@ class Unverified(InputError):
 
 
 def verification_folder(entry: Entry, season: Season) -> Path:
-    """The folder with what was found of an entry in a season."""
+    """The folder with what is found of an entry in a season."""
     return season.root / entry.spec.board / VERIFICATIONS / entry.name / season.spec.name
+
+
+def find_verification(entry: Entry, season: Season) -> Path:
+    """The folder with what was found of an entry in a season, which may be packed with the entry."""
+    own, packed = (verification_folder(entry, season), entry.directory.parents[1] / VERIFICATIONS)
+    return own if own.exists() else packed / entry.name / season.spec.name
 
 
 def write_verification(folder: Path, found: Verification, runs: Path, key: Path) -> None:
@@ -179,7 +185,7 @@ def read_verification(entry: Entry, board: Board, season: Season) -> Verificatio
     Raises:
         Unverified: There is none that counts.
     """
-    folder = verification_folder(entry, season)
+    folder = find_verification(entry, season)
     path = folder / VERIFICATION
     if not path.is_file():
         raise Unverified("nobody has verified it in this season")

@@ -159,6 +159,7 @@ def verify(
         cases: Fewer cases than the board has, without --season.
     """
     use_threads(threads)
+    from crowdbench.boards.baselines import find_entry
     from crowdbench.boards.board import FILE, find_board, read_board
     from crowdbench.boards.entry import read_entry
     from crowdbench.boards.season import read_season
@@ -176,7 +177,7 @@ def verify(
     if season != (key is not None):
         raise InputError("--season and --key go together: what is found in a season is signed by a maintainer")
     entry = entry.resolve()
-    submitted = read_entry(entry)
+    submitted = read_entry(find_entry(entry))
     if work.resolve().is_relative_to(entry):
         raise InputError(f"--work {work} lies in the entry: give another folder")
     folder = entry.parent.parent
@@ -299,7 +300,7 @@ def fill(
 
 def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
     from crowdbench.boards.season import TooEarly
-    from crowdbench.boards.shipped import freeze_entries, to_submit, to_verify
+    from crowdbench.boards.shipped import freeze_entries, pack_entries, to_submit, to_verify
 
     if not do_all(functools.partial(to_submit, board, root, work), "entry"):
         say(f"{board.name}: other processes are making the last entries")
@@ -312,7 +313,8 @@ def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
     if key is None:
         say(f"{board.name}: no entry is verified: give the key of a maintainer, --key FILE")
         return
-    do_all(functools.partial(to_verify, board, root, work, key), "verification")
+    if do_all(functools.partial(to_verify, board, root, work, key), "verification"):
+        pack_entries(board, root)
 
 
 def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
