@@ -113,12 +113,12 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
 
 
 STUDIES = {path.stem: f"{path.stem}.md" for path in sorted((DOCS / "studies").glob("*.toml"))}
-STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials")}
-"""The studies and the pages of their tables. What the tables of three of them show is said on a page of its own."""
+STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials", "crowdnav_plus")}
+"""The studies and the pages of their tables. What the tables of four of them show is said on a page of its own."""
 
 PRINTED = {page: f"study docs/studies/{name}.toml" for name, page in STUDIES.items()}
 PRINTED["recorded_tables.md"] += " --data DIR"
-PRINTED |= {"reproduction.md": "reproduce", "validity.md": "validity"}
+PRINTED |= {"reproduction.md": "reproduce", "validity.md": "validity --data DIR"}
 """The pages that a command prints from the first to the last line, and the command."""
 
 
@@ -145,7 +145,7 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(n
     assert [source for source in study.get("sources", []) if source not in page] == []
 
 
-@pytest.mark.parametrize("name", ["suite", "recorded", "dials"])
+@pytest.mark.parametrize("name", ["suite", "recorded", "dials", "crowdnav_plus"])
 def test_the_tables_and_what_they_show_link_to_each_other(name):
     assert f"({name}_tables.md)" in (DOCS / f"{name}.md").read_text()
     assert f"({name}.md" in (DOCS / f"{name}_tables.md").read_text()

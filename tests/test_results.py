@@ -10,6 +10,7 @@ import pytest
 from helpers import Still, drive, make
 
 from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.cli import app
 from crowdbench.cli.results import comparison_table
 from crowdbench.cli.tables import print_table, result_table
 from crowdbench.core.types import Outcome
@@ -286,13 +287,27 @@ def test_only_booleans_are_rates_whatever_a_metric_is_called(tmp_path, capsys):
     metrics = {"success_rate": METRICS["success_rate"], "mistake_rate": mistake_rate}
     result = go(tmp_path / "a", cases="5", metrics=metrics)
     assert result["rates"] == ["success_rate"]
-    print_table(result_table("", result, metrics))
+    print_table(result_table("", result, metrics, all_metrics=True))
     shown = capsys.readouterr().out
     assert re.search(r"success_rate +[\d.]+ %", shown)
     assert re.search(r"mistake_rate +3\.500 1/min", shown)
     print_table(comparison_table(compare(tmp_path / "a", tmp_path / "a")))
     compared = capsys.readouterr().out
     assert re.search(r"success_rate +[\d.]+ % +[\d.]+ % +0\.0 +", compared)
+
+
+def test_a_run_shows_its_main_metrics_and_how_to_see_its_failures(tmp_path, capsys):
+    out = str(tmp_path / "run")
+    app(["run", "--planner", "straight", "--cases", "4", "--out", out], standalone_mode=False)
+    shown = capsys.readouterr().out
+    names = [line.split()[0] for line in shown.splitlines()[2:] if "  " in line]
+    assert names == ["success_rate", "collision_rate", "at_fault_rate", "timeout_rate", "sct", "jerk", "minimum_gap"]
+    assert f"4 collisions: crowdbench view {out} --case 0" in shown
+    app(
+        ["run", "--planner", "straight", "--cases", "4", "--out", out, "--overwrite", "--all-metrics"],
+        standalone_mode=False,
+    )
+    assert len(capsys.readouterr().out.splitlines()) > len(shown.splitlines()) + 10
 
 
 @pytest.mark.parametrize(

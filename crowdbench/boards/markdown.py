@@ -21,14 +21,15 @@ Made by `crowdbench leaderboard readme` from the entries in these folders; `crow
 makes pages with figures from them. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank
 means.
 
-Entries stand in the order of their score: success in per cent, and up to half a point for being quick. They share a
-rank unless one that stands higher is better by more than chance explains; in brackets are the places that an entry may
-have, with a confidence of 95 % for the whole board. Figures have 95 % intervals. "method" is the rank of the method, by
-the mean over networks that were trained with other seeds, and its success with an interval for other networks and other
-cases. SCT is success weighted by completion time. "imposed delay" is the time that all pedestrians of a case together
-lose to the vehicle, where they see it. "rules" is the version of the rules by which an entry was verified: see
-[docs/errata.md](../docs/errata.md). "decision" is the 99th percentile of the time for a decision in one world, on one
-core of the machine of reference. An asterisk marks the Pareto set: no ranked entry succeeds more often and is quicker.
+Entries stand in the order of their score: success in per cent, and up to half a point for being quick. A new rank
+begins where an entry is worse than one of the present rank by more than chance explains; in brackets is the range of
+its true place, with a confidence of 95 % for the whole board. Figures have 95 % intervals. "method" is the rank of the
+method, by the mean over networks that were trained with other seeds, and its success with an interval for other
+networks and other cases. SCT is success weighted by completion time. "imposed delay" is the time that all pedestrians
+of a case together lose to the vehicle, where they see it. "rules" is the version of the rules by which an entry was
+verified: see [docs/errata.md](../docs/errata.md). "decision" is the 99th percentile of the time for a decision in one
+world, on one core of the machine of reference. An asterisk marks the Pareto set: no ranked entry succeeds more often
+and is quicker.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.

@@ -53,6 +53,7 @@ def run(
     on: OnOption = None,
     threads: ThreadsOption = None,
     decision_limit: float = DECISION_LIMIT,
+    all_metrics: bool = False,
     as_json: bool = False,
 ) -> None:
     """Drive a planner through the cases of a scenario, and score it.
@@ -67,6 +68,7 @@ def run(
         out: Directory for the results.
         batch: Cases that are simulated at once.
         shard: Run one share of the batches, such as 2/8; whoever ends last puts all of them together.
+        all_metrics: Print all metrics, and not only the main ones; result.json has them all.
     """
     on_ray = is_on_ray(on)
     use_threads(None if on_ray else threads)
@@ -93,7 +95,6 @@ def run(
         data.absolute() if data else None,  # workers of a cluster have other working directories
     )
     own = Shard.parse(shard)
-    own = Shard.parse(shard)
     with exit_on_interrupt(), open_run(spec) as loaded, progress(len(spec.cases)) as tell:
         loaded.scenario.check_data(data)
         say_of_training(loaded)
@@ -112,7 +113,7 @@ def run(
         return
     changes = "".join(f", {key}={value}" for key, value in spec.changes.items())
     title = f"{loaded.label} on {loaded.scenario.name}{changes}"
-    print_result(title, read_result(directory), loaded.metrics, directory, as_json)
+    print_result(title, read_result(directory), loaded.metrics, directory, as_json, all_metrics)
 
 
 def say_of_training(run: Run) -> None:
@@ -129,6 +130,7 @@ def merge(
     out: Annotated[Path, typer.Option()],
     metric: list[str] | None = None,
     overwrite: bool = False,
+    all_metrics: bool = False,
     as_json: bool = False,
 ) -> None:
     """Make one run of several, whose cases follow each other.
@@ -136,6 +138,7 @@ def merge(
     Args:
         runs: Directories of runs, or of their parts (runs/NAME.parts-...).
         out: Directory for the merged run.
+        all_metrics: Print all metrics, and not only the main ones.
     """
     from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.merge import merge as merge_runs
@@ -149,13 +152,18 @@ def merge(
         if not is_whole:
             say("crowdbench: parts are missing: what is merged ends before the first of them")
     result = merge_runs(runs, out, overwrite, interrupted=not is_whole)
-    print_result(f"{result_label(result)} on {result['scenario']['name']}", result, metrics, out, as_json)
+    print_result(f"{result_label(result)} on {result['scenario']['name']}", result, metrics, out, as_json, all_metrics)
 
 
 def print_result(
-    title: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], directory: Path, as_json: bool
+    title: str,
+    result: Mapping[str, Any],
+    metrics: Mapping[str, Metric],
+    directory: Path,
+    as_json: bool,
+    all_metrics: bool,
 ) -> None:
-    """Print the table of a run, and where its files are, or its result as JSON.
+    """Print the table of a run, how to see its failures, and where its files are, or its result as JSON.
 
     Args:
         title: The title of the table.
@@ -163,11 +171,14 @@ def print_result(
         metrics: The metrics that it has, by name.
         directory: Where its files are.
         as_json: Whether to print JSON.
+        all_metrics: Whether all metrics are printed.
     """
     if as_json:
         print(json.dumps(result, indent=2))
         return
-    print_table(result_table(f"{title}, cases {result['cases']}", result, metrics))
+    print_table(result_table(f"{title}, cases {result['cases']}", result, metrics, all_metrics))
+    if not all_metrics:
+        print(f"{len(result['metrics'])} metrics in all: --all-metrics")
     if "tracks" in result["scenario"]:
         from crowdbench.scenario.population import RECORDED
 
@@ -178,3 +189,20 @@ def print_result(
     number = result["recorded"]
     recorded = f"{number} episodes are recorded (crowdbench view shows them)" if number else "no episode is recorded"
     print(f"\nKept in {directory}; {recorded}")
+    if number:
+        print("\n".join(_failures(directory)))
+
+
+def _failures(directory: Path) -> list[str]:
+    """A line for each way in which episodes failed: how many, and how to see the first of them."""
+    from crowdbench.core.types import Outcome
+    from crowdbench.runs.results import EPISODES, Episodes
+
+    episodes = Episodes.read(directory / EPISODES)
+    lines = []
+    for outcome in (Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT):
+        cases = episodes.case[episodes.outcome == outcome].tolist()
+        if cases:
+            many = f"{len(cases)} {outcome.label}{'s'[: len(cases) != 1]}"
+            lines.append(f"{many}: crowdbench view {directory} --case {cases[0]}")
+    return lines

@@ -92,17 +92,20 @@ def reproduce(
 @help_from_docstring
 def validity(
     policies: Annotated[list[str] | None, typer.Argument(show_default=" ".join(SHIPPED))] = None,
+    data: Path | None = None,
     threads: ThreadsOption = None,
 ) -> None:
     """Measure speed against density, lanes and flow through a door beside published figures, and print a page of them.
 
-    Takes about two minutes, and prints Markdown: docs/validity.md.
+    With --data also people beside recorded cars. Takes about five minutes, and prints Markdown: docs/validity.md.
 
     Args:
         policies: Pedestrian policies, by name or ./mine.py.
+        data: The folder with the clips of DUT.
     """
     use_threads(threads)
     from crowdbench.catalog import PEDESTRIANS
+    from crowdbench.study.validity import cars_page
     from crowdbench.study.validity.experiments import run_experiment, settings
     from crowdbench.study.validity.page import page
 
@@ -116,7 +119,8 @@ def validity(
         for setting in experiments:
             results[setting] = run_experiment(setting)
             tell(1)
-    print(page(results, " ".join(["validity", *(policies or [])])))
+    beside = None if data is None else cars_page.section(cars_page.measure(chosen, data))
+    print(page(results, " ".join(["validity", *(policies or []), *["--data DIR"] * bool(data)]), beside))
 
 
 def _print(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:

@@ -24,6 +24,18 @@ BOARD_COLUMNS = {
 }
 """What is shown of a planner on a board beside its success: headings, and the metrics under them."""
 
+MAIN_METRICS = (
+    "success_rate",
+    "collision_rate",
+    "at_fault_rate",
+    "timeout_rate",
+    "navigation_time",
+    "sct",
+    "jerk",
+    "minimum_gap",
+)
+"""What is shown of a run where not all metrics are asked for, beside those of one's own."""
+
 
 def print_table(table: Grid, colours: Mapping[str, str] = MappingProxyType({})) -> None:
     """Print a table under its title.
@@ -47,18 +59,24 @@ def print_table(table: Grid, colours: Mapping[str, str] = MappingProxyType({})) 
     Console(width=None if sys.stdout.isatty() else 200, markup=False).print(printed)
 
 
-def result_table(title: str, result: Mapping[str, Any], metrics: Mapping[str, Metric]) -> Grid:
+def result_table(
+    title: str, result: Mapping[str, Any], metrics: Mapping[str, Metric], all_metrics: bool = False
+) -> Grid:
     """The metrics of a run with their intervals.
 
     Args:
         title: Title of the table.
         result: The estimates of the metrics and which of them are rates, as in `result.json`.
         metrics: Their functions, whose docstrings name the units.
+        all_metrics: Whether all are shown, and not only the main ones and those of one's own.
     """
-    from crowdbench.metrics import unit_of
+    from crowdbench.metrics import METRICS, unit_of
 
+    found = result["metrics"]
+    own = [name for name in found if name not in METRICS]
     rows = []
-    for name, estimate in result["metrics"].items():
+    for name in found if all_metrics else [*(name for name in MAIN_METRICS if name in found), *own]:
+        estimate = found[name]
         if estimate["n"]:
             share = name in result["rates"]
             mean = f"{number(estimate['mean'], share)} {'%' if share else unit_of(metrics[name])}"

@@ -134,11 +134,11 @@ def cut_windows(scene: Scene, steps: int, dt: float) -> list[Excerpt]:
         for first, car, driven in _windows(recording, steps, dt):
             times = first + dt * np.arange(-1, steps + 1)
             people = [each for each in everybody if each.is_there(times[1:]).any()]
-            others = [disc for other in recording.cars if other is not car for disc in _discs(other)]
+            others = [disc for other in recording.cars if other is not car for disc in car_discs(other)]
             others = [disc for disc in others if disc.is_there(times[1:]).any()]
             if people:
                 block = first_block + (len(own) if car is None else 0)
-                own.append(_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
+                own.append(cut_excerpt(recording.tracks.name, block, times, [*people, *others], driven))
         found += own
     return found
 
@@ -173,7 +173,7 @@ def people_of(tracks: Tracks) -> Iterator[MovingDisc]:
         yield MovingDisc(times_of(tracks)[rows], tracks.position[rows])
 
 
-def _discs(car: Car) -> Iterator[MovingDisc]:
+def car_discs(car: Car) -> Iterator[MovingDisc]:
     """A car as discs of half its width, one after the other along its axis."""
     direction = np.stack([np.cos(car.heading), np.sin(car.heading)], axis=1)
     reach = (car.length - car.width) / 2.0
@@ -212,10 +212,18 @@ def _follow_car(car: Car, first: float, end: float) -> CarMotion:
     return CarMotion(start, goal, float(np.interp(first, car.time, car.heading)), speed)
 
 
-def _excerpt(
+def cut_excerpt(
     name: str, block: int, times: Float[np.ndarray, "states"], everybody: Sequence[MovingDisc], driven: CarMotion | None
 ) -> Excerpt:
-    """The excerpt of a window with those who are there; `times` has the step before the first one too, in seconds."""
+    """Cut a window.
+
+    Args:
+        name: The name of the recording.
+        block: The number of its block in the scene.
+        times: The times of its steps in seconds, and before them that of the step before the first one.
+        everybody: Those who are there at some step of it.
+        driven: The car whose place the vehicle takes, if any.
+    """
     dt = times[1] - times[0]
     track = np.stack([each.at(times) for each in everybody], axis=1)
     ways = [_way(each, at[1:], times[1:]) for each, at in zip(everybody, track.swapaxes(0, 1), strict=True)]

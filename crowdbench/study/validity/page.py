@@ -94,12 +94,13 @@ the width where more than one person can pass at a time (Kretz et al. 2006); for
 0.15 m on either side is usual (Gwynne and Rosenbaum 2016)."""
 
 
-def page(results: Results, command: str) -> str:
+def page(results: Results, command: str, beside_cars: str | None = None) -> str:
     """The page in Markdown.
 
     Args:
         results: What was measured.
         command: The command that prints the page, without the name of the program.
+        beside_cars: The section on people beside cars, if there is one.
     """
     policies = list(dict.fromkeys(setting.policy for setting in results))
     worlds = len(_of(results, "one way", policies[0])[0][1].speed)
@@ -120,6 +121,7 @@ def page(results: Results, command: str) -> str:
         "## Flow through a door",
         DOOR,
         *(_doors(results, policy) for policy in policies),
+        *([beside_cars] if beside_cars else []),
         "## References",
         SOURCES.read_text(encoding="utf-8").strip(),
     ]
