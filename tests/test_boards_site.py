@@ -126,6 +126,13 @@ def pages(site):
     return [Page(path) for path in sorted(site.rglob("*.html"))]
 
 
+def test_the_pages_of_one_board_are_made_alone(root, tmp_path):
+    assert build_site(root, tmp_path / "one", ["everywhere"]) == 2
+    assert "five" not in {path.name for path in (tmp_path / "one").iterdir()}
+    with pytest.raises(InputError, match="no board is called 'six'; there are five, everywhere"):
+        build_site(root, tmp_path / "two", ["six"])
+
+
 def test_nothing_is_requested_from_elsewhere_and_every_link_leads_somewhere(site):
     for page in pages(site):
         outward = {target for tag, attrs in page.tags if tag == "a" for target in [attrs.get("href", "")]}

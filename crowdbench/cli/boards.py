@@ -237,15 +237,16 @@ def _exit_on_unfinished() -> Iterator[None]:
 
 @app.command()
 @help_from_docstring
-def build(out: Annotated[Path, typer.Option()], root: Path = ROOT) -> None:
-    """Build the pages of all boards: plain files that need no server and no network.
+def build(out: Annotated[Path, typer.Option()], board: list[str] | None = None, root: Path = ROOT) -> None:
+    """Build the pages of boards: plain files that need no server and no network.
 
     Args:
         out: Folder for the pages.
+        board: The name of a board; else all. Repeatable.
     """
     from crowdbench.boards.site import build_site
 
-    pages = build_site(root, out)
+    pages = build_site(root, out, board or [])
     say(f"{pages} pages; open {out / 'index.html'}")
 
 

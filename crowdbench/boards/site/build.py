@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
 from crowdbench.boards.site.figures import success_against_time
 from crowdbench.boards.standings import Standings, read_entries, standings
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import new_directory
 
 INDEX = "index.html"
@@ -31,14 +32,16 @@ TEMPLATES = HERE / "templates"
 STYLE = HERE / "style.css"
 
 
-def build(root: Path, out: Path) -> int:
-    """Build all pages; see `crowdbench.boards.site.build_site`."""
+def build(root: Path, out: Path, names: Collection[str]) -> int:
+    """Build pages; see `crowdbench.boards.site.build_site`."""
     templates = _templates()
     _check_replaceable(out)
+    by_name = {board.name: board for board in read_boards(root)}
+    chosen = [find_named("board", name, by_name) for name in names or by_name]
     with new_directory(out, overwrite=True, mark=INDEX) as folder:
         season = read_season(root) if (root / SEASON).exists() else None
         templates.globals["season"] = season
-        boards = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
+        boards = [standings(board, read_entries(board, root), season) for board in chosen]
         seeds = {found.board.name: _find_seed(season, found.board) for found in boards}
         shutil.copyfile(STYLE, folder / STYLE.name)
         groups = tables.board_groups(boards)
