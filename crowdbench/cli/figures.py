@@ -13,7 +13,9 @@ import typer
 from crowdbench.cli.console import say
 from crowdbench.cli.options import help_from_docstring
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import Format, format_tables
+from crowdbench.utils.tables import Format, floating, format_tables
+
+METRIC = "metric"
 
 
 class Kind(StrEnum):
@@ -28,16 +30,42 @@ class Kind(StrEnum):
 
 
 @help_from_docstring
-def table(directories: list[Path], metric: list[str] | None = None, format: Format = Format.MARKDOWN) -> None:
-    """Print a table of runs: the means of metrics with 95 % intervals.
+def table(
+    directories: list[Path],
+    columns: str = METRIC,
+    metric: list[str] | None = None,
+    caption: str | None = None,
+    label: str | None = None,
+    format: Format = Format.MARKDOWN,
+) -> None:
+    """Print a table of runs: means with 95 % intervals, a row for each planner.
 
     Args:
         directories: Directories of runs.
-        metric: A metric, as a column. Repeatable; else those that most papers have.
+        columns: metric: a column for each metric. scenario, or an option or key such as weights: a column for each
+            scenario or value, with one metric in the cells, the best of a column bold, and those marked that cannot be
+            told from it.
+        metric: A metric. Repeatable where metrics are columns; else those that most papers have, or success_rate.
+        caption: With --format latex, the caption of a floating table.
+        label: With --format latex, its label.
     """
+    from crowdbench.figures.cross_table import cross_table
     from crowdbench.figures.table import table as make_table
 
-    print(format_tables([make_table(directories, metric or [])], format))
+    if (caption or label) and format is not Format.LATEX:
+        raise InputError("--caption and --label go with --format latex")
+    if columns == METRIC:
+        grid, note = make_table(directories, metric or []), ""
+    elif len(metric or []) > 1:
+        raise InputError(f"a table with --columns {columns} shows one metric: give --metric once")
+    else:
+        grid, note = cross_table(directories, columns, (metric or ["success_rate"])[0])
+    text = format_tables([grid], format)
+    if format is Format.LATEX:
+        text = floating(text, caption, label, note)
+    elif format is Format.MARKDOWN and note:
+        text = f"{grid.title[0].upper()}{grid.title[1:]}:\n\n{text}\n\n{note}"
+    print(text)
 
 
 @help_from_docstring

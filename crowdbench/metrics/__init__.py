@@ -131,8 +131,12 @@ def unit_of(metric: Metric) -> str:
     return "" if unit == "1" else unit
 
 
+ABBREVIATIONS = ("sct", "spl")
+"""Metrics that papers call by their initials."""
+
+
 def heading(name: str, is_rate: bool) -> str:
     """What the column of a metric is called, with its unit, which is % for a rate."""
     unit = "%" if is_rate else unit_of(METRICS[name]) if name in METRICS else ""
-    words = name.removesuffix("_rate").replace("_", " ")
+    words = name.upper() if name in ABBREVIATIONS else name.removesuffix("_rate").replace("_", " ")
     return f"{words}, {unit}" if unit else words

@@ -87,6 +87,23 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def floating(tabular: str, caption: str | None, label: str | None, note: str) -> str:
+    """A LaTeX table with a note below it, in a floating environment where it has a caption or a label.
+
+    Args:
+        tabular: The table.
+        caption: Its caption, as LaTeX.
+        label: Its label.
+        note: What stands below it, as text.
+    """
+    lines = [tabular, rf"\\[1ex] \footnotesize {_escaped(note)}"] if note else [tabular]
+    if not (caption or label):
+        return "\n".join(lines)
+    head = [rf"\caption{{{caption}}}"] if caption else []
+    head += [rf"\label{{{label}}}"] if label else []
+    return "\n".join([r"\begin{table}", r"\centering", *head, *lines, r"\end{table}"])
+
+
 def _latex(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """With the rules of the package booktabs."""
     first, *others = (" & ".join(map(_escaped, cells)) + r" \\" for cells in (header, *rows))
@@ -96,7 +113,8 @@ def _latex(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _escaped(text: str) -> str:
     """A text as LaTeX writes it."""
-    return re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text))
+    plain = re.sub(r"\^(\d)", r"$^\1$", re.sub(r"([%&_#{}])", r"\\\1", text))
+    return re.sub(r"\*\*(.+?)\*\*", r"\\textbf{\1}", plain).replace("†", r"$^\dagger$").replace("≥", r"$\geq$")
 
 
 def _csv(records: Sequence[Mapping[str, Any]]) -> str:
