@@ -10,7 +10,7 @@ from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claim
 from crowdbench.boards.method import range_over_networks, rank_methods
 from crowdbench.boards.skeleton import write_skeleton
 from crowdbench.boards.standings import over_board, success_by_family
-from crowdbench.boards.submission import Submission, read_card
+from crowdbench.boards.submission import Submission, check_card, read_card, rehearse
 from crowdbench.boards.verdict import Method, Range
 from crowdbench.catalog import load_planner
 from crowdbench.metrics.summary import Estimate
@@ -150,3 +150,25 @@ def test_a_profile_has_the_success_in_each_family(tmp_path):
     assert {family: one.mean for family, one in found.items()} == pytest.approx({"circle": 0.8, "square": 0.5})
     assert found["circle"].high == pytest.approx(0.8 + 0.04 / np.sqrt(2))
     assert success_by_family(board, {name: {} for name in rates})["square"].mean == 0.0
+
+
+def test_a_card_as_it_was_made_is_refused(tmp_path):
+    path = write_skeleton("careful", tmp_path) / "card.toml"
+    with pytest.raises(InputError, match=r"card.toml has authors as `new-planner` wrote it: say who you are"):
+        check_card(path)
+    text = path.read_text().replace("Your Name", "Ada").replace("you@example.org", "ada@example.org")
+    path.write_text(text)
+    with pytest.raises(InputError, match="has description as"):
+        check_card(path)
+    path.write_text(text.replace("Drives straight to the goal", "Drives"))
+    check_card(path)
+
+
+def test_a_rehearsal_makes_no_entry(tmp_path):
+    board = write_board(tmp_path)
+    (tmp_path / "card.toml").write_text(card())
+    seconds = rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path / "work")
+    assert seconds > 0.0
+    assert not (board_folder := tmp_path / "small" / "entries").exists(), board_folder
+    with pytest.raises(InputError, match="there is no card"):
+        rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "no.toml", "Ada"), tmp_path / "work")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,12 +37,13 @@ from crowdbench.boards.run_entry import (
     lock_runs,
     read_figures,
 )
+from crowdbench.boards.skeleton import CARD as CARD_TEXT
 from crowdbench.runs.results import read_result
 from crowdbench.runs.run import read_versions
 from crowdbench.runs.shards import WHOLE, Shard
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import new_directory
-from crowdbench.utils.toml import Location, parse_table, read_toml
+from crowdbench.utils.toml import Location, parse_table, read_toml, toml
 
 ENTRIES = "entries"
 
@@ -97,7 +99,7 @@ def submit(
     """
     board = submission.board
     directory = root / board.name / ENTRIES / submission.name
-    read_card(submission.card)
+    check_card(submission.card)
     name = f"submit-{board.name}-{submission.name}"
     with contextlib.ExitStack() as lock:
         if shard == WHOLE:
@@ -132,6 +134,41 @@ def read_card(path: Path) -> CardSpec:
     if not path.exists():
         raise InputError(f"there is no card {path}, which says what the planner is: `crowdbench new-planner` makes one")
     return parse_table(CardSpec, read_toml(path, "card"), Location(path.name))
+
+
+def check_card(path: Path) -> None:
+    """Read a card, and refuse one that still says what `new-planner` wrote.
+
+    Raises InputError where it does, is missing or is wrong.
+    """
+    card, template = read_card(path), parse_table(CardSpec, toml(CARD_TEXT), Location(path.name))
+    for key in ("authors", "contact", "description"):
+        if getattr(card, key) == getattr(template, key):
+            raise InputError(f"{path} has {key} as `new-planner` wrote it: say who you are, and what the planner does")
+
+
+def rehearse(submission: Submission, work: Path) -> float:
+    """Check all that can be checked before cases are driven.
+
+    Args:
+        submission: What is to be entered.
+        work: The folder that keeps how long a case takes.
+
+    Returns:
+        About how long the public cases will take here, in seconds.
+
+    Raises:
+        InputError: As `submit`.
+    """
+    board = submission.board
+    check_card(submission.card)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        planner, options, _ = _copy(submission, folder)
+        check_submitter(submission.by, package(planner))
+        run = EntryRun(board, folder, planner, options, work, board.public_cases)
+        pace = run.measure_pace(submission.name, package_files(planner), board.scenarios)
+    return pace * len(board.public_cases) * len(board.scenarios)
 
 
 def _copy(submission: Submission, folder: Path) -> tuple[str, dict[str, Any], list[dict[str, Any]]]:

@@ -65,6 +65,7 @@ def submit(
     data: Path | None = None,
     root: Path = ROOT,
     work: Path = WORK,
+    dry_run: bool = False,
     shard: ShardOption = None,
     threads: ThreadsOption = None,
 ) -> None:
@@ -77,11 +78,12 @@ def submit(
         by: Who submits it.
         name: The name of the entry.
         network: Another network of the same method: key=value, such as weights=b.safetensors. Repeatable.
+        dry_run: Check planner and card, say how long the public cases will take, and make no entry.
     """
     use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.entry import MAINTAINERS
-    from crowdbench.boards.submission import Submission, read_card
+    from crowdbench.boards.submission import Submission, read_card, rehearse
     from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
     from crowdbench.plugins.load import file_and_function, plugin_name, program
@@ -107,6 +109,10 @@ def submit(
         say("checking the contract")
         _check_contract(planner, option or [])
     cases = len(rules.public_cases) * len(rules.scenarios)
+    if dry_run:
+        minutes = rehearse(submission, work) / 60
+        say(f"no fault is found, and no entry made; {cases} public cases will take about {minutes:.1f} minutes here")
+        return
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message), _exit_on_unfinished(), progress(cases, f"of {cases} public cases") as tell:
         entry, failed = submit_planner(submission, root, work, tell, own)
@@ -186,6 +192,8 @@ def verify(
     if cases and cases > len(board.cases):
         raise InputError(f"--cases is {cases}, but the board {board.name} has {len(board.cases)} cases")
     announce_compilation()
+    if not season:
+        say("the cases are drawn for you, and nothing of this is kept: what a board shows is verified in its season")
     driven = Cases("test", 0, cases) if cases else cases_of_season(submitted, board, work) if season else None
     total = count_cases(submitted, board, driven or board.cases)
     message = f"finished batches are kept in {work}, with which the same command goes on"
@@ -221,6 +229,8 @@ def _print_verification(entry: Entry, board: str, result: Verification) -> None:
     if entry.spec.privileged:
         print("The planner is privileged: it is shown, and has no rank.")
     print("This does not tell whether the planner knew more than a vehicle can see while it was trained.")
+    if not result.season:
+        print("Nothing of this is kept: until its season, the entry is shown with the figures that you report.")
 
 
 @contextlib.contextmanager
