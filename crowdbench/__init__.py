@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # the aliases tell type checkers that these are public
     from crowdbench.metrics import METRICS as METRICS
     from crowdbench.networks.policy import Encoder as Encoder
     from crowdbench.networks.value import load_network as load_network
+    from crowdbench.notebook import Result as Result
+    from crowdbench.notebook import run as run
     from crowdbench.planners.base import OneWorldPlanner as OneWorldPlanner
     from crowdbench.planners.base import Planner as Planner
     from crowdbench.planners.driver import Driver as Driver
@@ -31,8 +33,6 @@ if TYPE_CHECKING:  # the aliases tell type checkers that these are public
     from crowdbench.predict import Prediction as Prediction
     from crowdbench.predict import Predictor as Predictor
     from crowdbench.predict.load import load_predictor as load_predictor
-    from crowdbench.runs.api import Result as Result
-    from crowdbench.runs.api import run as run
     from crowdbench.runs.results import Episodes as Episodes
     from crowdbench.runs.rollout import rollout as rollout
     from crowdbench.scenario.cases import Cases as Cases
@@ -58,7 +58,7 @@ _HOMES = {
     "PolicyWithMemory": "sim.pedestrians.base",
     "Prediction": "predict",
     "Predictor": "predict",
-    "Result": "runs.api",
+    "Result": "notebook",
     "Rules": "core.types",
     "Scenario": "scenario.scenario",
     "Trace": "core.types",
@@ -71,7 +71,7 @@ _HOMES = {
     "load_scenario": "catalog",
     "parallel_env": "envs.parallel",
     "rollout": "runs.rollout",
-    "run": "runs.api",
+    "run": "notebook",
 }
 """The module of each public name."""
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from crowdbench.cli import app
-from crowdbench.runs.api import run
+from crowdbench.notebook import run
 from crowdbench.runs.compare import compare
 
 

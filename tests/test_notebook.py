@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 import crowdbench
 from crowdbench.cli import app
 from crowdbench.planners.base import Planner
+from crowdbench.utils.errors import InputError
 
 
 class Halts(Planner):
@@ -83,3 +84,31 @@ def test_what_cannot_be_is_said_in_a_sentence(arguments, sentence, tmp_path, mon
     with pytest.raises(crowdbench.InputError, match=sentence):
         crowdbench.run(**arguments)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_kept_run_shows_its_failures_and_what_differs(tmp_path, monkeypatch):
+    orca = crowdbench.run("orca", cases=12, out=tmp_path / "orca")
+    other = crowdbench.run("straight", cases=12, out=tmp_path / "straight")
+    assert orca.failures == {"collision": orca.episodes.case[orca.episodes.columns["collision_rate"]].tolist()}
+    found = orca.compare(other)
+    assert found.names == ("orca", "straight")
+    text = found._repr_markdown_()
+    assert text.startswith("12 shared cases, ")
+    assert "| metric | orca | straight | difference | 95 % interval | p |" in text
+    picture = orca.render(3)
+    assert picture._repr_png_().startswith(b"\x89PNG")
+    opened = []
+    monkeypatch.setattr(
+        "crowdbench.record.viewer.show", lambda file, seconds, *, web: opened.append((file.suffix, web))
+    )
+    orca.view(3, web=True)
+    assert opened == [(".rrd", True)]
+    with pytest.raises(InputError, match="case 40 is not recorded"):
+        orca.render(40)
+
+
+def test_what_needs_a_kept_run_says_so():
+    found = crowdbench.run("straight", cases=2)
+    for use in (lambda: found.view(0), lambda: found.render(0), lambda: found.compare(found)):
+        with pytest.raises(InputError, match=r"the run was not kept: give run\(..., out=DIR\)"):
+            use()

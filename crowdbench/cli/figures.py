@@ -115,22 +115,10 @@ def render(
         strip: Draw so many moments side by side instead of the whole way.
         out: A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).
     """
-    import numpy as np
-
     from crowdbench.cli.results import recording_of
     from crowdbench.figures import episode
-    from crowdbench.record.contents import read
 
     if strip is not None and out.suffix in episode.FILMS:
         raise InputError("--strip draws a figure: leave it out, or give a .pdf, .svg or .png file with --out")
-    trace = read(recording_of(run)).trace
-    rows = np.flatnonzero(trace.case == case)
-    if not len(rows):
-        raise InputError(f"case {case} is not recorded in {run}: `crowdbench run --record all` keeps every case")
-    if out.suffix in episode.FILMS:
-        episode.film(trace, int(rows[0]), out)
-    elif strip is not None:
-        episode.strip(trace, int(rows[0]), strip, out)
-    else:
-        episode.trajectories(trace, int(rows[0]), out)
+    episode.draw_case(recording_of(run), case, out, strip)
     say(f"wrote {out}")

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from crowdbench.core.types import Trace
 from crowdbench.drawing import LIGHT, Color, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
 from crowdbench.figures.style import canvas, check_file, write
+from crowdbench.record.contents import read
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
@@ -51,6 +52,31 @@ def trajectories(trace: Trace, row: int, out: Path) -> None:
             marks.append(Disc(place, radius, None, LIGHT.vehicle))
             marks.append(Text(place + np.array([1.2 * radius, 0.0]), f"{state * dt:g} s", LIGHT.vehicle, is_left=True))
         _draw_state(figure.add_subplot(), trace, row, end, marks)
+
+
+def draw_case(recording: Path, case: int, out: Path, moments: int | None = None) -> None:
+    """Draw a recorded case, as a film where the file is one.
+
+    Args:
+        recording: The recording.
+        case: The number of the case.
+        out: A file of `FILMS`, or a figure.
+        moments: How many moments a figure shows side by side; None for the whole way in one.
+
+    Raises:
+        InputError: The case is not recorded.
+    """
+    trace = read(recording).trace
+    rows = np.flatnonzero(trace.case == case)
+    if not len(rows):
+        kept = "`crowdbench run --record all` keeps every case"
+        raise InputError(f"case {case} is not recorded in {recording}: {kept}")
+    if out.suffix in FILMS:
+        film(trace, int(rows[0]), out)
+    elif moments is not None:
+        strip(trace, int(rows[0]), moments, out)
+    else:
+        trajectories(trace, int(rows[0]), out)
 
 
 def strip(trace: Trace, row: int, moments: int, out: Path) -> None:

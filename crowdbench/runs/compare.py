@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.metrics import OVER_ALL, POOLED, is_rate
+from crowdbench.metrics import OVER_ALL, POOLED, heading, is_rate
 from crowdbench.metrics.summary import (
     NOTHING,
     RESAMPLES,
@@ -28,7 +28,7 @@ from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.digest import compute_digest
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import flatten
+from crowdbench.utils.tables import flatten, markdown
 
 EXACT = 12
 """Blocks of cases for which the test of two rates tries all ways to exchange the runs."""
@@ -70,6 +70,19 @@ class Comparison:
     rows: dict[str, MetricDifference]
     changed: list[tuple[int, int, int]]
     doubts: list[str]
+
+    def _repr_markdown_(self) -> str:
+        """What Jupyter shows: the metrics of both, and how they differ."""
+        rows = []
+        for name, row in self.rows.items():
+            if row.difference.n:
+                factor, digits = (1.0, 3) if row.p is None else (100.0, 1)
+                found = row.a, row.b, row.difference.mean, row.difference.low, row.difference.high
+                a, b, mean, low, high = (f"{factor * value:.{digits}f}" for value in found)
+                p = "" if row.p is None else f"{row.p:.2g}"
+                rows.append([heading(name, row.p is not None), a, b, mean, f"{low} to {high}", p])
+        header = ["metric", *self.names, "difference", "95 % interval", "p"]
+        return f"{self.cases} shared cases, {self.both_solved} solved by both\n\n{markdown(header, rows)}"
 
 
 def compare(a: Path, b: Path) -> Comparison:

@@ -25,8 +25,8 @@ _PACKAGE = Path(__file__).parent.parent
 APART = tuple(
     _PACKAGE / name
     for name in (
-        *("agents", "bench", "boards", "certify", "check", "cli", "envs", "figures", "study", "train"),
-        *("runs/api.py", "runs/compare.py", "runs/differences.py", "runs/on_ray.py", "runs/replay.py"),
+        *("agents", "bench", "boards", "certify", "check", "cli", "envs", "figures", "study", "train", "notebook.py"),
+        *("runs/compare.py", "runs/differences.py", "runs/on_ray.py", "runs/replay.py"),
     )
 )
 """Parts of the package on which no run depends, and the planners, whose files count one by one."""

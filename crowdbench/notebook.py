@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crowdbench.core.types import Outcome
 from crowdbench.metrics import METRICS, Metric, heading
 from crowdbench.metrics.load import RESERVED
 from crowdbench.metrics.summary import Estimate
 from crowdbench.planners.base import Planner
+from crowdbench.runs.compare import Comparison, compare
 from crowdbench.runs.load import load_run
-from crowdbench.runs.results import Episodes, read_estimate
+from crowdbench.runs.results import RECORDING, Episodes, read_estimate
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
@@ -23,6 +25,19 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import RECORD
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import markdown
+
+FAILURES = (Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT)
+
+
+@dataclass(frozen=True, repr=False)
+class Picture:
+    """A picture that a notebook shows; `png` are the bytes of a file."""
+
+    png: bytes
+
+    def _repr_png_(self) -> bytes:
+        """What Jupyter shows."""
+        return self.png
 
 
 @dataclass(frozen=True, repr=False)
@@ -60,6 +75,49 @@ class Result:
         metrics = {name: read_estimate(found) for name, found in run.result["metrics"].items()}
         scenario = run.result["scenario"]["name"]
         return cls(run.label, scenario, run.result["cases"], metrics, run.episodes, run.directory)
+
+    @property
+    def failures(self) -> dict[str, list[int]]:
+        """The cases that failed, by outcome."""
+        failed = {outcome.label: self.episodes.case[self.episodes.outcome == outcome].tolist() for outcome in FAILURES}
+        return {outcome: cases for outcome, cases in failed.items() if cases}
+
+    def compare(self, other: Result) -> Comparison:
+        """Compare with another run of the same scenario, case by case; a notebook shows it as a table.
+
+        Raises InputError where one of them was not kept, or they share no case.
+        """
+        return compare(self._kept(), other._kept())
+
+    def view(self, case: int, *, web: bool = False) -> None:
+        """Open a recorded case in the Rerun viewer, and wait until it is closed.
+
+        Args:
+            case: The number of the case.
+            web: Whether to open it in a browser instead of a window.
+
+        Raises:
+            InputError: The run was not kept, the case is not recorded, or the viewer does not start.
+        """
+        from crowdbench.record import viewer
+
+        viewer.view([self._kept() / RECORDING], case, web=web)
+
+    def render(self, case: int) -> Picture:
+        """Draw a recorded case from above; a notebook shows the picture.
+
+        Raises InputError where the run was not kept, or the case is not recorded.
+        """
+        from crowdbench.figures.episode import draw_case
+
+        with tempfile.TemporaryDirectory() as folder:
+            draw_case(self._kept() / RECORDING, case, Path(folder) / "case.png")
+            return Picture((Path(folder) / "case.png").read_bytes())
+
+    def _kept(self) -> Path:
+        if self.directory is None:
+            raise InputError("the run was not kept: give run(..., out=DIR)")
+        return self.directory
 
     def __repr__(self) -> str:
         rates, rows = set(self.episodes.rates), []
