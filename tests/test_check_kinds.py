@@ -477,6 +477,27 @@ def layout_points(layout):
     return check_layout(layout, "mine", PLACE, CASES)
 
 
+def test_what_groups_make_of_a_layout_is_examined_by_what_a_run_does():
+    def alley(rng, radius, preferred_speed):
+        """A lane of 1.2 m, in which there is no room for two abreast."""
+        place = np.arange(len(radius)) * 2.0
+        start, goal = np.stack([place, 0.0 * place], axis=1), np.stack([place + 60.0, 0.0 * place], axis=1)
+        walls = np.array([[[-5.0, side], [80.0, side]] for side in (-0.6, 0.6)])
+        return Placement(start, goal, obstacles=walls)
+
+    def points(groups):
+        place = load_scenario("circle_crossing_5", {"time_limit": 3.5, **groups})
+        return check_layout(alley, "alley", place, Cases.parse("val:2"))
+
+    alone, together = points({}), points({"pedestrians.groups": {"2": 1.0}})
+    assert "whole cases" not in verdicts(alone)[0]
+    assert "whole cases" in verdicts(together)[0]
+    said = seen(together, "whole cases")
+    assert "the start of pedestrian" in said
+    assert "the layout placed its group; members stand side by side around that place" in said
+    assert seen(alone, "again").startswith("room for")
+
+
 @pytest.mark.parametrize("name", LAYOUTS_THAT_OFFEND)
 def test_an_offence_of_a_layout_breaks_its_point_alone(name, monkeypatch):
     # Without the checks of the tests, which would be an exception in the layout.

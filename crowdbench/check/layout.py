@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -26,9 +27,11 @@ from crowdbench.scenario.placement import (
     check_obstacles,
     check_routes,
     check_shape,
+    complete_placement,
 )
 from crowdbench.scenario.respawn import LayoutWithRespawn, Room, draw_again
 from crowdbench.scenario.scenario import Scenario
+from crowdbench.scenario.starts import LayoutStarts
 from crowdbench.utils.errors import InputError, plugin_errors
 
 
@@ -63,6 +66,9 @@ def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) ->
         scenario: The scenario whose crowds are placed.
         cases: The cases.
     """
+    call = layout if isinstance(layout, LayoutCall) else LayoutCall(layout)
+    starts = LayoutStarts(call, getattr(scenario.starts, "crowdnav_cases", 0))
+    whole = dataclasses.replace(scenario, starts=starts)
     examination = _LayoutExamination(lambda: layout, name)
     findings = examination.findings
     placed = []
@@ -75,6 +81,7 @@ def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) ->
         placement = examination.ask(crowd)
         if placement is not None:
             placed.append((crowd, placement))
+            findings.note("whole cases", 1, _find_fault(whole, cases.split, crowd, placement))
     return [
         findings.result("exceptions", "none"),
         findings.result("shape", "a Placement with a start and a goal [agent, 2]"),
@@ -83,9 +90,10 @@ def check_layout(layout: Layout, name: str, scenario: Scenario, cases: Cases) ->
         findings.result("ways", "one for everybody, through no wall"),
         findings.result("overlap", "none at the start"),
         findings.result("goal", "no start is its own goal"),
+        findings.result("whole cases", "can be started, with groups and all else that the scenario says"),
         findings.result("random numbers", "only from its stream"),
         examination.check_deterministic("when it is given the same again, from the last to the first"),
-        _check_respawn(layout if isinstance(layout, LayoutCall) else LayoutCall(layout), f"layout {name}", placed),
+        _check_respawn(call, f"layout {name}", placed, is_needed=scenario.renewal is not None),
     ]
 
 
@@ -150,7 +158,20 @@ def _named(name: str) -> Iterator[None]:
         raise InputError(f"{name}: {error}") from None
 
 
-def _check_respawn(layout: LayoutCall, name: str, placed: list[tuple[_Crowd, Placement]]) -> CheckResult:
+def _find_fault(scenario: Scenario, split: str, crowd: _Crowd, placement: Placement) -> str | None:
+    """What keeps a run from starting a case that the layout alone could start; nothing if it starts."""
+    with contextlib.suppress(InputError):  # which other checks tell
+        complete_placement(placement, crowd.radius)
+        try:
+            scenario.draw(split, np.array([crowd.case]))
+        except InputError as error:
+            return str(error)
+    return None
+
+
+def _check_respawn(
+    layout: LayoutCall, name: str, placed: list[tuple[_Crowd, Placement]], is_needed: bool
+) -> CheckResult:
     """Whether somebody new, and another goal, can be drawn among those who are placed."""
     # Whether a layout that draws by itself is deterministic is another check.
     times = 2 if isinstance(layout.function, LayoutWithRespawn) else 1
@@ -168,7 +189,8 @@ def _check_respawn(layout: LayoutCall, name: str, placed: list[tuple[_Crowd, Pla
                 seen = f"{name} draws {one} from a stream and then {others} from the same one"
                 return CheckResult("again", False, seen)
             found += one is not None
-    return CheckResult("again", True, f"room for {found} of {2 * len(crowds)} new people and goals")
+    seen = f"room for {found} of {2 * len(crowds)} new people and goals"
+    return CheckResult("again", True if found else False if is_needed else None, seen)
 
 
 def _respawn_last(layout: LayoutCall, crowd: _Crowd, placement: Placement, position: np.ndarray | None) -> Way | None:

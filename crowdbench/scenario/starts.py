@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -109,7 +110,8 @@ class LayoutStarts:
                     answer: object = place_groups(call_layout, leader, radius, speed, stands, standing)
                 else:
                     answer = call_layout(radius, speed)
-                placement = complete_placement(answer, radius)
+                with _of_groups(bool(crowd.groups)):
+                    placement = complete_placement(answer, radius)
                 if crowd.clear_space is None or _is_clear(crowd.clear_space, placement, vehicle, rules, walkers):
                     return Start(traits, placement, group)
             raise InputError(
@@ -126,6 +128,16 @@ class LayoutStarts:
         if crowd.arrival == "walk_on" and crowd.goal_change is None:
             return None
         return Renewal(crowd, self.layout)
+
+
+@contextlib.contextmanager
+def _of_groups(are_there: bool) -> Iterator[None]:
+    """Says in the sentence of an InputError that it is of members of groups, whom no layout has placed."""
+    try:
+        yield
+    except InputError as error:
+        moved = " (the layout placed its group; members stand side by side around that place)" if are_there else ""
+        raise InputError(f"{error}{moved}") from None
 
 
 def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
