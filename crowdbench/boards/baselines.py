@@ -37,7 +37,7 @@ def entry_folders(board: Path) -> list[Path]:
 
 def find_entry(directory: Path) -> Path:
     """The folder of an entry, where its own one is packed."""
-    packed = _unpack(directory.parents[1]) / ENTRIES / directory.name
+    packed = _unpack(directory.parent.parent) / ENTRIES / directory.name
     return packed if packed.is_dir() and not directory.exists() else directory
 
 

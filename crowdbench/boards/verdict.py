@@ -141,7 +141,7 @@ def verification_folder(entry: Entry, season: Season) -> Path:
 
 def find_verification(entry: Entry, season: Season) -> Path:
     """The folder with what was found of an entry in a season, which may be packed with the entry."""
-    own, packed = (verification_folder(entry, season), entry.directory.parents[1] / VERIFICATIONS)
+    own, packed = (verification_folder(entry, season), entry.directory.parent.parent / VERIFICATIONS)
     return own if own.exists() else packed / entry.name / season.spec.name
 
 
