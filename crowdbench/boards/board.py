@@ -61,8 +61,11 @@ METRIC_TITLES = {
 LATER = ("at_fault_rate", "imposed_delay")
 """Those that the runs of earlier entries lack: there they are undefined."""
 
+_SHOWN_ONLY = {"title", "description", "position", "recorded", "ranked", "sct_scale", "closed", "digest"}
+"""Keys of a board that are not in its digest."""
+
 _COUNTED = {"version", "families", "cases", "public_cases", "replan_every", "look_first", "collision"}
-"""Keys of a board that are in its digest: what its figures depend on."""
+"""Keys that are in the digest of every board. One that comes later is where it differs from its default."""
 
 ROOT = PACKAGE_ROOT / "leaderboards"
 """The folder of the boards that ship."""
@@ -125,6 +128,7 @@ class Board:
     def digest(self) -> str:
         """The sha256 of all that its figures depend on. Texts, the position, and what ranks are not in it."""
         rules = self.spec.model_dump(mode="json", include=_COUNTED)
+        rules |= self.spec.model_dump(mode="json", exclude=_SHOWN_ONLY, exclude_defaults=True)
         return self.spec.digest or hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
 
     @property

@@ -190,7 +190,9 @@ def _check_respawn(
                 return CheckResult("again", False, seen)
             found += one is not None
     seen = f"room for {found} of {2 * len(crowds)} new people and goals"
-    return CheckResult("again", True if found else False if is_needed else None, seen)
+    if not found and not is_needed:
+        return CheckResult("again", True, f"{seen}, whom this scenario does not draw")
+    return CheckResult("again", found > 0, seen)
 
 
 def _respawn_last(layout: LayoutCall, crowd: _Crowd, placement: Placement, position: np.ndarray | None) -> Way | None:
