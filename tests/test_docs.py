@@ -113,8 +113,8 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
 
 
 STUDIES = {path.stem: f"{path.stem}.md" for path in sorted((DOCS / "studies").glob("*.toml"))}
-STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials", "crowdnav_plus")}
-"""The studies and the pages of their tables. What the tables of four of them show is said on a page of its own."""
+STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials", "crowdnav_plus", "specialists")}
+"""The studies and the pages of their tables. What the tables of five of them show is said on a page of its own."""
 
 PRINTED = {page: f"study docs/studies/{name}.toml" for name, page in STUDIES.items()}
 PRINTED["recorded_tables.md"] += " --data DIR"
