@@ -156,9 +156,7 @@ def test_the_layout_of_the_docs_keeps_the_contract(tmp_path):
     (tmp_path / "mine.toml").write_text('[layout]\ngenerator = "./pillar.py"\n')
     place = load_scenario(str(tmp_path / "mine.toml"), {"layout.size": 1.5})
     points = check_layout(partial(place.layout.function, size=1.5), "pillar", place, Cases.parse("val:3"))
-    assert {point.name for point in points if not point.kept} <= {
-        "random numbers"
-    }  # the tests' type checker draws
+    assert {point.name for point in points if not point.kept} <= {"random numbers"}  # the tests' type checker draws
     start = place.worlds(Cases.parse("2"))
     assert start.obstacles.max() == 0.75
     assert np.isfinite(start.route[:, :2, 0]).all()
