@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from crowdbench.core.types import Outcome
 from crowdbench.metrics import METRICS, Metric, heading
 from crowdbench.metrics.load import RESERVED
 from crowdbench.metrics.summary import Estimate
@@ -25,8 +24,6 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import RECORD
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import markdown
-
-FAILURES = (Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT)
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,8 +76,7 @@ class Result:
     @property
     def failures(self) -> dict[str, list[int]]:
         """The cases that failed, by outcome."""
-        failed = {outcome.label: self.episodes.case[self.episodes.outcome == outcome].tolist() for outcome in FAILURES}
-        return {outcome: cases for outcome, cases in failed.items() if cases}
+        return self.episodes.failures
 
     def compare(self, other: Result) -> Comparison:
         """Compare with another run of the same scenario, case by case; a notebook shows it as a table.

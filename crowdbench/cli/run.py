@@ -190,19 +190,16 @@ def print_result(
     recorded = f"{number} episodes are recorded (crowdbench view shows them)" if number else "no episode is recorded"
     print(f"\nKept in {directory}; {recorded}")
     if number:
-        print("\n".join(_failures(directory)))
+        _print_failures(directory)
 
 
-def _failures(directory: Path) -> list[str]:
-    """A line for each way in which episodes failed: how many, and how to see the first of them."""
-    from crowdbench.core.types import Outcome
-    from crowdbench.runs.results import EPISODES, Episodes
+def _print_failures(directory: Path) -> None:
+    """A line for each way in which episodes failed: how many, and how to see the first of them that is recorded."""
+    from crowdbench.record.viewer import recorded_cases
+    from crowdbench.runs.results import EPISODES, RECORDING, Episodes
 
-    episodes = Episodes.read(directory / EPISODES)
-    lines = []
-    for outcome in (Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT):
-        cases = episodes.case[episodes.outcome == outcome].tolist()
-        if cases:
-            many = f"{len(cases)} {outcome.label}{'s'[: len(cases) != 1]}"
-            lines.append(f"{many}: crowdbench view {directory} --case {cases[0]}")
-    return lines
+    recorded = set(recorded_cases(directory / RECORDING))
+    for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
+        many = f"{len(cases)} {outcome.replace('_', ' ')}{'s'[: len(cases) != 1]}"
+        seen = next((f": crowdbench view {directory} --case {case}" for case in cases if case in recorded), "")
+        print(many + seen)

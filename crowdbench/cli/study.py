@@ -113,13 +113,13 @@ def validity(
     for policy in chosen:
         PEDESTRIANS.load(policy)  # before minutes of work with another one
     announce_compilation()
+    beside = None if data is None else cars_page.section(cars_page.measure(chosen, data))
     experiments = list(settings(chosen))
     results = {}
     with progress(len(experiments), f"of {len(experiments)} measurements") as tell:
         for setting in experiments:
             results[setting] = run_experiment(setting)
             tell(1)
-    beside = None if data is None else cars_page.section(cars_page.measure(chosen, data))
     print(page(results, " ".join(["validity", *(policies or []), *["--data DIR"] * bool(data)]), beside))
 
 

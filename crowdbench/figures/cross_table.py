@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from crowdbench.figures.table import with_interval
 from crowdbench.metrics import MORE_IS_BETTER, heading
 from crowdbench.metrics.summary import Estimate
 from crowdbench.runs.compare import compare, holm
@@ -97,5 +98,5 @@ def _cell(estimate: Estimate | None, mark: str, is_rate: bool) -> str:
     if estimate is None or math.isnan(estimate.mean):
         return ""
     factor, digits = (100.0, 1) if is_rate else (1.0, 2)
-    mean, low, high = (f"{factor * value:.{digits}f}" for value in (estimate.mean, estimate.low, estimate.high))
-    return f"{f'**{mean}**' if mark == 'best' else mean + mark} ({low} to {high})"
+    mean, interval = with_interval(estimate, factor, digits).split(" ", 1)
+    return f"{f'**{mean}**' if mark == 'best' else mean + mark} {interval}"

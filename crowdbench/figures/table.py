@@ -81,10 +81,10 @@ def _compared(row: MetricDifference, is_rate: bool) -> list[str]:
         return ["", "", "", ""]
     factor, digits = (100.0, 1) if is_rate else (1.0, 3)
     means = [f"{factor * value:.{digits}f}" for value in (row.a, row.b)]
-    return [*means, _interval(row.difference, factor, digits), "" if row.p is None else f"{row.p:.2g}"]
+    return [*means, with_interval(row.difference, factor, digits), "" if row.p is None else f"{row.p:.2g}"]
 
 
-def _interval(estimate: Estimate, factor: float, digits: int) -> str:
+def with_interval(estimate: Estimate, factor: float, digits: int) -> str:
     """A mean with its interval."""
     mean, low, high = (f"{factor * value:.{digits}f}" for value in (estimate.mean, estimate.low, estimate.high))
     return f"{mean} ({low} to {high})"
@@ -101,4 +101,4 @@ def _row(label: str, run: RunResult, names: Sequence[str]) -> dict[str, Estimate
 def _cells(row: Mapping[str, Estimate], rates: set[str]) -> list[str]:
     """The cells of a row."""
     formats = {name: (100.0, 1) if name in rates else (1.0, 2) for name in row}
-    return ["" if math.isnan(one.mean) else _interval(one, *formats[name]) for name, one in row.items()]
+    return ["" if math.isnan(one.mean) else with_interval(one, *formats[name]) for name, one in row.items()]

@@ -53,6 +53,13 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.case)
 
+    @property
+    def failures(self) -> dict[str, list[int]]:
+        """The cases that failed, by outcome."""
+        failed = Outcome.COLLISION, Outcome.WALL_COLLISION, Outcome.TIMEOUT
+        found = {outcome.label: self.case[self.outcome == outcome].tolist() for outcome in failed}
+        return {outcome: cases for outcome, cases in found.items() if cases}
+
     @classmethod
     def of(cls, trace: Trace, metrics: Mapping[str, Metric]) -> Episodes:
         """Measure a trace.

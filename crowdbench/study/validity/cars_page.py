@@ -36,7 +36,8 @@ The displacements over {cars.SECONDS:g} s, forward and away from the nearest car
 by the energy distance (Székely and Rizzo 2013), among people with the same gap to it and the same time until it is
 within {cars.CLOSE:g} m at constant velocities. Groups count by their sizes, from {energy.LEAST} people on. Parameters
 are fitted on the first half of each clip. Figures are of the second halves, with 95 % intervals of a bootstrap over
-clips. The floor is the distance between the recorded people of one half of the clips and those of the other."""
+clips. The floor is the distance between the recorded people of one half of the clips and those of the other: the mean
+over random halves, and the range of 95 % of them."""
 
 
 @dataclass(frozen=True)
