@@ -5,16 +5,15 @@ from hypothesis import strategies as st
 
 from crowdbench.boards.ranking import (
     CONFIDENCE,
-    DELTA,
     SCT,
     SUCCESS,
-    Scale,
     compare_all,
     pareto,
     rank_by_bounds,
     ranks,
     scores,
 )
+from crowdbench.metrics.score import DELTA, Scale
 from crowdbench.utils.errors import InputError
 
 CASES = 500

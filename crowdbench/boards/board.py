@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import AfterValidator, Field
 
-from crowdbench.boards.ranking import Scale
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types.rules import COLLISION_RULES
 from crowdbench.metrics import METRICS, Metric
+from crowdbench.metrics.score import Scale
 from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.scenario.cases import Cases

@@ -16,19 +16,16 @@ import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.boards.paired_bootstrap import Differences, studentise
+from crowdbench.metrics.score import Scale
 from crowdbench.utils.errors import InputError
 
 SUCCESS, SCT = "success_rate", "sct"
 """The metrics that rank."""
-
-DELTA = 0.005
-"""The share of success that being quick is worth, at most."""
 
 CONFIDENCE = 0.95
 """Of the intervals of all ranks of a board together; a single entry beats another one with half of the doubt."""
@@ -41,22 +38,6 @@ Columns = Mapping[str, Float[np.ndarray, "scenario _"]]
 """The metrics that rank in the first cases of each scenario, as many as an entry drove."""
 
 Weights = Float[np.ndarray, "scenario"]
-
-
-class Scale(NamedTuple):
-    """The SCT at which being quick is worth nothing, and the one at which it is worth `DELTA`."""
-
-    slow: float = 0.0
-    quick: float = 1.0
-
-    @property
-    def slope(self) -> float:
-        """What a score gains where SCT is larger by 1."""
-        return DELTA / (self.quick - self.slow)
-
-    def score(self, success: float, sct: float) -> float:
-        """The score of means over a board."""
-        return success + self.slope * min(max(sct - self.slow, 0.0), self.quick - self.slow)
 
 
 @dataclass(frozen=True)

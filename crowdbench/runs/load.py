@@ -17,17 +17,18 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import plugin_errors
 
 
-def load_run(spec: RunSpec, planner: Planner | None = None) -> Run:
+def load_run(spec: RunSpec, planner: Planner | None = None, scenario: Scenario | None = None) -> Run:
     """Load a run with its planner in this process.
 
     Args:
         spec: The run; where a planner is given, the spec only says what it is called.
         planner: The planner where it was made in Python.
+        scenario: The scenario that the spec names, where it has been loaded before.
 
     Raises:
         InputError: Something that the spec names does not exist, or does not take these options or overrides.
     """
-    scenario = catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
+    scenario = scenario or catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
     name, files = spec.planner, {}
     if planner is None:
         name, planner = catalog.load_planner(spec.planner, spec.options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.folder import describe_scenario, read_episodes
 from crowdbench.study.measures import DISCOMFORT, GAP, JERK, LEAST_SHARED, PRIVILEGED, SUCCESS, TIME, Row
-from crowdbench.study.schema import CrowdsSpec
+from crowdbench.study.schema import CrowdPlannerSpec, CrowdsSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
 
@@ -236,6 +236,20 @@ class FilledCrowdsTable:
         return [note for note, applies in notes.items() if applies]
 
 
+def load_runs(planners: Sequence[CrowdPlannerSpec], base: RunSpec) -> list[Run]:
+    """The runs of planners in one scenario, which is loaded once.
+
+    Args:
+        planners: The planners with their options.
+        base: What all runs have in common.
+
+    Raises:
+        InputError: A planner or the scenario does not exist.
+    """
+    scenario = catalog.load_scenario(base.scenario, base.overrides, data=base.data)
+    return [load_run(replace(base, planner=each.planner, options=each.options), scenario=scenario) for each in planners]
+
+
 @dataclass(frozen=True)
 class CrowdsTable:
     """Planners in crowds, the same cases for all; `by_scenario` has the runs of each scenario in a list."""
@@ -259,13 +273,7 @@ class CrowdsTable:
         scenarios = catalog.simulated_scenarios() if spec.scenarios == "all" else spec.scenarios
         base = RunSpec("", "", spec.cases, overrides=spec.overrides, record="none", data=data)
         with location.named():
-            by_scenario = [
-                [
-                    load_run(replace(base, planner=each.planner, options=each.options, scenario=scenario))
-                    for each in spec.planners
-                ]
-                for scenario in scenarios
-            ]
+            by_scenario = [load_runs(spec.planners, replace(base, scenario=scenario)) for scenario in scenarios]
         labels = [run.label for run in by_scenario[0]]
         if len(set(labels)) < len(labels):
             raise location.at("planners").wrong(repr(labels), "planners that differ in their names or options")

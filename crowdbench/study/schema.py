@@ -155,6 +155,23 @@ class LaddersSpec(TomlTable):
     cases: CasesText = Cases.parse("test:100")
 
 
+class RankingsSpec(TomlTable):
+    """`[[rankings]]`: planners by families, a suite that ranks them, and worlds in which that order is to hold.
+
+    `worlds` has the scenarios of each. `alone` is a scenario that is looked at in the place of the suite, `without` has
+    families that are left out in a second look, and `criterion` is what the lower bound of Kendall's tau is to exceed.
+    """
+
+    title: Name
+    families: Annotated[dict[str, Planners], Field(min_length=3, description="a table of three or more families")]
+    suite: Names
+    worlds: Annotated[dict[str, Names], Field(min_length=1, description="a table of worlds, each a list of scenarios")]
+    alone: Name
+    without: Names = Field(default=[])
+    criterion: float = number(0.3, least=-1.0, below=1.0)
+    cases: CasesText = Cases.parse("test:100")
+
+
 class StudySpec(TomlTable):
     """The whole file."""
 
@@ -164,3 +181,4 @@ class StudySpec(TomlTable):
     crowds: list[CrowdsSpec] = Field(default=[], description="a list of tables [[crowds]]")
     dials: list[DialsSpec] = Field(default=[], description="a list of tables [[dials]]")
     ladders: list[LaddersSpec] = Field(default=[], description="a list of tables [[ladders]]")
+    rankings: list[RankingsSpec] = Field(default=[], description="a list of tables [[rankings]]")

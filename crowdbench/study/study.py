@@ -12,16 +12,20 @@ from crowdbench.study.crowds import CrowdsTable, FilledCrowdsTable
 from crowdbench.study.dials.table import DialsTable, FilledDialsTable
 from crowdbench.study.ladder.table import FilledLaddersTable, LaddersTable
 from crowdbench.study.planners import FilledPlannersTable, PlannersTable
+from crowdbench.study.rankings.table import FilledRankings, RankingsTable
 from crowdbench.study.schema import StudySpec
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import printed_by
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
-Table = PlannersTable | CrowdsTable | DialsTable | LaddersTable
-FilledTable = FilledPlannersTable | FilledCrowdsTable | FilledDialsTable | FilledLaddersTable
+Table = PlannersTable | CrowdsTable | DialsTable | LaddersTable | RankingsTable
+FilledTable = FilledPlannersTable | FilledCrowdsTable | FilledDialsTable | FilledLaddersTable | FilledRankings
 
 REPRODUCTION = Path(__file__).with_name("reproduce.toml")
 """The tables of Li et al. (2020) and more."""
+
+KINDS = ("[[tables]]", "[[crowds]]", "[[dials]]", "[[ladders]]", "[[rankings]]")
+"""The kinds of tables that a study may have."""
 
 QUICK = (
     "A quick look: the first network of each row alone, on few cases. Intervals are wide, and a single network has no "
@@ -121,9 +125,10 @@ def _load(spec: StudySpec, path: Path, data: Path | None = None) -> Study:
         *(CrowdsTable.of(table, file.at("crowds", i), data) for i, table in enumerate(spec.crowds)),
         *(DialsTable.of(table, file.at("dials", i)) for i, table in enumerate(spec.dials)),
         *(LaddersTable.of(table, file.at("ladders", i)) for i, table in enumerate(spec.ladders)),
+        *(RankingsTable.of(table, file.at("rankings", i), data) for i, table in enumerate(spec.rankings)),
     ]
     if not tables:
-        raise InputError(f"{path.name} has no table: a study needs [[tables]], [[crowds]], [[dials]] or [[ladders]]")
+        raise InputError(f"{path.name} has no table: a study needs one of {', '.join(KINDS)}")
     study = Study(path.stem, spec.description, tables, spec.sources)
     if data is not None and not any(run.scenario.tracks for run in study.runs):
         raise InputError(f"--data does not go with {path.name}, none of whose scenarios has a table [tracks]")

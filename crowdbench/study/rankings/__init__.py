@@ -1,0 +1,1 @@
+"""Whether a ranking of planners holds in other worlds."""

@@ -1,0 +1,117 @@
+"""How far two rankings of planners agree, and how sure that is: Kendall's tau, with a bootstrap over families and time.
+
+Tau is the number of pairs of planners in the same order in both rankings minus those in opposite orders, as a share of
+all pairs (Kendall 1938, tau-a): a tie counts as neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+RESAMPLES = 2000
+
+CERTAIN = 1.96
+"""A pair is decided where its scores differ by more than so many standard errors."""
+
+Scores = Float[np.ndarray, "*resample planner"]
+"""The scores of planners; in resamples, those of cases that were drawn with replacement."""
+
+
+@dataclass(frozen=True)
+class Cases:
+    """What planners did in the cases of a scenario.
+
+    Attributes:
+        source: Where its people come from: scenarios of the same recording have it in common. Their blocks are drawn
+            together.
+        score: The score of each planner in each case.
+        block: The block of each case. Those of the same block are drawn together.
+    """
+
+    source: str
+    score: Float[np.ndarray, "planner case"]
+    block: Int[np.ndarray, "case"]
+
+    def half(self, odd: bool) -> Cases:
+        """Every second block of it."""
+        _, number = np.unique(self.block, return_inverse=True)
+        chosen = number % 2 == odd
+        return Cases(self.source, self.score[:, chosen], self.block[chosen])
+
+    def resample(self) -> Scores:
+        """The mean score of each planner in the cases, which comes first, and in `RESAMPLES` resamples."""
+        _, number = np.unique(self.block, return_inverse=True)
+        blocks = int(number.max()) + 1
+        # Keyed by the source: two scenarios of one recording have the same hours drawn.
+        draws = np.random.default_rng([*self.source.encode()])
+        times = np.ones((1 + RESAMPLES, blocks))
+        times[1:] = draws.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=RESAMPLES)
+        sums = np.zeros((blocks, len(self.score)))
+        np.add.at(sums, number, self.score.T)
+        return times @ sums / (times @ np.bincount(number))[:, None]
+
+
+def mean_scores(scenarios: list[Cases]) -> Scores:
+    """The scores over scenarios that count alike, first those of all cases and then of the resamples."""
+    return np.mean([each.resample() for each in scenarios], axis=0)
+
+
+def draw_families(family: Int[np.ndarray, "planner"]) -> Float[np.ndarray, "resample pair"]:
+    """How often each pair of planners counts, first in the sample and then where families are drawn with replacement.
+
+    A family that is drawn twice is two families: their pairs count twice, and none is made between the two.
+
+    Args:
+        family: The number of each planner's family.
+    """
+    one, other = np.triu_indices(len(family), 1)
+    families = int(family.max()) + 1
+    draws = np.random.default_rng(0)
+    times = np.ones((1 + RESAMPLES, families))
+    times[1:] = draws.multinomial(families, np.full(families, 1.0 / families), size=RESAMPLES)
+    of_one, of_other = times[:, family[one]], times[:, family[other]]
+    return np.where(family[one] == family[other], of_one, of_one * of_other)
+
+
+def kendall(a: Scores, b: Scores, times: Float[np.ndarray, "*resample pair"]) -> Float[np.ndarray, "*resample"]:
+    """Kendall's tau of two rankings.
+
+    Args:
+        a: The scores of one.
+        b: The scores of the other.
+        times: How often each pair counts.
+
+    Returns:
+        From -1 to 1; NaN where no pair counts.
+    """
+    same = _signs(a) * _signs(b)
+    pairs = times.sum(axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return (times * same).sum(axis=-1) / pairs
+
+
+def decided(scores: Scores) -> Bool[np.ndarray, "pair"]:
+    """Which pairs differ by more than `CERTAIN` standard errors; `scores` as `mean_scores` gives them."""
+    one, other = np.triu_indices(scores.shape[-1], 1)
+    differences = scores[:, one] - scores[:, other]
+    return np.abs(differences[0]) > CERTAIN * differences[1:].std(axis=0)
+
+
+def agreement(a: Scores, b: Scores) -> tuple[int, int]:
+    """Of the pairs that are decided in two rankings, how many stand in the same order in both, and how many there are.
+
+    Args:
+        a: The scores of one, as `mean_scores` gives them.
+        b: The scores of the other.
+    """
+    both = decided(a) & decided(b)
+    same = _signs(a[0]) == _signs(b[0])
+    return int((both & same).sum()), int(both.sum())
+
+
+def _signs(scores: Scores) -> Float[np.ndarray, "*resample pair"]:
+    one, other = np.triu_indices(scores.shape[-1], 1)
+    return np.sign(scores[..., one] - scores[..., other])
