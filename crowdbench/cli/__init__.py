@@ -38,6 +38,7 @@ COMMANDS = {
     "plot": "figures:plot",
     "render": "figures:render",
     "score": "results:score",
+    "export": "export:export",
     "evaluate-predictor": "evaluate_predictor:evaluate_predictor",
     "validity": "study:validity",
     "bench": "bench:bench",

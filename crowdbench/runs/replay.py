@@ -7,14 +7,14 @@ the commands can be checked: states, outcomes, metrics. Who gave the commands, h
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from crowdbench.core.types import Observation, Trace
+from crowdbench.core.types import Observation, Trace, World
 from crowdbench.metrics import Metric
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
@@ -138,7 +138,11 @@ def _recorded(run: RunResult) -> int:
 
 
 def traces(
-    run: RunResult, scenario: Scenario, only: Collection[int] | None = None, progress: Progress | None = None
+    run: RunResult,
+    scenario: Scenario,
+    only: Collection[int] | None = None,
+    progress: Progress | None = None,
+    watch: Callable[[World], None] | None = None,
 ) -> Iterator[Trace]:
     """Simulate cases of a run again, in order, and yield their traces batch by batch.
 
@@ -147,6 +151,7 @@ def traces(
         scenario: The scenario that its `result.json` describes, made again.
         only: The numbers of the wanted cases; None for every case that has commands.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
+        watch: Called with the worlds before each step.
 
     Raises:
         InputError: The run has commands of none of these cases, or a pedestrian policy breaks its contract.
@@ -166,7 +171,7 @@ def traces(
             command = run.commands.pad(chosen, scenario.rules.max_steps)
             command[~possible[chosen]] = 0.0  # the driver would end the replay at them
             driver = Driver(Playback(command), "of the replay")
-            yield rollout(driver, scenario, part, progress=progress)
+            yield rollout(driver, scenario, part, progress=progress, watch=watch)
 
 
 def _possible(recorded: Commands, scenario: Scenario) -> Bool[np.ndarray, "case"]:

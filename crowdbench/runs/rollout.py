@@ -50,7 +50,7 @@ def rollout(
     keep_logs: bool = False,
     undisturbed: bool = True,
     progress: Progress | None = None,
-    foresee: Callable[[World], None] | None = None,
+    watch: Callable[[World], None] | None = None,
 ) -> Trace:
     """Drive a planner through cases, each to its outcome. Worlds that have ended leave the batch.
 
@@ -64,7 +64,7 @@ def rollout(
         undisturbed: Whether the trace tells where people who see the vehicle would walk without it, which some metrics
             read (`metrics.UNDISTURBED`), and which takes as long as simulating the crowd once more to the time limit.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
-        foresee: Called with the worlds before each step, for planners that measure what foresight would be worth.
+        watch: Called with the worlds before each step.
 
     Returns:
         The trace of all episodes.
@@ -80,8 +80,8 @@ def rollout(
     alone = _walk_alone(scenario, world) if undisturbed and scenario.rules.visible else None
     rows = np.arange(len(world))
     for t in range(scenario.rules.max_steps):
-        if foresee is not None:
-            foresee(world)
+        if watch is not None:
+            watch(world)
         crowd, world = crowd_decisions(world, scenario.policies)
         ahead = replanning.steps_executed(t)
         if ahead == 0:

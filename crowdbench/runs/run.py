@@ -49,7 +49,7 @@ class Run:
         metrics: What is measured, by name.
         origin: Where planner, scenario and metrics come from, for the manifest.
         details: What else `result.json` says of the planner: its files, and what an isolated one has used.
-        foresee: See `rollout`.
+        foresee: Called with the worlds before each step, for planners that measure what foresight would be worth.
     """
 
     spec: RunSpec
@@ -106,7 +106,7 @@ class Run:
                         keep_logs=with_episodes,
                         undisturbed=with_episodes or of_others,
                         progress=progress,
-                        foresee=self.foresee,
+                        watch=self.foresee,
                     )
             except LogsTooLarge as error:
                 batch, self.driver.seconds = error.fitting, seconds

@@ -1,0 +1,114 @@
+"""A run as other programs read it: tracks as files of positions, and a table of what was seen, done and gained.
+
+tracks/test-13.txt   of one case, a line `frame person x y` for each position in metres, tabs between, as in ETH/UCY
+steps.parquet        a row for each step: case, step, observation, action, reward, terminated, truncated
+
+Everything follows from the run's commands, with which its cases are simulated again.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from jaxtyping import Float
+
+from crowdbench.core.reward import episode_rewards
+from crowdbench.core.types import Outcome, Trace, World
+from crowdbench.envs.observations import flatten_vehicle
+from crowdbench.runs.replay import traces
+from crowdbench.runs.rollout import Progress
+from crowdbench.runs.store import RunResult
+from crowdbench.scenario.scenario import Scenario
+
+TRACKS, STEPS = "tracks", "steps.parquet"
+"""The folder of the tracks, and the file of the steps."""
+
+VEHICLE = 0
+"""The vehicle's number in the tracks; people are counted from 1."""
+
+
+def export(run: RunResult, scenario: Scenario, folder: Path, progress: Progress | None = None) -> int:
+    """Write the tracks and the steps of all cases of a run.
+
+    Args:
+        run: What the run has left.
+        scenario: The scenario that its `result.json` describes, made again.
+        folder: Where they are written.
+        progress: Called after each step with what it added to the episodes, in parts of an episode.
+
+    Returns:
+        The number of cases.
+
+    Raises:
+        InputError: The run has no commands, or a pedestrian policy breaks its contract.
+    """
+    (folder / TRACKS).mkdir()
+    cases, seen = 0, _Seen()
+    writer: pq.ParquetWriter | None = None
+    try:
+        for trace in traces(run, scenario, progress=progress, watch=seen):
+            cases += len(trace)
+            for row, case in enumerate(trace.case.tolist()):
+                _write_tracks(trace, row, folder / TRACKS / f"{trace.split}-{case}.txt")
+            table = _tabulate(trace, seen)
+            writer = writer or pq.ParquetWriter(folder / STEPS, table.schema, compression="zstd")
+            writer.write_table(table)
+            seen.clear()
+    finally:
+        if writer is not None:
+            writer.close()
+    return cases
+
+
+class _Seen:
+    """Keeps what the vehicle sees, by case and step, as the environments show it."""
+
+    def __init__(self) -> None:
+        self._of: dict[tuple[int, int], Float[np.ndarray, "features"]] = {}
+
+    def __call__(self, world: World) -> None:
+        """Keep what it sees before a step."""
+        numbers = zip(world.case.tolist(), world.step.tolist(), strict=True)
+        self._of |= dict(zip(numbers, flatten_vehicle(world), strict=True))
+
+    def take(self, case: int, steps: int) -> Float[np.ndarray, "step features"]:
+        """What it saw in a case."""
+        return np.stack([self._of[case, step] for step in range(steps)])
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._of.clear()
+
+
+def _write_tracks(trace: Trace, row: int, path: Path) -> None:
+    """The positions of everybody in a case, one frame after the other."""
+    position = trace.position[row, : trace.steps[row] + 1]
+    person = np.concatenate([np.full((len(position), 1), VEHICLE), trace.person[row, : len(position)] + 1], axis=1)
+    frame, agent = np.nonzero(np.isfinite(position).all(axis=2))
+    lines = zip(frame.tolist(), person[frame, agent].tolist(), position[frame, agent].tolist(), strict=True)
+    path.write_text("".join(f"{t}\t{who}\t{x:.6f}\t{y:.6f}\n" for t, who, (x, y) in lines), encoding="utf-8")
+
+
+def _tabulate(trace: Trace, seen: _Seen) -> pa.Table:
+    """The steps of cases, a row for each."""
+    cases = list(zip(trace.case.tolist(), trace.steps.tolist(), strict=True))
+    is_last = np.concatenate([np.arange(steps) == steps - 1 for _, steps in cases])
+    outcome = np.repeat(trace.outcome, trace.steps)
+    inside = np.arange(trace.command.shape[1]) < trace.steps[:, None]
+    columns = {
+        "case": pa.array(np.repeat(trace.case, trace.steps)),
+        "step": pa.array(np.concatenate([np.arange(steps) for _, steps in cases])),
+        "observation": _rows(np.concatenate([seen.take(*each) for each in cases])),
+        "action": _rows(trace.command[inside]),
+        "reward": pa.array(episode_rewards(trace)[inside]),
+        "terminated": pa.array(is_last & (outcome != Outcome.TIMEOUT)),
+        "truncated": pa.array(is_last & (outcome == Outcome.TIMEOUT)),
+    }
+    return pa.table(columns)
+
+
+def _rows(values: Float[np.ndarray, "row _"]) -> pa.FixedSizeListArray:
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
