@@ -134,6 +134,7 @@ def load_scenario(
         table["pedestrians"]["policy"] = _resolve_files(pedestrians)
     for key, value in (overrides or {}).items():
         _set(table, key, _resolve_files(value) if key in ("pedestrians.policy", "layout.generator") else value, path)
+    _read_map(table.get("layout"), path.parent)
     load = scenario_file.Loaders(
         functools.partial(LAYOUTS.load_with_digest, folder=path.parent),
         functools.partial(PEDESTRIANS.load_with_digest, folder=path.parent),
@@ -143,6 +144,16 @@ def load_scenario(
     if all_cases:
         return scenario
     return scenario_file.leave_out_uncertified(scenario, spec, path.parent / FOLDER / path.name)
+
+
+def _read_map(layout: Any, folder: Path) -> None:
+    """Put the obstacles of a map in its place, so that a run's `result.json` has them, and needs no other file."""
+    if isinstance(layout, dict) and layout.get("generator") == "floor_plan" and isinstance(layout.get("map"), str):
+        from crowdbench.scenario.occupancy_grid import read_obstacles
+
+        if "obstacles" in layout:
+            raise InputError("layout.obstacles is given beside layout.map: leave out one of them")
+        layout["obstacles"] = read_obstacles(folder / layout.pop("map"))
 
 
 def scenario_path(spec: str) -> Path:

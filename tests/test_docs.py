@@ -118,6 +118,7 @@ STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials",
 
 PRINTED = {page: f"study docs/studies/{name}.toml" for name, page in STUDIES.items()}
 PRINTED["recorded_tables.md"] += " --data DIR"
+PRINTED["rankings.md"] += " --data DIR"
 PRINTED |= {"reproduction.md": "reproduce", "validity.md": "validity --data DIR"}
 """The pages that a command prints from the first to the last line, and the command."""
 
@@ -139,7 +140,7 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(n
     study = tomllib.loads(file.read_text())
     page = (DOCS / STUDIES.get(name, "reproduction.md")).read_text()
     assert page.split("\n\n")[1] == study["description"]
-    kinds = ("tables", "crowds", "dials", "ladders")
+    kinds = ("tables", "crowds", "dials", "ladders", "rankings")
     titles = [table["title"] for kind in kinds for table in study.get(kind, [])]
     assert re.findall("^## (.+)$", page, re.MULTILINE) == titles
     assert [source for source in study.get("sources", []) if source not in page] == []

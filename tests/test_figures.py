@@ -170,6 +170,30 @@ def test_a_case_is_drawn_with_the_times_along_its_way(driven, tmp_path):
     assert {"0 s", "2 s", "1 m"} <= set(words(tmp_path / "a.svg"))
 
 
+def test_a_scenario_is_drawn_before_anything_is_run(tmp_path):
+    out = tmp_path / "a.svg"
+    assert CliRunner().invoke(app, ["render", "blind_corner", "--case", "3", "--out", str(out)]).exit_code == 0
+    assert words(out) == ["1 m"]
+    first = out.read_bytes()
+    CliRunner().invoke(app, ["render", "blind_corner", "--case", "4", "--out", str(out)])
+    assert out.read_bytes() != first
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["blind_corner", "--strip", "3"], "a scenario has its start alone"),
+        (["eth_recorded"], "give the folder that holds them"),
+        (["blind_corner", "--data", "."], "which has no table"),
+        (["nowhere"], "no scenario is called 'nowhere'"),
+    ],
+)
+def test_a_start_that_cannot_be_drawn_gets_one_sentence(arguments, sentence, tmp_path):
+    given = ["render", *arguments, "--case", "1", "--out", str(tmp_path / "a.svg")]
+    with pytest.raises(InputError, match=sentence):
+        raise CliRunner().invoke(app, given).exception
+
+
 def test_a_strip_shows_moments_up_to_the_end(driven, tmp_path):
     given = ["render", str(driven), "--case", "1", "--strip", "3", "--out", str(tmp_path / "a.svg")]
     assert CliRunner().invoke(app, given).exit_code == 0

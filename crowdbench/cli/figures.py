@@ -102,16 +102,17 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
 
 @help_from_docstring
 def render(
-    run: Path,
-    case: Annotated[int, typer.Option()],
+    what: str,
+    case: Annotated[int, typer.Option(min=0)],
     strip: Annotated[int | None, typer.Option(min=1, max=12)] = None,
     out: Path = Path("case.png"),
+    data: Path | None = None,
 ) -> None:
-    """Draw a recorded case from above, as a figure or a film. No viewer is needed.
+    """Draw a recorded case from above, as a figure or a film, or how a case of a scenario starts. No viewer is needed.
 
     Args:
-        run: Directory of a run, or an .rrd file.
-        case: The recorded case.
+        what: Directory of a run, an .rrd file, or a scenario: a name, or ./mine.toml.
+        case: The recorded case, or the number of a test case.
         strip: Draw so many moments side by side instead of the whole way.
         out: A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).
     """
@@ -120,5 +121,16 @@ def render(
 
     if strip is not None and out.suffix in episode.FILMS:
         raise InputError("--strip draws a figure: leave it out, or give a .pdf, .svg or .png file with --out")
-    episode.draw_case(recording_of(run), case, out, strip)
+    if Path(what).is_dir() or what.endswith(".rrd"):
+        if data is not None:
+            raise InputError("--data is for a scenario: a recording says where everybody walked")
+        episode.draw_case(recording_of(Path(what)), case, out, strip)
+    else:
+        if strip is not None:
+            raise InputError("--strip is for a recorded case: a scenario has its start alone")
+        from crowdbench.catalog import load_scenario
+
+        scenario = load_scenario(what, data=data)
+        scenario.check_data(data)
+        episode.draw_start(scenario, "test", case, out)
     say(f"wrote {out}")

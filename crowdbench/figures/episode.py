@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.core.types import Trace
-from crowdbench.drawing import LIGHT, Color, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
+from crowdbench.core.types import Trace, World
+from crowdbench.drawing import CROWD, LIGHT, Color, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
 from crowdbench.figures.style import canvas, check_file, write
 from crowdbench.record.contents import read
+from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
@@ -77,6 +78,37 @@ def draw_case(recording: Path, case: int, out: Path, moments: int | None = None)
         strip(trace, int(rows[0]), moments, out)
     else:
         trajectories(trace, int(rows[0]), out)
+
+
+def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
+    """Draw a case before anything has happened: where everybody starts, and which way they want to go.
+
+    Args:
+        scenario: The scenario.
+        split: The split of the case.
+        number: Its number.
+        out: The figure's file.
+
+    Raises:
+        InputError: The case cannot be started, or the file cannot be written.
+    """
+    world = scenario.draw(split, np.array([number]))
+    there = np.flatnonzero(world.present[0])
+    ways = [_way(world, agent) for agent in there[:CROWD]]
+    low, high = extent(np.concatenate(ways), world.goal[0, :1], world.obstacles[0], 0.7)
+    colors = [LIGHT.vehicle if agent == 0 else LIGHT.walked for agent in there]
+    lines = [Line(way, color, 0.8) for way, color in zip(ways, colors, strict=False)]
+    goals = [Disc(way[-1], 0.08, LIGHT.walked, None, 0.0) for way in ways[1:]]
+    with canvas(out, *_fit(low, high)) as figure:
+        shapes = draw_moment(Moment.of_worlds([world]), low)
+        draw(_plane(figure.add_subplot(), low, high), [*lines, *goals, *shapes])
+
+
+def _way(world: World, agent: int) -> Float[np.ndarray, "point 2"]:
+    """From the start of an agent over the waypoints to its goal."""
+    route = world.route[0, agent]
+    inside = route[np.isfinite(route[:, 0])]
+    return np.concatenate([world.position[0, agent, None], inside, world.goal[0, agent, None]])
 
 
 def strip(trace: Trace, row: int, moments: int, out: Path) -> None:
@@ -151,10 +183,13 @@ def _frames(trace: Trace, row: int, dpi: int) -> Iterator[Image]:
 
 def _size(trace: Trace, row: int) -> tuple[float, float]:
     """Width and height in inches of a picture of the plane."""
-    low, high = _extent(trace, row)
-    width, height = high - low
-    scale = SIDE / max(width, height)
-    return float(width * scale), float(height * scale)
+    return _fit(*_extent(trace, row))
+
+
+def _fit(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[float, float]:
+    """Width and height in inches of a picture of a part of the plane."""
+    width, height = SIDE * (high - low) / (high - low).max()
+    return float(width), float(height)
 
 
 def _extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
@@ -166,9 +201,14 @@ def _extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
 def _draw_state(axes: Axes, trace: Trace, row: int, state: int, marks: Iterable[Shape] = ()) -> None:
     """Draw a state of an episode, and marks over it."""
     low, high = _extent(trace, row)
+    draw(_plane(axes, low, high), [*draw_moment(Moment.of_trace(trace, row, state), low), *marks])
+
+
+def _plane(axes: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Axes:
+    """Axes that show a part of the plane, in metres, and nothing else."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.axis("off")
-    draw(axes, [*draw_moment(Moment.of_trace(trace, row, state), low), *marks])
+    return axes
 
 
 def draw(axes: Axes, shapes: Iterable[Shape]) -> None:

@@ -54,7 +54,7 @@ def axes(out: Path, height: float = HEIGHT) -> Iterator[Axes]:
         height: In inches.
 
     Raises:
-        InputError: The ending is another one, the folder does not exist, or Matplotlib is not installed.
+        InputError: The ending is another one, or the folder does not exist.
     """
     with canvas(out, WIDTH, height) as figure:
         yield figure.add_subplot()
@@ -70,15 +70,13 @@ def canvas(out: Path | None, width: float, height: float) -> Iterator[Figure]:
         height: In inches.
 
     Raises:
-        InputError: The ending is another one, the folder does not exist, or Matplotlib is not installed.
+        InputError: The ending is another one, or the folder does not exist.
     """
     if out is not None:
         check_file(out, SUFFIXES)
-    try:
-        import matplotlib.figure
-        import matplotlib.style
-    except ImportError:
-        raise InputError("figures need Matplotlib: pip install 'crowdbench[plot]'") from None
+    import matplotlib.figure
+    import matplotlib.style
+
     with matplotlib.style.context(["default", _STYLE]):
         figure = matplotlib.figure.Figure(figsize=(width, height), layout="constrained")
         yield figure

@@ -1,0 +1,166 @@
+"""Maps: obstacles from an occupancy grid of ROS, and the layout of regions among them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+from PIL import Image
+from typer.testing import CliRunner
+
+from crowdbench.catalog import load_recorded_scenario, load_scenario
+from crowdbench.cli import app
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.layouts.floor_plan import floor_plan
+from crowdbench.scenario.occupancy_grid import read_obstacles
+from crowdbench.utils.errors import InputError
+
+YAML = "image: map.pgm\nresolution: 0.1\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+
+SCENARIO = """
+[layout]
+generator = "floor_plan"
+map = "map.yaml"
+vehicle = ["a", "b"]
+ways = [["a", "b"]]
+
+[layout.regions]
+a = [[0.0, 3.0], [2.0, 4.5]]
+b = [[6.0, 3.0], [8.0, 4.5]]
+
+[pedestrians]
+number = 2
+"""
+
+
+def draw(folder, pixels, yaml=YAML, name="map.pgm"):
+    """A map whose image has these pixels, the top row first."""
+    Image.fromarray(np.asarray(pixels, np.uint8)).save(folder / name)
+    (folder / "map.yaml").write_text(yaml)
+    return folder / "map.yaml"
+
+
+def room():
+    """A room of 10 by 5 m with walls of 0.2 m, and a block in it; unknown pixels around the block."""
+    pixels = np.full((50, 100), 254)
+    pixels[[0, 1, -1, -2]] = pixels[:, [0, 1, -1, -2]] = 0
+    pixels[18:32, 43:57] = 205
+    pixels[20:30, 45:55] = 0
+    return pixels
+
+
+def area(polygons):
+    return sum(shapely.Polygon(each).area for each in polygons)
+
+
+def test_obstacles_are_where_pixels_are_dark(tmp_path):
+    found = read_obstacles(draw(tmp_path, room()))
+    shape = shapely.union_all([shapely.Polygon(each) for each in found])
+    assert shape.bounds == (-1.0, 2.0, 9.0, 7.0)
+    assert area(found) == pytest.approx(shape.area)  # pieces of the wall do not overlap
+    assert shape.area == pytest.approx(2 * (10.0 + 4.6) * 0.2 + 1.0)
+    assert shape.contains(shapely.Point(4.0, 4.5))
+    assert not shape.intersects(shapely.Point(2.0, 4.5))
+
+
+def test_the_image_stands_upright_and_the_origin_turns_it(tmp_path):
+    pixels = np.full((10, 10), 254)
+    pixels[0, 0:3] = 0  # on top, to the left
+    upright, turned = (
+        shapely.Polygon(*read_obstacles(draw(tmp_path, pixels, YAML.replace("0.0]", f"{angle}]"))))
+        for angle in (0.0, np.pi / 2)
+    )
+    assert upright.bounds == pytest.approx((-1.0, 2.9, -0.7, 3.0))
+    assert turned.bounds == pytest.approx((-2.0, 2.0, -1.9, 2.3), abs=1e-3)
+
+
+def test_white_is_occupied_where_the_map_says_negate(tmp_path):
+    dark = read_obstacles(draw(tmp_path, room()))
+    light = read_obstacles(draw(tmp_path, 255 - room(), YAML.replace("negate: 0", "negate: 1")))
+    assert dark == light
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_polygons_leave_any_pixels_by_the_resolution_at_most(tmp_path, seed):
+    blocks = np.random.default_rng(seed).random((12, 12)) < 0.3
+    path = draw(tmp_path, np.where(np.kron(blocks, np.ones((4, 4))), 0, 254))
+    shape = shapely.union_all([shapely.Polygon(each) for each in read_obstacles(path)])
+    row, column = np.nonzero(np.kron(blocks, np.ones((4, 4)))[::-1])
+    pixels = shapely.union_all(shapely.box(column, row, column + 1, row + 1))
+    true = shapely.affinity.translate(shapely.affinity.scale(pixels, 0.1, 0.1, origin=(0, 0)), -1.0, 2.0)
+    assert shape.hausdorff_distance(true) <= 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda folder: (folder / "map.yaml").unlink(), "map.yaml cannot be read"),
+        (lambda folder: (folder / "map.yaml").write_text("{"), "is no YAML table"),
+        (lambda folder: (folder / "map.yaml").write_text(YAML.replace("0.1\n", "x\n")), "map.yaml: resolution is 'x'"),
+        (lambda folder: (folder / "map.yaml").write_text(YAML.replace("[-1.0, 2.0, 0.0]", "[1.0]")), "origin is"),
+        (lambda folder: (folder / "map.pgm").unlink(), "map.pgm of the map map.yaml cannot be read"),
+        (lambda folder: (folder / "map.pgm").write_text("P5 x"), "map.pgm of the map map.yaml cannot be read"),
+        (lambda folder: draw(folder, np.full((5, 5), 254)), "is occupied"),
+    ],
+)
+def test_a_wrong_map_gets_one_sentence(tmp_path, change, says):
+    draw(tmp_path, room())
+    change(tmp_path)
+    with pytest.raises(InputError, match=says):
+        read_obstacles(tmp_path / "map.yaml")
+
+
+def test_a_run_needs_its_map_no_more(tmp_path):
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    path = draw(tmp_path, room())
+    scenario = load_scenario(str(tmp_path / "mine.toml"))
+    path.unlink()
+    again = load_recorded_scenario(scenario.table, "result.json")
+    assert again.digest == scenario.digest
+    one, other = (each.worlds(Cases("val", 0, 3)) for each in (scenario, again))
+    assert (one.position == other.position).all()
+    low, high = np.array([[0.0, 3.0], [2.0, 4.5]])
+    assert ((one.position[:, 0] >= low) & (one.position[:, 0] <= high)).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('["a", "b"]\nways', '["a", "c"]\nways', "layout.vehicle is ['a', 'c'], but must be a pair of regions"),
+        ('ways = [["a", "b"]]', "ways = []", "layout.ways must be a list of pairs"),
+        ("[[0.0, 3.0], [2.0, 4.5]]", "[[2.0, 3.0], [0.0, 4.5]]", "layout.regions.a is"),
+        ("[[0.0, 3.0], [2.0, 4.5]]", "[[0.0, 3.0], [0.2, 3.2]]", "finds no room"),
+        ('map = "map.yaml"', 'map = "map.yaml"\nobstacles = []', "leave out one of them"),
+    ],
+)
+def test_wrong_regions_get_one_sentence(tmp_path, old, new, says):
+    draw(tmp_path, room())
+    (tmp_path / "mine.toml").write_text(SCENARIO.replace(old, new))
+    failed = CliRunner().invoke(app, ["run", "--planner", "orca", "--scenario", str(tmp_path / "mine.toml")])
+    assert failed.exit_code
+    assert says in str(failed.exception)
+
+
+def test_obstacles_can_be_given_without_a_map():
+    square = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]
+    regions = {"left": [[-4.0, -1.0], [-2.0, 1.0]], "right": [[2.0, -1.0], [4.0, 1.0]]}
+    placed = floor_plan(
+        np.random.default_rng(0),
+        np.full(3, 0.3),
+        np.ones(3),
+        obstacles=[square],
+        regions=regions,
+        vehicle=["left", "right"],
+        ways=[["left", "right"]],
+    )
+    assert placed.obstacles.shape == (1, 4, 2)
+    assert placed.start[0, 0] < -2.0 < 2.0 < placed.goal[0, 0]
+    assert (np.sign(placed.start[1:, 0]) == -np.sign(placed.goal[1:, 0])).all()
+
+
+def test_the_maps_that_ship_are_of_rooms_and_of_shelves():
+    office, shop = (load_scenario(name).table["layout"]["obstacles"] for name in ("office_8", "shop_10"))
+    assert all(Path(f"scenarios/maps/{name}.yaml").name for name in ("office", "shop"))
+    assert 6 <= len(office) <= 30
+    assert 6 <= len(shop) <= 30
