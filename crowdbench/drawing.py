@@ -56,6 +56,10 @@ LIGHT = Palette(
 )
 """On paper and in windows."""
 
+FORESEEN: Color = (150, 150, 165)
+CONSIDERED: Color = (245, 185, 100)
+"""On paper: ways that a planner predicts, and those that it considers."""
+
 DARK = Palette(
     vehicle=(255, 194, 10),
     pedestrian=(94, 169, 255),

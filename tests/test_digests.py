@@ -128,7 +128,7 @@ SCENARIOS = {
     "intersection_16_seen": "4b2af4009150",
     "intersection_16_v2": "579ec4e6a5a1",
     "noisy_10": "e975b4dc20c9",
-    "office_8": "dc376321a725",
+    "office_8": "583946043f2c",
     "shop_10": "b3138229799e",
     "power_law_10": "f51afeb816b3",
     "power_law_16": "bde89d0bb688",

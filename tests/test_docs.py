@@ -216,6 +216,26 @@ def test_the_readme_shows_the_board_as_it_is():
 
 
 @pytest.mark.slow
+def test_the_readme_shows_the_suite_as_its_page_has_it():
+    tables = [
+        [[cell.strip(" *`") for cell in row.strip("|").split("|")] for row in table.splitlines()]
+        for table in re.findall(r"^\| success[^\n]+\n(?:\|.+\n)+", (DOCS / "suite_tables.md").read_text(), re.MULTILINE)
+    ]
+    page = {
+        (row[0], name): cell
+        for (head, _, *rows) in tables
+        for row in rows
+        for name, cell in zip(head, row, strict=True)
+    }
+    shown = re.search(r"^\| success, %[^\n]+\n(?:\|.+\n)+", (DOCS.parent / "README.md").read_text(), re.MULTILINE)[0]
+    head, _, *rows = [[cell.strip(" *`") for cell in row.strip("|").split("|")] for row in shown.splitlines()]
+    for name, *cells in rows:
+        for planner, cell in zip(head[1:], cells, strict=True):
+            label = f"{planner} (filter=kalman)" if planner in ("dwa", "mppi") else planner
+            assert page[name, label] == f"{cell} %"
+    assert len(rows) == 15
+
+
 def test_the_standings_in_leaderboards_are_those_of_its_entries(tmp_path):
     shutil.copytree(ROOT / "leaderboards", tmp_path / "leaderboards")
     written = write_readme(tmp_path / "leaderboards").read_text()

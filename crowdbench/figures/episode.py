@@ -10,10 +10,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Trace, World
-from crowdbench.drawing import CROWD, LIGHT, Color, Disc, Line, Moment, Polygon, Shape, Text, draw_moment, extent
+from crowdbench.drawing import (
+    CONSIDERED,
+    CROWD,
+    FORESEEN,
+    LIGHT,
+    Color,
+    Disc,
+    Line,
+    Moment,
+    Polygon,
+    Shape,
+    Text,
+    draw_moment,
+    extent,
+)
 from crowdbench.figures.style import canvas, check_file, write
 from crowdbench.record.contents import read
 from crowdbench.scenario.scenario import Scenario
@@ -29,6 +43,9 @@ SIDE = 3.5
 
 MARKED = 2.0
 """Seconds between the discs along the vehicle's way in a figure of a whole episode."""
+
+BEST = 12
+"""How many of the ways that a planner considers are drawn, the best ones."""
 
 FILMS = {".gif": 160, ".mp4": 320}
 """The endings of films, and how many dots per inch their pictures have: a .gif would be too large with more."""
@@ -201,7 +218,29 @@ def _extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
 def _draw_state(axes: Axes, trace: Trace, row: int, state: int, marks: Iterable[Shape] = ()) -> None:
     """Draw a state of an episode, and marks over it."""
     low, high = _extent(trace, row)
-    draw(_plane(axes, low, high), [*draw_moment(Moment.of_trace(trace, row, state), low), *marks])
+    shapes = draw_moment(Moment.of_trace(trace, row, state), low)
+    draw(_plane(axes, low, high), [*_foreseen(trace, row, state), *shapes, *marks])
+
+
+def _foreseen(trace: Trace, row: int, state: int) -> Iterator[Line]:
+    """What the planner logged in a state: ways that it predicts, and of those that it considers the best ones."""
+    for logged in trace.logs.values():
+        if logged.ndim < 5 or state >= logged.shape[1] or np.isnan(logged[row, state]).all():
+            continue
+        lines: Float[np.ndarray, "*_ time line numbers"] = logged[row, state]
+        if lines.shape[-1] == 2 and lines.shape[-2] == trace.position.shape[2] - 1:
+            lines = lines[..., _is_known(trace, row, state), :]
+        lines = lines.swapaxes(-3, -2).reshape(-1, lines.shape[-3], lines.shape[-1])
+        if lines.shape[-1] == 3:
+            lines = lines[np.argsort(-np.nan_to_num(lines[:, 0, 2], nan=-np.inf))[:BEST]]
+        color = FORESEEN if lines.shape[-1] == 2 else CONSIDERED
+        yield from (Line(line[:, :2], color, 0.4) for line in lines if np.isfinite(line).all())
+
+
+def _is_known(trace: Trace, row: int, state: int) -> Bool[np.ndarray, "pedestrian"]:
+    """Whether the vehicle sees a pedestrian, or remembers it."""
+    where = trace.position[row, state, 1:] if trace.perceived is None else trace.perceived[row, state]
+    return np.isfinite(where).all(axis=1)
 
 
 def _plane(axes: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Axes:
