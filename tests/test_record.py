@@ -328,18 +328,16 @@ def test_a_merged_file_is_read_or_refused(driven, recorded, tmp_path):
         read(merged)
 
 
-def test_decisions_are_kept_of_failures_and_where_they_were_asked_for(driven, tmp_path):
+def test_decisions_are_kept_of_all_that_is_recorded(driven, tmp_path):
     logs = {"value": np.zeros(driven.gap.shape), "commands": np.ones((*driven.gap.shape, 4, 3))}
     said = dataclasses.replace(driven, logs=logs)
     success, failure = (int(np.flatnonzero((driven.outcome == Outcome.SUCCESS) == wanted)[0]) for wanted in (1, 0))
-    for everything in (False, True):
-        with Recorder(tmp_path / "run.rrd", **RUN, all_decisions=everything) as recorder:
-            recorder.add(said, np.array([success, failure]), {})
-        reader = RrdReader(tmp_path / "run.rrd")
-        for entry in reader.recordings():
-            paths = {chunk.entity_path for chunk in rrd.chunks_of(reader, entry, "/**")}
-            assert "/plots/planner/value" in paths
-            assert ("/world/planner/commands" in paths) == (everything or not entry.recording_id.endswith("success"))
+    with Recorder(tmp_path / "run.rrd", **RUN) as recorder:
+        recorder.add(said, np.array([success, failure]), {})
+    reader = RrdReader(tmp_path / "run.rrd")
+    for entry in reader.recordings():
+        paths = {chunk.entity_path for chunk in rrd.chunks_of(reader, entry, "/**")}
+        assert {"/plots/planner/value", "/world/planner/commands"} <= paths
 
 
 @pytest.mark.parametrize("read_it", [read, lambda path: viewer.view([path], 3)])

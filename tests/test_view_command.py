@@ -36,6 +36,19 @@ def test_the_worst_recorded_case_is_shown(metric, sign, run, shown):
     assert shown == [(recorded[int(np.nanargmax(values))], {"seconds": 2.0, "web": False})]
 
 
+def test_a_picture_is_drawn_without_the_viewer_where_that_does_not_start(run, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise viewer.NoViewer("it needs a Vulkan driver")
+
+    monkeypatch.setattr(viewer, "view", fail)
+    out = tmp_path / "case.png"
+    done = CliRunner().invoke(app, ["view", str(run), "--case", "3", "--screenshot", str(out)])
+    assert "it needs a Vulkan driver. This picture is one of `crowdbench render`" in done.output
+    assert f"wrote {out}" in done.output
+    assert out.read_bytes()[:4] == b"\x89PNG"
+    assert CliRunner().invoke(app, ["view", str(run), "--case", "3"]).exit_code
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

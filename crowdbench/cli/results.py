@@ -100,7 +100,8 @@ def view(
         case: Show only this case.
         worst: Show the recorded case in which this metric, such as jerk, is worst in the (first) run.
         time: Show this moment of the case first, in seconds, not its end.
-        screenshot: Write a picture of the case to this .png file; no window opens.
+        screenshot: Write a picture of the case to this .png file; no window opens. Where the viewer cannot draw, it is
+            one of `crowdbench render`.
         web: Open it in a browser.
     """
     from crowdbench.record import viewer
@@ -112,7 +113,17 @@ def view(
         shared = set.intersection(*(set(viewer.recorded_cases(path)) for path in paths))
         case = _worst(runs[0], worst, sorted(shared))
         print(f"case {case}")
-    viewer.view(paths, case, screenshot, seconds=time, web=web)
+    try:
+        viewer.view(paths, case, screenshot, seconds=time, web=web)
+    except viewer.NoViewer as error:
+        if screenshot is None or case is None or len(paths) > 1:
+            raise
+        from crowdbench.figures.episode import draw_case
+
+        say(f"crowdbench: {error}. This picture is one of `crowdbench render`")
+        draw_case(paths[0], case, screenshot)
+    if screenshot is not None:
+        say(f"wrote {screenshot}")
 
 
 def _worst(run: Path, metric: str, recorded: list[int]) -> int:

@@ -46,6 +46,10 @@ _PAUSE = 0.2
 """Seconds between two looks at the viewer."""
 
 
+class NoViewer(InputError):
+    """The Rerun viewer does not start here."""
+
+
 def view(
     paths: Sequence[Path],
     case: int | None = None,
@@ -64,8 +68,9 @@ def view(
         web: Whether to open it in a browser instead of a window.
 
     Raises:
-        InputError: A file or the case does not exist, the case does not start alike in all recordings, the arguments
-            do not fit each other, or the viewer does not start.
+        InputError: A file or the case does not exist, the case does not start alike in all recordings, or the arguments
+            do not fit each other.
+        NoViewer: The viewer does not start.
     """
     if screenshot is not None and (case is None or screenshot.suffix != ".png" or not screenshot.parent.is_dir()):
         raise InputError(f"a picture shows one case (--case 37) and goes to a .png file in a folder, not {screenshot}")
@@ -260,8 +265,8 @@ def _command(port: str, options: list[str], file: Path) -> list[str]:
     return [sys.executable, "-m", "rerun_cli", "--port", port, *options, str(file)]
 
 
-def _failed(file: Path) -> InputError:
-    return InputError(
+def _failed(file: Path) -> NoViewer:
+    return NoViewer(
         f"the Rerun viewer failed on {file}: it needs a display or, for a picture, a Vulkan driver (Debian: "
         "mesa-vulkan-drivers)"
     )

@@ -50,7 +50,6 @@ class Recorder:
         units: Units of metrics, where they have any.
         identity: What tells the run from others. It ends the names of its recordings, because Rerun takes recordings
             of one name for one recording, wherever they are.
-        all_decisions: Whether what planners considered in each decision is kept of successes too, not of failures only.
     """
 
     path: Path
@@ -62,7 +61,6 @@ class Recorder:
     options: Mapping[str, Any] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     identity: str = ""
-    all_decisions: bool = True
 
     def __enter__(self) -> Recorder:
         # In the same folder, so that moving the finished file is a rename within one file system.
@@ -93,14 +91,10 @@ class Recorder:
             outcome = Outcome(int(trace.outcome[row]))
             title = f"planner {self.planner} · scenario {self.scenario}"
             measured = {name: column[row].item() for name, column in values.items()}
-            shown = trace
-            if outcome is Outcome.SUCCESS and not self.all_decisions and not all(map(is_curve, trace.logs.values())):
-                curves = {name: logged for name, logged in trace.logs.items() if is_curve(logged)}
-                shown, title = dataclasses.replace(trace, logs=curves), f"{title} · *its decisions: `--record all`*"
             chunks = [
                 *self._properties(trace, row, measured),
                 *contents.to_chunks(trace, row, self._run),
-                *draw_episode(shown, row, title, self._with_units(measured)),
+                *draw_episode(trace, row, title, self._with_units(measured)),
             ]
             name = f"{trace.split}-{trace.case[row]:04d}-{outcome.label}"
             self._keep(chunks, f"{name}-{self.identity}" if self.identity else name, trace, row)

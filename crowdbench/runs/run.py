@@ -131,7 +131,6 @@ class Run:
             "options": self.spec.options,
             "units": units_of(self.metrics),
             "identity": hashlib.sha256(json.dumps(self.depends, sort_keys=True).encode()).hexdigest()[:8],
-            "all_decisions": self.spec.record == "all",
         }
 
     @property
