@@ -1,6 +1,7 @@
 """Policies, predictors, metrics and layouts: each point of a contract has a plug-in that breaks it and nothing else."""
 
 import dataclasses
+import functools
 import random
 import time
 
@@ -17,6 +18,7 @@ from crowdbench.metrics import METRICS
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Oracle, Prediction, Predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
+from crowdbench.scenario.layouts.floor_plan import floor_plan
 from crowdbench.scenario.placement import Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
@@ -510,7 +512,9 @@ def test_an_offence_of_a_layout_breaks_its_point_alone(name, monkeypatch):
 
 def test_good_layouts_keep_every_point():
     assert verdicts(layout_points(row_of_people)) == (set(), set())
-    for layout in LAYOUTS.values():
+    regions = {"left": [[-9.0, -6.0], [-3.0, 6.0]], "right": [[3.0, -6.0], [9.0, 6.0]]}
+    plan = functools.partial(floor_plan, regions=regions, vehicle=["left", "right"], ways=[["left", "right"]])
+    for layout in [plan, *(layout for layout in LAYOUTS.values() if layout is not floor_plan)]:
         # The type checker of the tests draws from Python's shared generator.
         assert verdicts(layout_points(layout))[0] <= {"random numbers"}
 
@@ -544,13 +548,16 @@ def test_a_file_of_two_kinds_or_of_none_is_told(tmp_path):
     assert "padding" in command(str(both), "--kind", "pedestrians").output
     both.write_text("")
     message = str(command(str(both)).exception)
-    assert "defines no function planner(), policy(), predictor(), metric() or layout()" in message
+    assert "defines no function planner(), policy(), predictor(), metric(), layout() or reward()" in message
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("orca", "--kind", "policies"), "--kind is planners, pedestrians, predictors, metrics or layouts"),
+        (
+            ("orca", "--kind", "policies"),
+            "--kind is planners, pedestrians, predictors, metrics, layouts, rewards or scenarios",
+        ),
         (("star", "--kind", "layouts"), "no layout is called 'star'; there are circle_crossing, square_crossing"),
         (("circle_crossing", "--kind", "layouts", "--option", "radius=2"), "unknown key layout.radius"),
         (("length", "--kind", "metrics"), "no metric is called 'length'; there are success_rate, "),

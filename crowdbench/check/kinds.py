@@ -19,6 +19,9 @@ from crowdbench.check.planner import check_planner
 from crowdbench.check.policy import check_policy
 from crowdbench.check.predictor import check_predictor
 from crowdbench.check.result import CheckResult
+from crowdbench.check.reward import check_reward
+from crowdbench.check.scenario import check_scenario
+from crowdbench.envs.rewards import REWARDS, load_reward
 from crowdbench.metrics.load import METRIC
 from crowdbench.plugins.load import Kind, file_and_function, load_module
 from crowdbench.plugins.options import read_options
@@ -96,8 +99,9 @@ class PluginKind:
 def _check_planner(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     request = dataclasses.replace(request, scenario=request.scenario or "circle_crossing_5")
     scenario, limited = map(request.load_scenario, ({}, LIMITED_SIGHT))
-    name, make = request.load(catalog.PLANNERS)
-    return name, check_planner(make, name, scenario, request.cases, request.limit, limited)
+    load = functools.partial(catalog.load_planner, request.plugin, request.options)
+    name, _ = load()
+    return name, check_planner(lambda: load()[1], name, scenario, request.cases, request.limit, limited)
 
 
 def _check_policy(request: CheckRequest) -> tuple[str, list[CheckResult]]:
@@ -129,6 +133,19 @@ def _check_layout(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     return name, check_layout(scenario.layout, name, scenario, request.cases)
 
 
+def _check_reward(request: CheckRequest) -> tuple[str, list[CheckResult]]:
+    request.refuse_options(REWARDS)
+    reward = load_reward(request.plugin)
+    return reward.name, check_reward(lambda: reward.reward, reward.name, request.load_scenario(), request.cases)
+
+
+def _check_scenario(request: CheckRequest) -> tuple[str, list[CheckResult]]:
+    if request.options or request.scenario is not None:
+        raise InputError("a scenario is checked as its file says: leave out --option and --scenario")
+    scenario = dataclasses.replace(request, scenario=request.plugin).load_scenario()
+    return scenario.name, check_scenario(scenario, request.cases)
+
+
 def _tolerance() -> Tolerance:
     """What may depend on the batch: something only in networks, which are there if the plug-in has imported torch."""
     return NETWORKS if "torch" in sys.modules else EXACT
@@ -140,12 +157,18 @@ KINDS: Mapping[str, PluginKind] = {
     "predictors": PluginKind(PREDICTORS, _check_predictor),
     "metrics": PluginKind(METRIC, _check_metric),
     "layouts": PluginKind(catalog.LAYOUTS, _check_layout),
+    "rewards": PluginKind(REWARDS, _check_reward),
 }
 """The kinds by the names that `crowdbench check --kind` and `crowdbench list` know them by."""
 
+CHECKS = {name: kind.check for name, kind in KINDS.items()} | {"scenarios": _check_scenario}
+"""What `crowdbench check` can check: plug-ins, and scenarios, which are no functions."""
+
 
 def find_kind(plugin: str) -> str:
-    """The kind of plug-in that a file defines; planners for a name, and for a function of another name."""
+    """What a file defines, by its name in `CHECKS`; planners for a name, and for a function of another name."""
+    if plugin.endswith(".toml"):
+        return "scenarios"
     file, function = file_and_function(plugin)
     functions = {kind: each.plugins.function for kind, each in KINDS.items()}
     if file is None:

@@ -35,22 +35,23 @@ def check(
     """Check point by point whether a plug-in keeps the contract of its kind: valid answers, the same in any batch.
 
     Args:
-        plugin: A file, ./mine.py or ./mine.py:function, or a name: a planner's, without --kind.
-        kind: planners, pedestrians, predictors, metrics or layouts.
+        plugin: A file, ./mine.py, ./mine.py:function or a scenario's, ./mine.toml, or a name: a planner's, without
+            --kind.
+        kind: planners, pedestrians, predictors, metrics, layouts, rewards or scenarios.
         scenario: A name or ./mine.toml.
         cases: The cases of the scenario.
     """
-    from crowdbench.check.kinds import KINDS, CheckRequest, find_kind
+    from crowdbench.check.kinds import CHECKS, CheckRequest, find_kind
     from crowdbench.scenario.cases import Cases
 
     kind = find_kind(plugin) if kind is None else kind
-    if kind not in KINDS:
-        *others, last = KINDS
+    if kind not in CHECKS:
+        *others, last = CHECKS
         raise InputError(f"nothing is checked as {kind!r}: --kind is {', '.join(others)} or {last}")
     announce_compilation()
     options = assignments(option or [], "--option")
     request = CheckRequest(plugin, options, scenario, Cases.parse(cases), decision_limit, data)
-    name, results = KINDS[kind].check(request)
+    name, results = CHECKS[kind](request)
     print_table(check_table(name, results), {"kept": "green", "broken": "red", "?": "yellow"})
     if not all(result.kept for result in results):
         raise typer.Exit(1)

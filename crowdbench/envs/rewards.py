@@ -44,6 +44,9 @@ class Step:
     outcome: Int[np.ndarray, "world"]
     gap: Float[np.ndarray, "world"]
 
+    def __len__(self) -> int:
+        return len(self.gap)
+
     def take(self, rows: Int[np.ndarray, "row"]) -> Step:
         """The step of the worlds in the given rows."""
         return Step(self.before.take(rows), self.after.take(rows), self.outcome[rows], self.gap[rows])
