@@ -29,6 +29,7 @@ def plot_ladders(paths: Sequence[Path], out: Path) -> None:
         read_kept(path, "ladder", ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "reason"))
         for path in paths
     ]
+    lowest = 100.0
     with axes(out, height=0.9 + 0.25 * len(found)) as ax:
         for place, each in enumerate(reversed(found)):
             rates = [100.0 * rung["mean"] for rung in each["success"].values()]
@@ -36,21 +37,23 @@ def plot_ladders(paths: Sequence[Path], out: Path) -> None:
             for step, before, after in zip(each["steps"], rates, rates[1:], strict=False):
                 left, width = min(before, after), abs(after - before)
                 loses = after < before
-                height, hatch = (0.25, "////") if loses else (0.6, None)
-                colour = REASONS[step["reason"]]
-                ax.barh(place, width, left=left, height=height, color=colour, hatch=hatch, edgecolor="white")
-            ax.plot([100.0 * each["best_success"]["mean"]], [place], "k*", ms=5)
+                # A loss is narrower, and in front: what a later rung gains lies in the same place.
+                height, hatch, order = (0.25, "////", 4) if loses else (0.6, None, 3)
+                bar = ax.barh(place, width, left=left, height=height, color=REASONS[step["reason"]], zorder=order)
+                bar.patches[0].set(hatch=hatch, edgecolor="white")
+            ax.plot([100.0 * each["best_success"]["mean"]], [place], "k*", ms=5, zorder=5, clip_on=False)
+            lowest = min(lowest, *rates, 100.0 * each["best_success"]["mean"])
         names = [each["scenario"] for each in reversed(found)]
         ax.set_yticks(range(len(found)), names, fontsize=6)
-        ax.set(xlabel="success, %", xlim=(0, 101))
+        ax.set(xlabel="success, %", xlim=(max(0.0, lowest - lowest % 10.0 - 10.0), 101))
         ax.grid(visible=False, axis="y")
         bars = [ax.barh(0, 0, color=colour, label=reason) for reason, colour in REASONS.items()]
         star = ax.plot([], [], "k*", ms=5, label="best planner")
         ax.legend(
             handles=[*bars, *star],
-            ncols=5,
+            ncols=3,
             loc="lower center",
-            bbox_to_anchor=(0.4, 1.0),
+            bbox_to_anchor=(0.3, 1.0),
             fontsize=6,
             columnspacing=0.8,
         )
