@@ -33,7 +33,7 @@ def foreseen(name, futures, *, start=4, cases=3, **overrides):
     def look(world):
         seen.append(world)
 
-    trace = rollout(Driver(Standing(), "standing"), scenario, Cases("test", 0, cases), undisturbed=False, foresee=look)
+    trace = rollout(Driver(Standing(), "standing"), scenario, Cases("test", 0, cases), undisturbed=False, watch=look)
     world = seen[start]
     predictor.foresee(world)
     return world, predictor.predict(observe(world), STEPS).position, trace

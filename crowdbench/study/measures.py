@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from crowdbench.metrics.summary import Estimate
 from crowdbench.runs.results import Episodes
+from crowdbench.runs.run import Run
+from crowdbench.study.folder import read_episodes
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,12 @@ DISCOMFORT = Measure("discomfort", "discomfort", "%", sign=-1, digits=2, scale=1
 JERK = Measure("jerk", "jerk", "m/s³", sign=-1, digits=2)
 VELOCITY_CHANGE = Measure("max_velocity_change", "largest change of velocity", "m/s", sign=-1, digits=2)
 GAP = Measure("minimum_gap", "gap", "m", sign=1, digits=3)
+
+
+def read_successes(run: Run, out: Path) -> Bool[np.ndarray, "case"]:
+    """In which cases a run in the folder `out` succeeds. Raises InputError where it is not there."""
+    return np.asarray(read_episodes(run, out).columns[SUCCESS.metric], bool)
+
 
 PLANNER_MEASURES = {each.metric: each for each in (SUCCESS, TIME, VELOCITY_CHANGE, JERK)}
 """What a table of planners may show, by metric."""

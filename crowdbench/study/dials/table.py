@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import directory_name
 from crowdbench.study.dials.dial import FIRST, SECOND, Dial, load_dial
 from crowdbench.study.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
-from crowdbench.study.folder import read_episodes
-from crowdbench.study.measures import SUCCESS, draw_bar
+from crowdbench.study.measures import SUCCESS, draw_bar, read_successes
 from crowdbench.study.schema import DialsSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
@@ -49,7 +47,7 @@ class Measurement:
 
     def outcomes(self, out: Path) -> First:
         """Where the planner succeeds in the first stage; raises InputError where a run is not in the folder `out`."""
-        return np.stack([_successes(run, out) for run in self.first])
+        return np.stack([read_successes(run, out) for run in self.first])
 
     def second(self, out: Path) -> dict[int, Run]:
         """The runs of the second stage by the numbers of their levels, which follow from the first stage in `out`."""
@@ -58,7 +56,7 @@ class Measurement:
 
     def fit(self, out: Path) -> Fit:
         """What the runs in the folder `out` say."""
-        second = {level: _successes(run, out) for level, run in self.second(out).items()}
+        second = {level: read_successes(run, out) for level, run in self.second(out).items()}
         return fit(self.outcomes(out), second)
 
 
@@ -229,7 +227,3 @@ def _with_interval(held: Held, say: Callable[[float], str]) -> str:
     """A level with its interval, which is left out where all of it is beyond the levels."""
     same = held.low == held.level == held.high
     return say(held.level) if same else f"{say(held.level)} ({say(held.low)} to {say(held.high)})"
-
-
-def _successes(run: Run, out: Path) -> Bool[np.ndarray, "case"]:
-    return np.asarray(read_episodes(run, out).columns[SUCCESS.metric], bool)

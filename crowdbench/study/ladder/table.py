@@ -23,9 +23,8 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.study.folder import read_episodes
 from crowdbench.study.ladder.futures import Simulated
-from crowdbench.study.measures import SUCCESS, draw_bar
+from crowdbench.study.measures import SUCCESS, draw_bar, read_successes
 from crowdbench.study.schema import CrowdPlannerSpec, LaddersSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
@@ -115,7 +114,7 @@ class Ladder:
 
     def best(self, out: Path) -> Run:
         """The run of the planner that is best on `CHOICE`; raises InputError where a run is not in the folder `out`."""
-        successes = [_successes(run, out).mean() for run in self.choices]
+        successes = [read_successes(run, out).mean() for run in self.choices]
         spec = self.choices[int(np.argmax(successes))].spec
         return _load_with_all_cases(dataclasses.replace(spec, cases=self.rungs["P0"].spec.cases), self.scenario)
 
@@ -165,7 +164,7 @@ class FilledLadder:
     @classmethod
     def of(cls, ladder: Ladder, out: Path) -> FilledLadder:
         """Fill a ladder from the runs in the folder `out`."""
-        outcomes = {rung: _successes(run, out) for rung, run in ladder.rungs.items()}
+        outcomes = {rung: read_successes(run, out) for rung, run in ladder.rungs.items()}
         if ladder.certified is not None:
             outcomes["C"] = ladder.certified
         names, steps = list(outcomes), []
@@ -174,7 +173,7 @@ class FilledLadder:
             steps.append(Step(STEPS[above], bootstrap(gain, np.ones(len(gain)))))
         best, cases = ladder.best(out), ladder.rungs["P0"].spec.cases
         success = {rung: wilson(each) for rung, each in outcomes.items()}
-        return cls(ladder.scenario.name, str(cases), success, steps, best.label, wilson(_successes(best, out)))
+        return cls(ladder.scenario.name, str(cases), success, steps, best.label, wilson(read_successes(best, out)))
 
     def bars(self) -> Grid:
         """A row for each rung, with a bar, and one for the best planner."""
@@ -259,7 +258,3 @@ class FilledLaddersTable:
 
 def _say_points(gain: Estimate) -> str:
     return f"{100 * gain.mean:+.0f} ({100 * gain.low:+.0f} to {100 * gain.high:+.0f})"
-
-
-def _successes(run: Run, out: Path) -> Bool[np.ndarray, "case"]:
-    return np.asarray(read_episodes(run, out).columns[SUCCESS.metric], bool)
