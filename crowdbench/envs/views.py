@@ -19,6 +19,7 @@ Spaces are of float64, so that nothing is rounded. Their bounds are those of the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -191,16 +192,24 @@ def flat_space(scenario: Scenario) -> Box:
 def layout_bound(scenario: Scenario) -> float:
     """A bound in metres on the coordinates of starts and goals, loose enough to hold for every layout.
 
-    Of a built-in layout it is twice the sum of the numbers in its options, plus the way of one second at the highest
-    speed, because layouts shift starts by up to half of it. Of another layout it is what any layout must keep, and of
-    recorded people the largest coordinate of anybody.
+    Of a built-in layout it is twice the sum of the numbers in its options, of points the largest one, plus the way of
+    one second at the highest speed, because layouts shift starts by up to half of it. Of another layout it is what any
+    layout must keep, and of recorded people the largest coordinate of anybody.
     """
     if scenario.tracks:
         return scenario.tracks.extent
     if scenario.layout is None or scenario.layout.function not in LAYOUTS.values():
         return EXTENT
-    lengths = [value for value in scenario.layout.options.values() if is_number(value)]
-    return 2 * sum(lengths) + _max_speed(scenario)
+    return 2 * sum(map(_largest_number, scenario.layout.options.values())) + _max_speed(scenario)
+
+
+def _largest_number(option: Any) -> float:
+    """The largest number of an option by its size, whatever it is nested in; 0 where there is none."""
+    if isinstance(option, Mapping):
+        option = list(option.values())
+    if isinstance(option, list):
+        return max(map(_largest_number, option), default=0.0)
+    return abs(option) if is_number(option) else 0.0
 
 
 def position_bound(scenario: Scenario) -> float:
