@@ -55,7 +55,7 @@ def test_each_point_has_a_reward_that_breaks_it(reward, points):
 
 
 def test_a_scenario_is_started_and_driven(tmp_path):
-    points = {point.name: point for point in check_scenario(load_scenario("doorway_8_v2"), Cases.parse("val:3"))}
+    points = {point.name: point for point in check_scenario(load_scenario("circle_crossing_5"), Cases.parse("val:2"))}
     assert points["episodes"].seen.startswith("driven by ORCA: ")
     assert points["batch"].kept
     text = Path("scenarios/corridor_8_v2.toml").read_text()

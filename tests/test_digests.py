@@ -201,7 +201,7 @@ def test_the_digests_of_the_simulated_scenarios_stay():
     """Where this fails because a default is another one, `crowdbench.scenario.digest.VERSION` must be raised."""
     digests = {name: load_scenario(name).digest for name in simulated_scenarios()}
     assert digests.items() <= SCENARIOS.items()
-    assert len(digests) == 48
+    assert len(digests) == 50
 
 
 def test_the_digests_of_all_scenarios_stay(shipped):
