@@ -59,8 +59,8 @@ class RankingsTable:
             data: The folder with the recorded tracks that its scenarios need.
 
         Raises:
-            InputError: A planner or a scenario does not exist, two planners have the same name and options, a family
-                that is left out does not exist, or the scenario that stands alone is not in the suite or a world.
+            InputError: A planner or a scenario does not exist, two planners have the same name and options, or a
+                family that is left out does not exist.
         """
         for name in spec.without:
             if name not in spec.families:
