@@ -243,6 +243,7 @@ def later_defaults(monkeypatch):
     monkeypatch.setitem(BUILT_IN, "distracted", StopAndGo(ORCA()))  # which has the parameters of ORCA too
 
 
+@pytest.mark.slow
 def test_a_new_key_with_a_default_changes_no_digest_of_a_scenario(monkeypatch):
     before = {name: load_scenario(name) for name in simulated_scenarios()}
     later_defaults(monkeypatch)
@@ -257,6 +258,7 @@ def test_a_new_key_with_a_default_changes_no_digest_of_a_scenario(monkeypatch):
         assert load_scenario("circle_crossing_5", {key: 0.75}).digest != SCENARIOS["circle_crossing_5"]
 
 
+@pytest.mark.slow
 def test_a_new_key_with_a_default_changes_no_digest_with_recorded_people(monkeypatch, shipped):
     later_defaults(monkeypatch)
     assert shipped() == SCENARIOS

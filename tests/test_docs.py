@@ -236,6 +236,7 @@ def test_the_readme_shows_the_suite_as_its_page_has_it():
     assert len(rows) == 15
 
 
+@pytest.mark.slow
 def test_the_standings_in_leaderboards_are_those_of_its_entries(tmp_path):
     shutil.copytree(ROOT / "leaderboards", tmp_path / "leaderboards")
     written = write_readme(tmp_path / "leaderboards").read_text()

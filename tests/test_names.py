@@ -25,6 +25,7 @@ def undefined(text, file="text.py"):
     return [f"{file}:{one.lineno}: {one.message_args[0]}" for one in found if isinstance(one, UndefinedName)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["crowdbench", "agents", "examples", "tests"])
 def test_every_name_is_defined(folder):
     files = sorted((ROOT / folder).rglob("*.py"))

@@ -15,6 +15,7 @@ from crowdbench.sim.simulator import crowd_velocities, step
 WALLED = ["doorway", "corridor", "blind_corner", "intersection", "room", "traffic"]
 
 
+@pytest.mark.slow
 def test_there_is_a_walled_world_of_each_layout_with_walls():
     shipped = [load_scenario(name) for name in simulated_scenarios()]
     walled = {each.table["layout"]["generator"] for each in shipped if each.worlds(Cases.parse("1")).obstacles.shape[1]}
