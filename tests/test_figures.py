@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from typer.testing import CliRunner
 
 from crowdbench.cli import app
 from crowdbench.figures import plots
-from crowdbench.runs.compare import compare, holm
+from crowdbench.runs.compare import compare
+from crowdbench.runs.paired import Paired, compare_metric, holm
+from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
 
 
@@ -136,11 +139,65 @@ def test_runs_are_compared_with_one_and_corrected_for_their_number(made, tmp_pat
     alone = {other.name: compare(runs[0], other).rows["success_rate"].p for other in runs[1:]}
     assert len(set(alone.values())) == 2
     done = CliRunner().invoke(app, ["compare", *map(str, runs), "--metric", "success_rate", "--format", "json"])
-    corrected = [row["p"] for row in json.loads(done.stdout)]
-    np.testing.assert_allclose(corrected, holm(np.array(list(alone.values()))))
+    found = json.loads(done.stdout)
+    assert [row["p"] for row in found] == list(alone.values())
+    np.testing.assert_allclose([row["corrected"] for row in found], holm(np.array(list(alone.values()))))
     shown = CliRunner().invoke(app, ["compare", *map(str, runs)]).stdout
-    assert "corrected for the number of runs, 2 (Holm 1979)" in shown
+    assert "p corrected: for the number of tests of a metric (Holm 1979)" in shown
     assert re.search(r"jerk, m/s\^3 +social_force +[\d.]+ +[\d.]+ +-?[\d.]+ \(", shown)
+
+
+@pytest.fixture(scope="module")
+def in_two_scenarios(tmp_path_factory):
+    """Runs of ORCA, the straight line and the social force in two scenarios, by planner and scenario."""
+    folder, runs = tmp_path_factory.mktemp("two"), {}
+    for planner in ("orca", "straight", "social_force"):
+        for scenario in ("circle_crossing_5", "square_crossing_5"):
+            out = runs[planner, scenario] = str(folder / f"{planner}-{scenario}")
+            given = ["--scenario", scenario, "--cases", "25", "--record", "none", "--out", out]
+            assert CliRunner().invoke(app, ["run", "--planner", planner, *given]).exit_code == 0
+    return runs
+
+
+def test_runs_of_several_scenarios_are_compared_in_each_and_in_all(in_two_scenarios):
+    given = ["compare", *in_two_scenarios.values(), "--metric", "success_rate", "--format", "json"]
+    found = {(row["scenario"], row["run"]): row for row in json.loads(CliRunner().invoke(app, given).stdout)}
+    names = ["circle_crossing_5", "square_crossing_5"]
+    assert list(found) == [(name, run) for name in [*names, "all 2 scenarios"] for run in ("straight", "social_force")]
+    for run in ("straight", "social_force"):
+        single = [
+            compare(Path(in_two_scenarios["orca", name]), Path(in_two_scenarios[run, name])).rows["success_rate"]
+            for name in names
+        ]
+        for name, alone in zip(names, single, strict=True):
+            assert found[name, run]["difference"] == pytest.approx(vars(alone.difference))
+        pooled = found["all 2 scenarios", run]
+        assert pooled["cases"] == 50
+        assert pooled["difference"]["mean"] == pytest.approx(np.mean([each.difference.mean for each in single]))
+        width = [each["high"] - each["low"] for each in (pooled["difference"], vars(single[0].difference))]
+        assert 0.4 < width[0] / width[1] < 1.0
+        assert pooled["p"] < min(each.p for each in single)
+    for rows in (list(found.values())[:4], list(found.values())[4:]):
+        np.testing.assert_allclose([row["corrected"] for row in rows], holm(np.array([row["p"] for row in rows])))
+
+
+def test_each_planner_must_have_a_run_in_each_scenario(in_two_scenarios):
+    *runs, last = in_two_scenarios.values()
+    lacking = CliRunner().invoke(app, ["compare", *runs])
+    assert "there is no run of social_force in square_crossing_5" in str(lacking.exception)
+    twice = CliRunner().invoke(app, ["compare", *runs, last, last])
+    assert "are both of social_force in square_crossing_5: give one of them" in str(twice.exception)
+
+
+def test_an_interval_holds_0_where_the_test_finds_no_difference():
+    for only_a in range(11):
+        for only_b in range(only_a):
+            case = np.arange(40)
+            one, two = (case < only_a) | (case >= 25), ((case >= 12) & (case < 12 + only_b)) | (case >= 25)
+            columns = {"success_rate": one}, {"success_rate": two}
+            paired = Paired(*(Episodes(case, case, case, each) for each in columns), one & two)
+            row = compare_metric("success_rate", [paired])
+            assert (row.p < 0.05) == (row.difference.high < 0.0)
 
 
 def test_a_comparison_refuses_a_metric_that_there_is_not(made):

@@ -19,7 +19,8 @@ from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.record.contents import read
 from crowdbench.runs import rollout
-from crowdbench.runs.compare import compare, mcnemar
+from crowdbench.runs.compare import compare
+from crowdbench.runs.paired import mcnemar
 from crowdbench.runs.results import Episodes, planner_label, read_result, replanning_of
 from crowdbench.runs.spec import RunSpec, directory_name
 from crowdbench.scenario.cases import Cases

@@ -25,9 +25,11 @@ if TYPE_CHECKING:
 def compare(reference: Path, others: list[Path], metric: list[str] | None = None, format: Format | None = None) -> None:
     """Compare runs with one of them, paired by case.
 
+    Runs of several scenarios are compared in each of them, with the planner of the first run, and in all together.
+
     Args:
         reference: Directory of the run that others are compared with.
-        others: Directories of other runs on the same scenario and cases.
+        others: Directories of other runs on the same cases.
         metric: A metric. Repeatable; else all for two runs, some for more.
         format: Write the comparison alone, as a table; latex needs the package booktabs.
     """
@@ -49,11 +51,14 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         table = Grid(title, grid.header, grid.rows, align="ll".ljust(len(grid.header), "r"))
     print_table(table)
     print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
-    print("over the cases that both runs solve. Intervals are of the paired difference.")
+    print("over the cases that both runs solve. Intervals are of the paired difference, and go with p.")
     if len(found) > 1:
-        print(f"The p-values of a metric are corrected for the number of runs, {len(found)} (Holm 1979).")
-    for one in found:
-        print(changed_cases(one) or f"No case ends differently in {one.names[1]}.")
+        print("p corrected: for the number of tests of a metric (Holm 1979), those of all scenarios apart.")
+    several = len({one.scenario for one in found}) > 1
+    for one in (one for one in found if one.changed is not None):
+        where = f"{one.scenario}: " if several else ""
+        for line in changed_cases(one) or [f"no case ends differently in {one.names[1]}"]:
+            print(f"{where}{line}")
 
 
 def comparison_table(found: Comparison) -> Grid:
@@ -70,18 +75,18 @@ def comparison_table(found: Comparison) -> Grid:
     return Grid(title, ("metric", a, b, "difference", "95 % interval", "p"), rows, align="lrrrlr")
 
 
-def changed_cases(found: Comparison) -> str:
+def changed_cases(found: Comparison) -> list[str]:
     """A line for each pair of different outcomes, with the cases that ended so."""
     from crowdbench.core.types import Outcome
 
     groups: dict[tuple[int, int], list[int]] = {}
-    for case, one, two in found.changed:
+    for case, one, two in found.changed or []:
         groups.setdefault((one, two), []).append(case)
     lines = []
     for (one, two), cases in sorted(groups.items()):
         labels = f"{found.names[0]} {Outcome(one).label}, {found.names[1]} {Outcome(two).label}"
         lines.append(f"{labels} ({len(cases)}): {', '.join(map(str, cases))}")
-    return "\n".join(lines)
+    return lines
 
 
 @help_from_docstring

@@ -11,7 +11,8 @@ import numpy as np
 from crowdbench.figures.table import with_interval
 from crowdbench.metrics import MORE_IS_BETTER, heading
 from crowdbench.metrics.summary import Estimate
-from crowdbench.runs.compare import compare, holm
+from crowdbench.runs.compare import compare
+from crowdbench.runs.paired import holm
 from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid

@@ -9,7 +9,8 @@ from pathlib import Path
 from crowdbench.figures.series import runs
 from crowdbench.metrics import heading
 from crowdbench.metrics.summary import Estimate
-from crowdbench.runs.compare import Comparison, MetricDifference
+from crowdbench.runs.compare import Comparison
+from crowdbench.runs.paired import MetricDifference
 from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
@@ -49,7 +50,7 @@ def table(directories: Sequence[Path], metrics: Sequence[str]) -> Grid:
 
 
 def comparison(found: Sequence[Comparison], metrics: Sequence[str]) -> Grid:
-    """Runs beside the one that each was compared with, as `compare_to` does: a row for each metric and run.
+    """Runs beside the one that each was compared with, as `compare_to` does: a row for each metric, scenario and run.
 
     Args:
         found: What was found, of the same reference in each.
@@ -67,21 +68,27 @@ def comparison(found: Sequence[Comparison], metrics: Sequence[str]) -> Grid:
         is_rate = first[name].p is not None
         for one in found:
             row = one.rows[name]
-            rows.append([heading(name, is_rate), one.names[1], *_compared(row, is_rate)])
-            records.append(
-                {"metric": name, "reference": one.names[0], "run": one.names[1], "cases": one.cases, **vars(row)}
-            )
-    header = ["metric", "run", found[0].names[0], "the run", "difference (95 % interval)", "p"]
-    return Grid("comparison", header, rows, records)
+            rows.append([heading(name, is_rate), one.scenario, one.names[1], *_compared(row, is_rate)])
+            about = {"metric": name, "scenario": one.scenario, "reference": one.names[0], "run": one.names[1]}
+            records.append({**about, "cases": one.cases, **vars(row)})
+    reference, several = found[0].names[0], len({one.scenario for one in found}) > 1
+    header = ["metric", "scenario", "run", reference, "the run", "difference (95 % interval)", "p", "p corrected"]
+    shown = [number for number, name in enumerate(header) if _is_shown(name, several, len(found) > 1)]
+    return Grid("comparison", [header[n] for n in shown], [[row[n] for n in shown] for row in rows], records)
+
+
+def _is_shown(column: str, several_scenarios: bool, several_tests: bool) -> bool:
+    return {"scenario": several_scenarios, "p corrected": several_tests}.get(column, True)
 
 
 def _compared(row: MetricDifference, is_rate: bool) -> list[str]:
-    """Both means, the difference with its interval, and the p-value."""
+    """Both means, the difference with its interval, and the p-values."""
     if not row.difference.n:
-        return ["", "", "", ""]
+        return [""] * 5
     factor, digits = (100.0, 1) if is_rate else (1.0, 3)
     means = [f"{factor * value:.{digits}f}" for value in (row.a, row.b)]
-    return [*means, with_interval(row.difference, factor, digits), "" if row.p is None else f"{row.p:.2g}"]
+    tests = ["" if p is None else f"{p:.2g}" for p in (row.p, row.corrected)]
+    return [*means, with_interval(row.difference, factor, digits), *tests]
 
 
 def with_interval(estimate: Estimate, factor: float, digits: int) -> str:

@@ -26,7 +26,7 @@ APART = tuple(
     _PACKAGE / name
     for name in (
         *("agents", "bench", "boards", "certify", "check", "cli", "envs", "figures", "study", "train", "notebook.py"),
-        *("runs/compare.py", "runs/differences.py", "runs/on_ray.py", "runs/replay.py"),
+        *("runs/compare.py", "runs/differences.py", "runs/on_ray.py", "runs/paired.py", "runs/replay.py"),
     )
 )
 """Parts of the package on which no run depends, and the planners, whose files count one by one."""

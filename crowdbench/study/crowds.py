@@ -12,8 +12,8 @@ from jaxtyping import Bool, Int, Shaped
 
 from crowdbench import catalog
 from crowdbench.metrics.summary import CONFIDENCE, Estimate, bootstrap, rate
-from crowdbench.runs.compare import mcnemar, sign_test
 from crowdbench.runs.load import load_run
+from crowdbench.runs.paired import mcnemar, sign_test
 from crowdbench.runs.results import Episodes
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec

@@ -1,0 +1,175 @@
+"""A metric in two runs of the same cases, with tests that pair them by case."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from crowdbench.metrics import OVER_ALL, POOLED, is_rate
+from crowdbench.metrics.summary import (
+    CONFIDENCE,
+    NOTHING,
+    RESAMPLES,
+    Estimate,
+    around,
+    bootstrap_distribution,
+    by_block,
+    interval,
+    weighted_mean,
+)
+from crowdbench.runs.results import Episodes
+
+EXACT = 12
+"""Blocks of cases for which the test of two rates tries all ways to exchange the runs."""
+
+
+@dataclass(frozen=True)
+class MetricDifference:
+    """One metric in two runs.
+
+    Attributes:
+        a: Its mean in run A.
+        b: Its mean in run B.
+        difference: B - A, paired by case. The interval of a rate contains 0 where its test finds no difference.
+        p: McNemar's p-value of rates, or that of `sign_test` where cases come in blocks; None for other metrics.
+        corrected: The p-value corrected for all that it was tested with (`holm`).
+    """
+
+    a: float
+    b: float
+    difference: Estimate
+    p: float | None
+    corrected: float | None
+
+
+@dataclass(frozen=True)
+class Paired:
+    """The episodes of two runs in the cases that both drove, and whether both solved each."""
+
+    one: Episodes
+    two: Episodes
+    solved: Bool[np.ndarray, "case"]
+
+
+def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
+    """Compare a metric over all cases where it is a rate or counts failures, otherwise over those that both solve.
+
+    Args:
+        name: The name of the metric.
+        strata: The episodes of both runs, in each scenario. Scenarios count alike.
+    """
+    parts, pairs = [], [(each.one.columns[name], each.two.columns[name]) for each in strata]
+    is_share = all(is_rate(column) for pair in pairs for column in pair)
+    p = _test(strata, pairs) if is_share else None
+    for each, (x, y) in zip(strata, pairs, strict=True):
+        chosen = ~np.isnan(x.astype(float) + y) & (each.solved | is_share | (name in OVER_ALL))
+        if chosen.any():
+            parts.append(_Part.of(name, each, chosen))
+    if not parts:
+        return MetricDifference(math.nan, math.nan, NOTHING, p, None)
+    a, b = (float(np.mean([getattr(part, end) for part in parts])) for end in ("a", "b"))
+    low, high = around(b - a, *interval(_mean_of([part.resampled for part in parts])))
+    if p is not None and p >= 1.0 - CONFIDENCE:
+        low, high = min(low, 0.0), max(high, 0.0)
+    n, largest = sum(part.n for part in parts), max(part.largest for part in parts)
+    return MetricDifference(a, b, Estimate(b - a, low, high, n, largest), p, None)
+
+
+def _test(
+    strata: Sequence[Paired], pairs: Sequence[tuple[Bool[np.ndarray, "case"], Bool[np.ndarray, "case"]]]
+) -> float:
+    """The p-value of a rate: runs are exchanged case by case, or block by block."""
+    x, y = (np.concatenate([pair[end] for pair in pairs]) for end in (0, 1))
+    blocks = [each.one.block for each in strata]
+    if all(block is None for block in blocks):
+        return mcnemar(x, y)
+    of_case = [np.arange(len(each.one)) if each.one.block is None else each.one.block for each in strata]
+    named = np.concatenate([np.stack([np.full(len(own), number), own]) for number, own in enumerate(of_case)], axis=1)
+    return sign_test(x, y, np.unique(named, axis=1, return_inverse=True)[1].ravel())
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A metric in two runs of a scenario: the means, resampled differences, the number of cases, the largest one."""
+
+    a: float
+    b: float
+    resampled: Float[np.ndarray, "resample"]
+    n: int
+    largest: float
+
+    @classmethod
+    def of(cls, name: str, shared: Paired, chosen: Bool[np.ndarray, "case"]) -> _Part:
+        """Compare the chosen cases."""
+        x, y = (table.columns[name][chosen].astype(float) for table in (shared.one, shared.two))
+        weights = [
+            table.steps[chosen] * 1.0 if name in POOLED else np.ones(len(x)) for table in (shared.one, shared.two)
+        ]
+        block = None if shared.one.block is None else shared.one.block[chosen]
+        columns = *by_block(x, weights[0], block), *by_block(y, weights[1], block)
+        resampled = bootstrap_distribution(_mean_difference, *columns)
+        a, b = (float(weighted_mean(values, weight)) for values, weight in zip((x, y), weights, strict=True))
+        return cls(a, b, resampled, len(x), float((y - x).max()))
+
+
+def _mean_of(resampled: Sequence[Float[np.ndarray, "resample"]]) -> Float[np.ndarray, "resample"]:
+    """The distribution of the mean over scenarios, whose cases are independent of each other's."""
+    random = np.random.default_rng(0)
+    first, *rest = resampled  # as many cases are resampled alike in all of them, hence the new order
+    return np.asarray(np.mean([first, *(random.permutation(each) for each in rest)], axis=0))
+
+
+def _mean_difference(*columns: Float[np.ndarray, "*resample case"], axis: int = -1) -> Float[np.ndarray, "*resample"]:
+    """The weighted mean of run B minus that of run A; the columns are values and weights of A, then of B."""
+    x, x_weights, y, y_weights = columns
+    return np.asarray(weighted_mean(y, y_weights, axis) - weighted_mean(x, x_weights, axis))
+
+
+def mcnemar(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"]) -> float:
+    """The exact two-sided p-value of the test of McNemar (1947); 1 if no case differs.
+
+    Args:
+        a: Whether each case was solved in run A.
+        b: The same in run B.
+    """
+    from scipy.stats import binomtest
+
+    only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
+    return float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0
+
+
+def holm(p: Float[np.ndarray, "test"]) -> Float[np.ndarray, "test"]:
+    """The p-values corrected by Holm (1979) for the number of tests.
+
+    Those below 0.05 are significant: with a probability of 0.95 or more, none of them is where there is no difference.
+    """
+    order = np.argsort(p, kind="stable")
+    factors = len(p) - np.arange(len(p))
+    corrected = np.empty_like(p)
+    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
+    return corrected
+
+
+def sign_test(a: Bool[np.ndarray, "case"], b: Bool[np.ndarray, "case"], block: Int[np.ndarray, "case"]) -> float:
+    """The two-sided p-value of a permutation test (Fisher 1935) that exchanges the runs block by block.
+
+    It is exact for up to `EXACT` blocks, and from `RESAMPLES` random exchanges for more.
+
+    Args:
+        a: Whether each case was solved in run A.
+        b: The same in run B.
+        block: The block of each case; those of the same block are not independent.
+    """
+    _, number = np.unique(block, return_inverse=True)
+    sums = np.bincount(number, b.astype(float) - a)
+    sums = sums[sums != 0.0]
+    if len(sums) <= EXACT:
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(sums))))
+    else:
+        signs = np.random.default_rng(0).choice((-1.0, 1.0), (RESAMPLES, len(sums)))
+    return float((np.abs(signs @ sums) >= abs(sums.sum()) - 1e-9).mean())
