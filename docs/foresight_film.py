@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.figures.episode import film
+from crowdbench.figures.episode import Episode, film
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
@@ -17,7 +17,7 @@ def main() -> None:
     """Write the film."""
     driver = Driver(load_planner("mppi_sgan", {"filter": "kalman"})[1], "mppi_sgan")
     trace = rollout(driver, load_scenario(SCENARIO), Cases("test", CASE, CASE + 1), keep_logs=True)
-    film(trace, 0, FILM)
+    film(Episode(trace, 0), FILM)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """`crowdbench table`, `plot` and `render`: tables and figures of runs, trainings and cases."""
 
 import csv
+import dataclasses
 import json
 import re
 import shutil
@@ -12,7 +13,11 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from crowdbench.cli import app
+from crowdbench.drawing import Text
 from crowdbench.figures import plots
+from crowdbench.figures.episode import Episode
+from crowdbench.figures.time_marks import mark_times
+from crowdbench.record.contents import read
 from crowdbench.runs.compare import compare
 from crowdbench.runs.paired import Paired, compare_metric, holm
 from crowdbench.runs.results import Episodes
@@ -225,6 +230,34 @@ def test_a_case_is_drawn_with_the_times_along_its_way(driven, tmp_path):
         CliRunner().invoke(app, ["render", str(driven), "--case", "1", "--out", str(tmp_path / "a.svg")]).exit_code == 0
     )
     assert {"0 s", "2 s", "1 m"} <= set(words(tmp_path / "a.svg"))
+
+
+def test_a_vehicle_that_waits_is_marked_once(driven):
+    trace = read(driven / "run.rrd").trace
+    bounds = np.array([[-6.0, -6.0], [6.0, 6.0]])
+
+    def texts(position):
+        shapes = mark_times(dataclasses.replace(trace, position=position), 1, bounds, 3.0)
+        return [shape for shape in shapes if isinstance(shape, Text)]
+
+    assert [shape.text for shape in texts(trace.position)][:2] == ["0 s", "2 s"]
+    waits = trace.position.copy()
+    waits[1, :, 0] = waits[1, 0, 0]
+    (once,) = texts(waits)
+    last = (int(trace.steps[1]) - 1) // 8 * 2
+    assert once.text == f"0 to {last} s"
+    assert np.linalg.norm(once.at - waits[1, 0, 0]) > trace.radius[1, 0, 0]
+
+
+def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):
+    episode = Episode(read(driven / "run.rrd").trace, 1, zoom=4.0)
+    way = episode.trace.position[1, : episode.end + 1, 0]
+    np.testing.assert_allclose(episode.bounds(3), [way[3] - 2.0, way[3] + 2.0])
+    np.testing.assert_allclose(episode.bounds(), [way.min(axis=0) - 2.0, way.max(axis=0) + 2.0])
+    given = ["render", str(driven), "--case", "1", "--zoom", "4", "--strip", "2", "--out", str(tmp_path / "a.svg")]
+    assert CliRunner().invoke(app, given).exit_code == 0
+    refused = CliRunner().invoke(app, ["render", "blind_corner", "--case", "3", "--zoom", "4"])
+    assert "--zoom is for a recorded case" in str(refused.exception)
 
 
 def test_a_scenario_is_drawn_before_anything_is_run(tmp_path):

@@ -105,6 +105,7 @@ def render(
     what: str,
     case: Annotated[int, typer.Option(min=0)],
     strip: Annotated[int | None, typer.Option(min=1, max=12)] = None,
+    zoom: Annotated[float | None, typer.Option(min=1.0, max=100.0)] = None,
     out: Path = Path("case.png"),
     data: Path | None = None,
 ) -> None:
@@ -114,6 +115,7 @@ def render(
         what: Directory of a run, an .rrd file, or a scenario: a name, or ./mine.toml.
         case: The recorded case, or the number of a test case.
         strip: Draw so many moments side by side instead of the whole way.
+        zoom: Show so many metres around the vehicle; a film and moments follow it.
         out: A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).
     """
     from crowdbench.cli.results import recording_of
@@ -124,10 +126,11 @@ def render(
     if Path(what).is_dir() or what.endswith(".rrd"):
         if data is not None:
             raise InputError("--data is for a scenario: a recording says where everybody walked")
-        episode.draw_case(recording_of(Path(what)), case, out, strip)
+        episode.draw_case(recording_of(Path(what)), case, out, strip, zoom)
     else:
-        if strip is not None:
-            raise InputError("--strip is for a recorded case: a scenario has its start alone")
+        for name, given in (("strip", strip), ("zoom", zoom)):
+            if given is not None:
+                raise InputError(f"--{name} is for a recorded case: a scenario has its start alone")
         from crowdbench.catalog import load_scenario
 
         scenario = load_scenario(what, data=data)

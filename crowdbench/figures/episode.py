@@ -6,6 +6,7 @@ import io
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,7 @@ from crowdbench.drawing import (
     extent,
 )
 from crowdbench.figures.style import canvas, check_file, write
+from crowdbench.figures.time_marks import mark_times
 from crowdbench.record.contents import read
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
@@ -41,9 +43,6 @@ if TYPE_CHECKING:
 SIDE = 3.5
 """Length in inches of the longer side of a picture of the plane."""
 
-MARKED = 2.0
-"""Seconds between the discs along the vehicle's way in a figure of a whole episode."""
-
 BEST = 12
 """How many of the ways that a planner considers are drawn, the best ones."""
 
@@ -51,28 +50,60 @@ FILMS = {".gif": 160, ".mp4": 320}
 """The endings of films, and how many dots per inch their pictures have: a .gif would be too large with more."""
 
 
-def trajectories(trace: Trace, row: int, out: Path) -> None:
-    """Draw a whole episode: all ways, discs at the end, and the vehicle every `MARKED` seconds with the time.
+@dataclass(frozen=True)
+class Episode:
+    """An episode of a trace, and the part of the plane that its pictures show.
+
+    Attributes:
+        trace: The trace.
+        row: The row of the episode.
+        zoom: How many metres around the vehicle are shown, whom pictures of a moment follow; None for all that matters.
+    """
+
+    trace: Trace
+    row: int
+    zoom: float | None = None
+
+    @property
+    def end(self) -> int:
+        """The last state."""
+        return int(self.trace.steps[self.row])
+
+    def bounds(self, state: int | None = None) -> Float[np.ndarray, "2 2"]:
+        """The smallest and the largest x and y in metres that are shown of a state, or of the whole episode."""
+        trace, row, states = self.trace, self.row, slice(self.end + 1)
+        if self.zoom is None:  # the pedestrians' goals may be outside
+            return extent(trace.position[row, states], trace.goal[row, states, 0], trace.obstacles[row], 0.7)
+        way = trace.position[row, states if state is None else slice(state, state + 1), 0]
+        half = self.zoom / 2
+        return np.stack([way.min(axis=0) - half, way.max(axis=0) + half])
+
+    def size(self, state: int | None = None) -> tuple[float, float]:
+        """Width and height in inches of a picture."""
+        return _fit(*self.bounds(state))
+
+    def time(self, state: int) -> float:
+        """The time of a state in seconds."""
+        return state * self.trace.rules.dt
+
+
+def trajectories(episode: Episode, out: Path) -> None:
+    """Draw a whole episode: all ways, discs at the end, and where the vehicle was when.
 
     Args:
-        trace: The trace with the episode.
-        row: Its row.
+        episode: The episode.
         out: The figure's file.
 
     Raises:
         InputError: The file cannot be written.
     """
-    end, dt = int(trace.steps[row]), trace.rules.dt
-    with canvas(out, *_size(trace, row)) as figure:
-        marks: list[Shape] = []
-        for state in range(0, end, max(round(MARKED / dt), 1)):
-            place, radius = trace.position[row, state, 0], float(trace.radius[row, state, 0])
-            marks.append(Disc(place, radius, None, LIGHT.vehicle))
-            marks.append(Text(place + np.array([1.2 * radius, 0.0]), f"{state * dt:g} s", LIGHT.vehicle, is_left=True))
-        _draw_state(figure.add_subplot(), trace, row, end, marks)
+    low, high = episode.bounds()
+    marks = mark_times(episode.trace, episode.row, np.stack([low, high]), float((high - low).max()) / SIDE)
+    with canvas(out, *episode.size()) as figure:
+        _draw_state(_plane(figure.add_subplot(), low, high), episode, episode.end, low, marks)
 
 
-def draw_case(recording: Path, case: int, out: Path, moments: int | None = None) -> None:
+def draw_case(recording: Path, case: int, out: Path, moments: int | None = None, zoom: float | None = None) -> None:
     """Draw a recorded case, as a film where the file is one.
 
     Args:
@@ -80,6 +111,7 @@ def draw_case(recording: Path, case: int, out: Path, moments: int | None = None)
         case: The number of the case.
         out: A file of `FILMS`, or a figure.
         moments: How many moments a figure shows side by side; None for the whole way in one.
+        zoom: See `Episode`.
 
     Raises:
         InputError: The case is not recorded.
@@ -89,12 +121,13 @@ def draw_case(recording: Path, case: int, out: Path, moments: int | None = None)
     if not len(rows):
         kept = "`crowdbench run --record all` keeps every case"
         raise InputError(f"case {case} is not recorded in {recording}: {kept}")
+    episode = Episode(trace, int(rows[0]), zoom)
     if out.suffix in FILMS:
-        film(trace, int(rows[0]), out)
+        film(episode, out)
     elif moments is not None:
-        strip(trace, int(rows[0]), moments, out)
+        strip(episode, moments, out)
     else:
-        trajectories(trace, int(rows[0]), out)
+        trajectories(episode, out)
 
 
 def draw_start(scenario: Scenario, split: str, number: int, out: Path) -> None:
@@ -128,34 +161,32 @@ def _way(world: World, agent: int) -> Float[np.ndarray, "point 2"]:
     return np.concatenate([world.position[0, agent, None], inside, world.goal[0, agent, None]])
 
 
-def strip(trace: Trace, row: int, moments: int, out: Path) -> None:
+def strip(episode: Episode, moments: int, out: Path) -> None:
     """Draw moments of an episode side by side, equally far apart in time, the last one at its end.
 
     Args:
-        trace: The trace with the episode.
-        row: Its row.
+        episode: The episode.
         moments: How many.
         out: The figure's file.
 
     Raises:
         InputError: The file cannot be written.
     """
-    states = np.linspace(0, int(trace.steps[row]), moments + 1).round().astype(int)[1:]
-    width, height = _size(trace, row)
+    states = np.linspace(0, episode.end, moments + 1).round().astype(int)[1:]
+    width, height = episode.size(0)
     scale = 7.0 / (width * moments)  # as wide as both columns of a paper
     with canvas(out, 7.0, height * scale + 0.2) as figure:
         for place, state in enumerate(states.tolist()):
             axes = figure.add_subplot(1, moments, place + 1)
-            _draw_state(axes, trace, row, state)
-            axes.set_title(f"{state * trace.rules.dt:g} s", fontsize=7, pad=2)
+            _draw_moment(axes, episode, state)
+            axes.set_title(f"{episode.time(state):g} s", fontsize=7, pad=2)
 
 
-def film(trace: Trace, row: int, out: Path) -> None:
+def film(episode: Episode, out: Path) -> None:
     """Make a film of an episode.
 
     Args:
-        trace: The trace with the episode.
-        row: Its row.
+        episode: The episode.
         out: A .gif or .mp4 file; for the latter the program ffmpeg is needed.
 
     Raises:
@@ -164,10 +195,10 @@ def film(trace: Trace, row: int, out: Path) -> None:
     check_file(out, [*FILMS])
     if out.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"a film {out.name} needs the program ffmpeg (Debian: ffmpeg); a .gif file does not")
-    seconds = trace.rules.dt
+    seconds = episode.trace.rules.dt
     with files.whole(out) as partial:
         if out.suffix == ".gif":
-            first, *others = _frames(trace, row, FILMS[out.suffix])
+            first, *others = _frames(episode, FILMS[out.suffix])
             first.save(
                 partial, format="GIF", save_all=True, append_images=others, duration=round(1000 * seconds), loop=0
             )
@@ -175,32 +206,25 @@ def film(trace: Trace, row: int, out: Path) -> None:
         command = f"ffmpeg -loglevel error -y -f image2pipe -framerate {1 / seconds:g} -i -".split()
         command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-f", "mp4", str(partial)]
         pictures = io.BytesIO()
-        for frame in _frames(trace, row, FILMS[out.suffix]):
+        for frame in _frames(episode, FILMS[out.suffix]):
             frame.save(pictures, format="PNG")
         process = subprocess.run(command, input=pictures.getvalue(), capture_output=True)
         if process.returncode:
             raise InputError(f"ffmpeg could not make {out}: {process.stderr.decode(errors='replace').strip()[-200:]}")
 
 
-def _frames(trace: Trace, row: int, dpi: int) -> Iterator[Image]:
+def _frames(episode: Episode, dpi: int) -> Iterator[Image]:
     """A picture of each state, the last one a few times, so that one sees how the episode ends."""
     from PIL import Image as Images
 
-    width, height = _size(trace, row)
-    end = int(trace.steps[row])
-    for state in [*range(end + 1), *[end] * 8]:
+    for state in [*range(episode.end + 1), *[episode.end] * 8]:
         page = io.BytesIO()
-        with canvas(None, width, height) as figure:
+        with canvas(None, *episode.size(0)) as figure:
             axes = figure.add_subplot()
-            _draw_state(axes, trace, row, state)
-            axes.text(0.02, 0.98, f"{state * trace.rules.dt:.2f} s", transform=axes.transAxes, va="top", fontsize=8)
+            _draw_moment(axes, episode, state)
+            axes.text(0.02, 0.98, f"{episode.time(state):.2f} s", transform=axes.transAxes, va="top", fontsize=8)
             write(figure, page, "png", dpi=dpi)
         yield Images.open(page).convert("RGB")
-
-
-def _size(trace: Trace, row: int) -> tuple[float, float]:
-    """Width and height in inches of a picture of the plane."""
-    return _fit(*_extent(trace, row))
 
 
 def _fit(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[float, float]:
@@ -209,17 +233,18 @@ def _fit(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> tuple[flo
     return float(width), float(height)
 
 
-def _extent(trace: Trace, row: int) -> Float[np.ndarray, "2 2"]:
-    """What a picture of an episode shows, see `extent`: the pedestrians' goals may be outside."""
-    states = slice(int(trace.steps[row]) + 1)
-    return extent(trace.position[row, states], trace.goal[row, states, 0], trace.obstacles[row], 0.7)
+def _draw_moment(axes: Axes, episode: Episode, state: int) -> None:
+    low, high = episode.bounds(state)
+    _draw_state(_plane(axes, low, high), episode, state, low)
 
 
-def _draw_state(axes: Axes, trace: Trace, row: int, state: int, marks: Iterable[Shape] = ()) -> None:
-    """Draw a state of an episode, and marks over it."""
-    low, high = _extent(trace, row)
-    shapes = draw_moment(Moment.of_trace(trace, row, state), low)
-    draw(_plane(axes, low, high), [*_foreseen(trace, row, state), *shapes, *marks])
+def _draw_state(
+    axes: Axes, episode: Episode, state: int, corner: Float[np.ndarray, "2"], marks: Iterable[Shape] = ()
+) -> None:
+    """Draw a state of an episode with a scale in a corner, and marks over it."""
+    trace, row = episode.trace, episode.row
+    shapes = draw_moment(Moment.of_trace(trace, row, state), corner)
+    draw(axes, [*_foreseen(trace, row, state), *shapes, *marks])
 
 
 def _foreseen(trace: Trace, row: int, state: int) -> Iterator[Line]:

@@ -1,0 +1,83 @@
+"""Where the vehicle was when: marks along its way, with times beside them where nothing else is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.core.types import Trace
+from crowdbench.drawing import LIGHT, Disc, Shape, Text
+
+SECONDS = 2.0
+"""The time between two marks."""
+
+LETTER = np.array([0.055, 0.1])
+"""Width and height in inches of a letter of a time."""
+
+DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)], float)
+"""Where a time can stand beside its mark, the first choice first."""
+
+
+def mark_times(trace: Trace, row: int, bounds: Float[np.ndarray, "2 2"], inch: float) -> list[Shape]:
+    """Discs where the vehicle was every `SECONDS`, each with the time; where it waits one with the first and the last.
+
+    Args:
+        trace: The trace with the episode.
+        row: Its row.
+        bounds: The smallest and the largest x and y that the picture shows, in metres.
+        inch: How many metres are an inch of the picture.
+    """
+    end, radius = int(trace.steps[row]), float(trace.radius[row, 0, 0])
+    step = max(round(SECONDS / trace.rules.dt), 1)
+    waits = list(_group(trace.position[row, :end:step, 0], radius))
+    places = np.array([trace.position[row, first * step, 0] for first, _ in waits])
+    discs: list[Shape] = [Disc(place, radius, None, LIGHT.vehicle) for place in places]
+    apart, walls = inch * LETTER[1] / 2, trace.obstacles[row].swapaxes(0, 1)
+    around = (places[:, None] + radius * DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)).reshape(-1, 2)
+    ways = [_spread(points, apart) for points in (trace.position[row, : end + 1], np.concatenate([walls, walls[:1]]))]
+    taken = np.concatenate([*ways, around])
+    texts: list[Shape] = []
+    for place, (first, last) in zip(places, waits, strict=True):
+        text = f"{first * SECONDS:g} s" if first == last else f"{first * SECONDS:g} to {last * SECONDS:g} s"
+        half = inch * LETTER * [len(text), 1.0] / 2
+        at = _free_place(place, radius, half, taken, bounds)
+        texts.append(Text(at, text, LIGHT.vehicle))
+        taken = np.concatenate([taken, at + half * [[-1, 0], [-0.5, 0], [0, 0], [0.5, 0], [1, 0]]])
+    return [*discs, *texts]
+
+
+def _group(position: Float[np.ndarray, "mark 2"], radius: float) -> Iterator[tuple[int, int]]:
+    """The first and the last of marks that are within a radius of the first."""
+    first = 0
+    for mark in range(1, len(position) + 1):
+        if mark == len(position) or np.linalg.norm(position[mark] - position[first]) > radius:
+            yield first, mark - 1
+            first = mark
+
+
+def _spread(position: Float[np.ndarray, "time agent 2"], apart: float) -> Float[np.ndarray, "point 2"]:
+    """Points along all ways, no farther apart than a length in metres."""
+    longest = np.nanmax(np.linalg.norm(np.diff(position, axis=0), axis=-1), initial=0.0)
+    parts = np.linspace(0.0, 1.0, max(int(np.ceil(longest / apart)), 1), endpoint=False)
+    between = [(1.0 - part) * position[:-1] + part * position[1:] for part in parts]
+    points = np.concatenate([*between, position[-1:]]).reshape(-1, 2)
+    return points[np.isfinite(points[:, 0])]
+
+
+def _free_place(
+    mark: Float[np.ndarray, "2"],
+    radius: float,
+    half: Float[np.ndarray, "2"],
+    taken: Float[np.ndarray, "point 2"],
+    bounds: Float[np.ndarray, "2 2"],
+) -> Float[np.ndarray, "2"]:
+    """Where a text is centred that is `half` as wide and high, and covers the fewest points that are taken."""
+    away = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+    places = (
+        mark + 1.2 * radius * away + half * np.sign(DIRECTIONS) * np.where(DIRECTIONS.all(axis=1), 0.8, 1.0)[:, None]
+    )
+    covered = (np.abs(places[:, None] - taken) < half).all(axis=-1).sum(axis=1)
+    is_inside = ((places - half >= bounds[0]) & (places + half <= bounds[1])).all(axis=1)
+    return np.asarray(places[np.argmin(np.where(is_inside, covered, np.inf))])
