@@ -24,7 +24,7 @@ from crowdbench.core.types import Observation, Outcome
 from crowdbench.networks.value import NETWORKS
 from crowdbench.planners import lookahead
 from crowdbench.planners.aggregate import AGGREGATES
-from crowdbench.planners.lookahead import ValuePlanner
+from crowdbench.planners.lookahead import SHOWN, ValuePlanner
 from crowdbench.predict import ConstantVelocity, Oracle
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import step
@@ -159,7 +159,7 @@ def test_what_the_planner_saw_is_logged():
     assert logs.keys() == {"predicted", "commands", "value", "attention"}
     best = logs["commands"][..., 2].argmax(axis=1)
     assert np.array_equal(logs["commands"][np.arange(len(obs)), best, :2], command)
-    assert np.array_equal(logs["predicted"], prediction.position)
+    assert np.array_equal(logs["predicted"], made.predictor.predict(obs, SHOWN).position)
     seen = scene(obs, prediction)
     for w in range(len(obs)):
         joint = np.array([slow_step(seen, w, m, command[w])[2] for m in range(2)], np.float32)

@@ -32,6 +32,10 @@ Explore = Callable[[Scene, Velocities], Commands]
 Reward = Callable[[Int[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], float], Float[np.ndarray, "*batch"]]
 
 
+SHOWN = 8
+"""Steps of the futures that are logged: more than are decided upon, so that one sees where they lead."""
+
+
 class ScoredActions(NamedTuple):
     """Commands with what each is worth: minus infinity where the limits exclude it."""
 
@@ -215,7 +219,8 @@ class ValuePlanner(Planner):
         # A pedestrian's attention: the sum over its copies in one crowd, or the mean over separate futures.
         pedestrians = arranged.crowd.present.shape[1]
         attention = attention[..., :pedestrians].reshape(len(obs), *scene.crowd.velocity.shape[1:3])
-        obs.log("predicted", prediction.position)
+        steps = max(SHOWN, prediction.position.shape[2])
+        obs.log("predicted", self.predict(obs, steps).position)
         obs.log("value", value.mean(axis=1))
         obs.log("attention", attention.sum(axis=1) / present.shape[1])
 
