@@ -313,10 +313,10 @@ def test_a_run_shows_its_main_metrics_and_how_to_see_its_failures(tmp_path, caps
 
 def test_a_failure_that_is_not_recorded_is_counted_and_a_run_without_any_says_nothing(tmp_path, capsys, monkeypatch):
     out = str(tmp_path / "run")
-    monkeypatch.setattr("crowdbench.record.viewer.recorded_cases", lambda path: [2])
+    monkeypatch.setattr("crowdbench.record.cases.recorded_cases", lambda path: [2])
     app(["run", "--planner", "straight", "--cases", "4", "--out", out], standalone_mode=False)
     assert capsys.readouterr().out.endswith(f"4 collisions: crowdbench view {out} --case 2\n")
-    monkeypatch.setattr("crowdbench.record.viewer.recorded_cases", lambda path: [])
+    monkeypatch.setattr("crowdbench.record.cases.recorded_cases", lambda path: [])
     app(["run", "--planner", "straight", "--cases", "4", "--out", out, "--overwrite"], standalone_mode=False)
     assert capsys.readouterr().out.endswith("\n4 collisions\n")
     empty = ["--set", "pedestrians.number=0", "--cases", "2", "--out", str(tmp_path / "empty")]

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from crowdbench.cli import app
 from crowdbench.record import rrd, viewer
+from crowdbench.record.cases import recorded_cases
 from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.utils.errors import InputError
 
@@ -30,7 +31,7 @@ def shown(monkeypatch):
 @pytest.mark.parametrize(("metric", "sign"), [("jerk", 1.0), ("minimum_gap", -1.0), ("navigation_time", 1.0)])
 def test_the_worst_recorded_case_is_shown(metric, sign, run, shown):
     assert CliRunner().invoke(app, ["view", str(run), "--worst", metric, "--time", "2"]).exit_code == 0
-    recorded = viewer.recorded_cases(run / "run.rrd")
+    recorded = recorded_cases(run / "run.rrd")
     assert 10 <= len(recorded) < 20
     values = sign * Episodes.read(run / EPISODES).columns[metric][recorded]
     assert shown == [(recorded[int(np.nanargmax(values))], {"seconds": 2.0, "web": False})]

@@ -110,12 +110,13 @@ def view(
         web: Open it in a browser.
     """
     from crowdbench.record import viewer
+    from crowdbench.record.cases import recorded_cases
 
     paths = [recording_of(run) for run in runs]
     if worst is not None:
         if case is not None:
             raise InputError("--worst chooses the case: leave out --case or --worst")
-        shared = set.intersection(*(set(viewer.recorded_cases(path)) for path in paths))
+        shared = set.intersection(*(set(recorded_cases(path)) for path in paths))
         case = _worst(runs[0], worst, sorted(shared))
         print(f"case {case}")
     try:

@@ -195,7 +195,7 @@ def print_result(
 
 def _print_failures(directory: Path) -> None:
     """A line for each way in which episodes failed: how many, and how to see the first of them that is recorded."""
-    from crowdbench.record.viewer import recorded_cases
+    from crowdbench.record.cases import recorded_cases
     from crowdbench.runs.results import EPISODES, RECORDING, Episodes
 
     recorded = set(recorded_cases(directory / RECORDING))

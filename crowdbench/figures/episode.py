@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 import shutil
 import subprocess
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from crowdbench.core.types import Trace, World
 from crowdbench.drawing import (
@@ -31,7 +31,8 @@ from crowdbench.drawing import (
 )
 from crowdbench.figures.style import canvas, check_file, write
 from crowdbench.figures.time_marks import mark_times
-from crowdbench.record.contents import read
+from crowdbench.record.cases import read_case
+from crowdbench.record.ways import Ways, read_ways
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -42,9 +43,6 @@ if TYPE_CHECKING:
 
 SIDE = 3.5
 """Length in inches of the longer side of a picture of the plane."""
-
-BEST = 12
-"""How many of the ways that a planner considers are drawn, the best ones."""
 
 FILMS = {".gif": 160, ".mp4": 320}
 """The endings of films, and how many dots per inch their pictures have: a .gif would be too large with more."""
@@ -58,11 +56,13 @@ class Episode:
         trace: The trace.
         row: The row of the episode.
         zoom: How many metres around the vehicle are shown, whom pictures of a moment follow; None for all that matters.
+        ways: What the planner predicted and considered, by the number of the state.
     """
 
     trace: Trace
     row: int
     zoom: float | None = None
+    ways: Mapping[int, Ways] = field(default_factory=dict)
 
     @property
     def end(self) -> int:
@@ -116,12 +116,8 @@ def draw_case(recording: Path, case: int, out: Path, moments: int | None = None,
     Raises:
         InputError: The case is not recorded.
     """
-    trace = read(recording).trace
-    rows = np.flatnonzero(trace.case == case)
-    if not len(rows):
-        kept = "`crowdbench run --record all` keeps every case"
-        raise InputError(f"case {case} is not recorded in {recording}: {kept}")
-    episode = Episode(trace, int(rows[0]), zoom)
+    found = read_case(recording, case)
+    episode = Episode(found.trace, 0, zoom, read_ways(found.chunks, found.trace.rules.dt))
     if out.suffix in FILMS:
         film(episode, out)
     elif moments is not None:
@@ -242,30 +238,11 @@ def _draw_state(
     axes: Axes, episode: Episode, state: int, corner: Float[np.ndarray, "2"], marks: Iterable[Shape] = ()
 ) -> None:
     """Draw a state of an episode with a scale in a corner, and marks over it."""
-    trace, row = episode.trace, episode.row
-    shapes = draw_moment(Moment.of_trace(trace, row, state), corner)
-    draw(axes, [*_foreseen(trace, row, state), *shapes, *marks])
-
-
-def _foreseen(trace: Trace, row: int, state: int) -> Iterator[Line]:
-    """What the planner logged in a state: ways that it predicts, and of those that it considers the best ones."""
-    for logged in trace.logs.values():
-        if logged.ndim < 5 or state >= logged.shape[1] or np.isnan(logged[row, state]).all():
-            continue
-        lines: Float[np.ndarray, "*_ time line numbers"] = logged[row, state]
-        if lines.shape[-1] == 2 and lines.shape[-2] == trace.position.shape[2] - 1:
-            lines = lines[..., _is_known(trace, row, state), :]
-        lines = lines.swapaxes(-3, -2).reshape(-1, lines.shape[-3], lines.shape[-1])
-        if lines.shape[-1] == 3:
-            lines = lines[np.argsort(-np.nan_to_num(lines[:, 0, 2], nan=-np.inf))[:BEST]]
-        color = FORESEEN if lines.shape[-1] == 2 else CONSIDERED
-        yield from (Line(line[:, :2], color, 0.4) for line in lines if np.isfinite(line).all())
-
-
-def _is_known(trace: Trace, row: int, state: int) -> Bool[np.ndarray, "pedestrian"]:
-    """Whether the vehicle sees a pedestrian, or remembers it."""
-    where = trace.position[row, state, 1:] if trace.perceived is None else trace.perceived[row, state]
-    return np.isfinite(where).all(axis=1)
+    ways = episode.ways.get(state, Ways([], []))
+    lines = [Line(way, FORESEEN, 0.4) for way in ways.predicted]
+    lines += [Line(way, CONSIDERED, 0.4) for way in ways.considered]
+    shapes = draw_moment(Moment.of_trace(episode.trace, episode.row, state), corner)
+    draw(axes, [*lines, *shapes, *marks])
 
 
 def _plane(axes: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Axes:

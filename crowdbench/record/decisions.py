@@ -50,7 +50,8 @@ def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
     end, dt = int(trace.steps[row]), trace.rules.dt
     for name, array in trace.logs.items():
         steps = steps_logged(trace, row, name)
-        log = _Log(f"world/planner/{name}", steps, array[row, steps], trace.position[row, steps], end, dt)
+        values = _of_the_known(trace, row, steps, array[row, steps])
+        log = _Log(f"world/planner/{name}", steps, values, trace.position[row, steps], end, dt)
         if not len(steps):
             continue
         if name == ATTENTION_LOG and log.values.shape == log.position[:, 1:, 0].shape:
@@ -63,6 +64,17 @@ def draw_decisions(trace: Trace, row: int) -> Iterator[Chunk]:
             yield moving(log.entity, moments(steps, dt), [log.values.shape[1]] * len(steps), points)
         elif log.values.ndim > 3:
             yield from _draw_lines(log)
+
+
+def _of_the_known(
+    trace: Trace, row: int, steps: Int[np.ndarray, "decision"], values: Float[np.ndarray, "decision *shape"]
+) -> Float[np.ndarray, "decision *shape"]:
+    """Ways of pedestrians without those whom the vehicle neither sees nor remembers: they are NaN."""
+    where = trace.position[row, steps, 1:] if trace.perceived is None else trace.perceived[row, steps]
+    if values.ndim < 4 or values.shape[-2:] != where.shape[-2:]:
+        return values
+    known = np.isfinite(where).all(axis=-1)
+    return np.where(known.reshape(len(steps), *[1] * (values.ndim - 3), -1, 1), values, np.nan)
 
 
 def steps_logged(trace: Trace, row: int, name: str) -> Int[np.ndarray, "decision"]:
@@ -142,8 +154,9 @@ def _draw_lines(log: _Log) -> Iterator[Chunk]:
         for i, k in shown:
             part = log.values[i][..., max(low, k) : high + 1, :, :2]
             strips.append(part.swapaxes(-3, -2).reshape(lines, part.shape[-3], 2))
-        counts = [len(each) if each.shape[1] > 1 else 0 for each in strips]
-        flat = [line for each, count in zip(strips, counts, strict=True) for line in each[:count]]
+        drawn = [np.isfinite(each).all(axis=(1, 2)) & (each.shape[1] > 1) for each in strips]
+        counts = [int(each.sum()) for each in drawn]
+        flat = [line for each, kept in zip(strips, drawn, strict=True) for line in each[kept]]
         if not flat:
             continue
         path = f"{log.entity}/{third}"
@@ -151,7 +164,7 @@ def _draw_lines(log: _Log) -> Iterator[Chunk]:
         always: dict[str, Any] = {}
         if log.values.shape[-1] == 3:
             weights = [log.values[i][..., 0, :, 2].ravel() for i, _ in shown]
-            shares = [_to_shares(each)[:count] for each, count in zip(weights, counts, strict=True)]
+            shares = [_to_shares(each)[kept] for each, kept in zip(weights, drawn, strict=True)]
             changing["colors"] = shades(np.concatenate(shares))
         else:
             always["colors"] = [(*MUTED, _FADES[third])]

@@ -8,30 +8,27 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import rerun.blueprint as rrb
-from rerun.chunk import Chunk, LazyChunkStream, RrdReader, StoreEntry
+from rerun.chunk import Chunk, LazyChunkStream
 from rerun.experimental import ViewerClient
 
 from crowdbench.core.types import Outcome
-from crowdbench.record import contents, rrd
+from crowdbench.record import rrd
 from crowdbench.record.blueprint import blueprint, side_by_side
+from crowdbench.record.cases import read_case, recorded_cases
 from crowdbench.record.drawing import extent
 from crowdbench.record.plots import logged_curves
 from crowdbench.utils.errors import InputError
-
-NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+(-[0-9a-f]+)?")
-"""The name of an episode's recording in the viewer: split, case, outcome, and what tells the run from others."""
 
 PATIENCE = 60.0
 """Seconds after which a viewer that has not drawn its picture is given up."""
@@ -81,7 +78,7 @@ def view(
     with tempfile.TemporaryDirectory() as folder:
         file = paths[0].resolve()
         if case is None:
-            _entries(paths[0])
+            recorded_cases(paths[0])
         else:
             write = _write_case if len(paths) == 1 else _write_beside
             file = write(paths, case, Path(folder), has_menu=screenshot is None)
@@ -91,43 +88,16 @@ def view(
             picture(file, screenshot, seconds)
 
 
-def recorded_cases(path: Path) -> list[int]:
-    """The numbers of the cases in a recording. Raises InputError where it cannot be read, or is none of crowdbench."""
-    return sorted(_entries(path)[1])
-
-
-def _entries(path: Path) -> tuple[RrdReader, dict[int, StoreEntry]]:
-    """A recording, and the recording of each case in it."""
-    with rrd.opening(path):
-        reader = RrdReader(path)
-        named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
-    entries = {int(match[1]): entry for match, entry in named if match}
-    if not entries:
-        raise rrd.foreign(path)
-    return reader, entries
-
-
-def _episode(path: Path, case: int) -> contents.RecordedEpisode:
-    """One case of a recording. Raises InputError where it cannot be read, or has no such case."""
-    reader, entries = _entries(path)
-    if case not in entries:
-        near = sorted(sorted(entries, key=lambda other: abs(other - case))[:10])
-        raise InputError(
-            f"case {case} is not recorded in {path}: recorded near it are {_ranges(near)} (all are with --record all)"
-        )
-    return contents.read_episode(path, reader, entries[case])
-
-
 def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
     """Write a file of a case of one recording, with its own blueprint; a picture of it needs no menu."""
-    entry, chunks, trace, _ = _episode(paths[0], case)
+    entry, chunks, trace, _ = read_case(paths[0], case)
     layout = blueprint([extent(trace, 0)], logged_curves(chunks), float(trace.preferred_speed[0, 0]), has_menu=has_menu)
     return _write(chunks, folder, entry.application_id, entry.recording_id, layout)
 
 
 def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
     """Write a file with the same case of several recordings. Raises InputError where it does not start alike."""
-    episodes = [_episode(path, case) for path in paths]
+    episodes = [read_case(path, case) for path in paths]
     first, *others = (one.trace for one in episodes)
     for path, other in zip(paths[1:], others, strict=True):
         same_start = np.array_equal(other.position[:, 0], first.position[:, 0], equal_nan=True)
@@ -153,14 +123,6 @@ def _write(chunks: Sequence[Chunk], folder: Path, application: str, recording: s
             folder / "case.rrd", application_id=application, recording_id=recording
         )
         return rrd.join(folder, ["case.rrd"], application, layout)
-
-
-def _ranges(numbers: Iterable[int]) -> str:
-    """Numbers as ranges, such as 0-9, 12, 17-18."""
-    known = set(numbers)
-    starts = sorted(n for n in known if n - 1 not in known)
-    ends = sorted(n for n in known if n + 1 not in known)
-    return ", ".join(f"{a}-{b}" if a < b else f"{a}" for a, b in zip(starts, ends, strict=True))
 
 
 def show(file: Path, seconds: float | None = None, *, web: bool = False) -> None:

@@ -1,0 +1,50 @@
+"""The cases of a recording, one by one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from rerun.chunk import RrdReader, StoreEntry
+
+from crowdbench.record import contents, rrd
+from crowdbench.utils.errors import InputError
+
+NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+(-[0-9a-f]+)?")
+"""The name of an episode's recording in the viewer: split, case, outcome, and what tells the run from others."""
+
+
+def recorded_cases(path: Path) -> list[int]:
+    """The numbers of the cases in a recording. Raises InputError where it cannot be read, or is none of crowdbench."""
+    return sorted(_entries(path)[1])
+
+
+def _entries(path: Path) -> tuple[RrdReader, dict[int, StoreEntry]]:
+    """A recording, and the recording of each case in it."""
+    with rrd.opening(path):
+        reader = RrdReader(path)
+        named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
+    entries = {int(match[1]): entry for match, entry in named if match}
+    if not entries:
+        raise rrd.foreign(path)
+    return reader, entries
+
+
+def read_case(path: Path, case: int) -> contents.RecordedEpisode:
+    """One case of a recording. Raises InputError where it cannot be read, or has no such case."""
+    reader, entries = _entries(path)
+    if case not in entries:
+        near = sorted(sorted(entries, key=lambda other: abs(other - case))[:10])
+        raise InputError(
+            f"case {case} is not recorded in {path}: recorded near it are {_ranges(near)} (all are with --record all)"
+        )
+    return contents.read_episode(path, reader, entries[case])
+
+
+def _ranges(numbers: Iterable[int]) -> str:
+    """Numbers as ranges, such as 0-9, 12, 17-18."""
+    known = set(numbers)
+    starts = sorted(n for n in known if n - 1 not in known)
+    ends = sorted(n for n in known if n + 1 not in known)
+    return ", ".join(f"{a}-{b}" if a < b else f"{a}" for a, b in zip(starts, ends, strict=True))
