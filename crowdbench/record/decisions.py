@@ -98,7 +98,7 @@ def key_text(trace: Trace) -> str:
     if 3 in lines:
         marks.append("coloured lines: ways that were considered, dark to light by their value")
     if ATTENTION_LOG in trace.logs:
-        marks.append("violet: whom it attends to")
+        marks.append("pink: whom it attends to")
     return f"*{' · '.join(marks)}*" if marks else ""
 
 
