@@ -173,6 +173,7 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     assert "is of another dial than" in str(result.exception)
 
 
+@pytest.mark.slow
 def test_a_study_has_a_table_for_each_dial_the_best_planner_first(few, tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
     (tmp_path / "study.toml").write_text(

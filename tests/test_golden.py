@@ -36,7 +36,7 @@ CHANGES = {
 """Options that change a planner in one part."""
 
 
-@pytest.fixture(params=[1, 2])
+@pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.slow)])
 def threads(request):
     """So many threads."""
     before = torch.get_num_threads()

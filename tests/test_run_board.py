@@ -37,6 +37,7 @@ def run(*arguments):
     return done
 
 
+@pytest.mark.slow
 def test_a_run_of_a_board_has_its_scenarios_and_their_mean(tmp_path):
     first = run("--planner", "straight", "--cases", "val:4")
     found = json.loads(first.stdout)["metrics"]

@@ -129,7 +129,8 @@ def planner():
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_killed_study_goes_on_where_it_stopped(number, capsys):
     Path("stops.py").write_text(STOPS)
     text = CROWDS.replace('"orca_margin"', '"./stops.py"')
