@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from crowdbench.boards.board import read_board
+from crowdbench.boards.board import read_board, read_boards
+from crowdbench.boards.markdown import section
+from crowdbench.boards.standings import standings
 from crowdbench.utils.errors import InputError
 
 BOARD = """
@@ -32,6 +34,23 @@ def test_a_seed_reaches_every_case_of_every_scenario(tmp_path):
     for public, other in zip(board.load(None), board.load(7), strict=True):
         starts = [scenario.worlds(board.cases).position[:, 1:] for scenario in (public, other)]
         assert not (starts[0] == starts[1]).all(axis=(1, 2)).any()
+
+
+def test_a_slow_entry_drives_500_cases_of_all_scenarios_together(tmp_path):
+    many = read_board(write(tmp_path, BOARD.replace("cases = 4", "cases = 400")))
+    assert len(many.cases_at(0.5)) == 400
+    assert len(many.cases_at(1.5)) == 500 // 3
+    few = read_board(write(tmp_path))
+    assert len(few.cases_at(1.5)) == 4
+
+
+def test_closed_boards_stand_last(tmp_path):
+    first = BOARD.replace("version = 1", "version = 1\nposition = 1\nclosed = true")
+    write(tmp_path, first)
+    (tmp_path / "later").mkdir()
+    (tmp_path / "later" / "board.toml").write_text(BOARD)
+    assert [board.name for board in read_boards(tmp_path)] == ["later", "five"]
+    assert "## Five (closed)" in section(standings(read_boards(tmp_path)[1], [], None))
 
 
 def test_the_digest_is_of_the_rules_alone(tmp_path):

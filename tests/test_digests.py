@@ -164,7 +164,7 @@ BOARDS = {
     "eight_at_once": "e34a90e2ab95",
     "eth_ucy_reactive": "1ecd9e210ade",
     "eth_ucy_recorded": "e7e048e1ce75",
-    "everywhere": "0ace8baffd7f",
+    "everywhere": "e12d031d28e3",
     "five": "e518880f555c",
     "gaussian": "a5b1dbe85c39",
     "groups_12": "bf439bf72b14",

@@ -41,7 +41,7 @@ SLOW = 1.0
 """Seconds that a case takes an entry where it is verified, beyond which it drives fewer cases in a season."""
 
 CASES_IF_SLOW = 500
-"""Cases of each scenario that a slow entry drives, if the board has more."""
+"""Cases that a slow entry drives of all scenarios together, if the board has more."""
 
 METRIC_TITLES = {
     "success_rate": "success, %",
@@ -143,7 +143,9 @@ class Board:
 
     def cases_at(self, seconds: float) -> Cases:
         """The cases of each scenario that an entry drives in a season: fewer where one takes it so many seconds."""
-        return Cases("test", 0, min(self.spec.cases, CASES_IF_SLOW)) if seconds > SLOW else self.cases
+        if seconds <= SLOW:
+            return self.cases
+        return Cases("test", 0, min(self.spec.cases, max(CASES_IF_SLOW // len(self.scenarios), 1)))
 
     @property
     def public_cases(self) -> Cases:
@@ -239,8 +241,8 @@ def find_board(name: str, root: Path = ROOT) -> Board:
 
 
 def read_boards(root: Path = ROOT) -> list[Board]:
-    """The boards of a folder, in the order of their `position`. Raises InputError where there is none."""
+    """The boards of a folder in the order of their `position`, the closed ones last. Raises InputError without any."""
     boards = [read_board(path.parent) for path in root.glob(f"*/{FILE}")]
     if not boards:
         raise InputError(f"{root} is no folder of boards: no folder in it has a {FILE}")
-    return sorted(boards, key=lambda board: (board.spec.position, board.name))
+    return sorted(boards, key=lambda board: (board.spec.closed, board.spec.position, board.name))
