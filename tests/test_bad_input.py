@@ -177,6 +177,7 @@ def test_an_exception_without_a_readable_message_is_told():
     assert "Unreadable: its message cannot be read" in failed.sentence
 
 
+@pytest.mark.slow
 def test_a_run_without_standard_streams_keeps_its_result(tmp_path):
     command = f"{sys.executable} -m crowdbench run --planner orca --cases 2 --record none --out kept <&- >&- 2>&-"
     assert subprocess.run(["sh", "-c", command], timeout=120).returncode == 0

@@ -11,6 +11,8 @@ from crowdbench.boards.shipped import pack_entries
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.utils.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 
 def found_in(root):
     board = read_board(root / "small")

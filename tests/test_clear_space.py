@@ -32,6 +32,7 @@ def test_nobody_starts_in_it(name):
     np.testing.assert_array_equal(again.position[0], there.position[11][: again.position.shape[1]])
 
 
+@pytest.mark.slow
 def test_nobody_comes_in_near_the_vehicle():
     """Who has come in was not there in the state before."""
     least = {}

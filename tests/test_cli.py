@@ -97,6 +97,7 @@ def test_a_partial_recording_gives_its_cases_and_no_rates(tmp_path):
             assert episode[name] == pytest.approx(expected, abs=1e-9) if expected is not None else episode[name] is None
 
 
+@pytest.mark.slow
 def test_json_is_all_that_json_prints():
     done = crowdbench("run", "--planner", "orca", "--cases", "3", "--json", "--set", "collision=crowdnav")
     result = json.loads(done.stdout)
@@ -177,6 +178,7 @@ def test_a_run_that_replans_seldom_says_so_everywhere(tmp_path):
     assert title == "mine and mine (replan_every=8, look_first=8): 3 shared cases, 0 solved by both"
 
 
+@pytest.mark.slow
 def test_a_planner_of_single_steps_does_not_run_ahead(tmp_path):
     done = crowdbench("run", "--planner", "orca", "--cases", "2", "--replan-every", "8")
     assert done.returncode == 1
@@ -200,6 +202,7 @@ def test_everything_is_listed(kind):
     assert len(done.stdout.splitlines()) >= 4
 
 
+@pytest.mark.slow
 def test_check_tells_by_its_exit_status(tmp_path):
     good = crowdbench("check", "orca", "--cases", "val:3")
     assert good.returncode == 0, good.stderr

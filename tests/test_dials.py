@@ -148,6 +148,7 @@ def few(monkeypatch):
     monkeypatch.setattr(table, "SECOND", Cases("test", 6, 20))
 
 
+@pytest.mark.slow
 def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
     files = []

@@ -45,6 +45,7 @@ def test_the_first_look_may_come_after_the_end():
     assert limit.over()
 
 
+@pytest.mark.slow
 def test_the_wait_for_a_processor_does_not_count():
     cores = os.sched_getaffinity(0)
     core = min(cores)

@@ -75,6 +75,7 @@ def test_who_leaves_is_far_away():
     assert not (away & here).all()
 
 
+@pytest.mark.slow
 def test_a_ladder_is_kept_and_drawn(tmp_path):
     (tmp_path / "own.toml").write_text(
         'time_limit = 15.0\n[pedestrians]\nnumber = 3\npolicy = "distracted"\n[sensor]\nrange = 2.0\n'

@@ -54,6 +54,7 @@ def test_a_run_of_a_board_has_its_scenarios_and_their_mean(tmp_path):
     assert [result.stat().st_mtime_ns for result in results] == written
 
 
+@pytest.mark.slow
 def test_a_scenario_that_a_planner_cannot_drive_counts_nothing(tmp_path):
     (tmp_path / "small.py").write_text(SMALL_CROWDS_ONLY)
     done = run("--planner", "./small.py", "--cases", "val:1")

@@ -240,9 +240,8 @@ def test_large_files_are_sealed_too(tmp_path):
     assert manifest["code"] == code()
 
 
-@pytest.mark.parametrize(
-    "arguments", [("sarl_cvm", "--record", "all"), pytest.param(("orca", "--isolated"), marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [("sarl_cvm", "--record", "all"), ("orca", "--isolated")])
 def test_what_does_not_count_as_the_code_of_a_run_does_not_run_in_one(arguments, tmp_path):
     watch = (
         "import sys\n"
