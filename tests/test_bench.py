@@ -32,6 +32,8 @@ from crowdbench.train import value as method
 from crowdbench.train.requests import PPORequest
 from crowdbench.utils.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy
 
 SARL_PER_PEDESTRIAN = 13 * 150 + 150 * 100 + 100 * 100 + 100 * 100 + 100 * 100 + 100

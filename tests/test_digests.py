@@ -204,6 +204,7 @@ def test_the_digests_of_the_simulated_scenarios_stay():
     assert len(digests) == 50
 
 
+@pytest.mark.slow
 def test_the_digests_of_all_scenarios_stay(shipped):
     assert shipped() == SCENARIOS
 

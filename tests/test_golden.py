@@ -57,7 +57,12 @@ def decides_as_recorded(name, **options):
     return bool((found < TIE).all())
 
 
-@pytest.mark.parametrize("name", [*PLANNERS, POLICY, SEQUENCES])
+LONG = ("sarl_sgan_kce_bounded", SEQUENCES)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in (*PLANNERS, POLICY, SEQUENCES)]
+)
 def test_golden_cases_end_as_recorded(name, threads):
     assert outcomes(name) == golden(name)["outcomes"]
 

@@ -18,6 +18,7 @@ from crowdbench.utils.errors import InputError
 
 mpc = pytest.importorskip("crowdbench.planners.mpc")
 pytest.importorskip("casadi", reason="CasADi is not installed: pip install 'crowdbench[mpc]'")
+pytestmark = pytest.mark.slow
 
 
 def drive(planner, obs, steps=30):
