@@ -172,7 +172,7 @@ def test_a_bound_is_that_of_students_t_where_many_cases_differ():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rate", [0.01, 0.1, 0.4])
+@pytest.mark.parametrize("rate", [0.01, 0.4])
 def test_what_does_not_differ_is_told_apart_no_more_often_than_is_said(rate):
     generator = np.random.default_rng(2)
     trials, pairs, surely = 150, 0, 0

@@ -56,7 +56,7 @@ def test_rates_that_do_not_rise_are_those_of_scipy():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("middle", "width", "shared"), [(4.3, 0.4, 0.2), (6.0, 0.8, 0.5), (5.5, 1.2, 0.0)])
+@pytest.mark.parametrize(("middle", "width", "shared"), [(4.3, 0.4, 0.2), (5.5, 1.2, 0.0)])
 def test_a_known_curve_is_found_without_bias_and_as_often_as_the_interval_says(middle, width, shared, monkeypatch):
     monkeypatch.setattr(estimate, "RESAMPLES", 1000)
     draws, truth, trials = np.random.default_rng(1), middle - width * math.log(9.0), 400

@@ -17,8 +17,8 @@ WALLED = ["doorway", "corridor", "blind_corner", "intersection", "room", "traffi
 
 @pytest.mark.slow
 def test_there_is_a_walled_world_of_each_layout_with_walls():
-    shipped = [load_scenario(name) for name in simulated_scenarios()]
-    walled = {each.table["layout"]["generator"] for each in shipped if each.worlds(Cases.parse("1")).obstacles.shape[1]}
+    shipped = {each.table["layout"]["generator"]: each for each in map(load_scenario, simulated_scenarios())}
+    walled = {name for name, each in shipped.items() if each.worlds(Cases.parse("1")).obstacles.shape[1]}
     assert walled == {*WALLED, "floor_plan"}
 
 
