@@ -42,6 +42,16 @@ class ClearSpace(NamedTuple):
     distance: float
     time: float
 
+    def is_lost(self, vehicle: Float[np.ndarray, "2"], position: Agents, reach: Float[np.ndarray, "agent"]) -> bool:
+        """Whether somebody is too near, whichever way anybody goes: what `holds` says, before ways are found.
+
+        Args:
+            vehicle: Where the vehicle has a disc, in metres.
+            position: Where people are, in metres.
+            reach: Their radii and that of the vehicle's discs together, in metres.
+        """
+        return bool((norm(position - vehicle) - reach < self.distance).any())
+
     def holds(
         self, vehicle: MovingVehicle, position: Agents, velocity: Agents, radius: Float[np.ndarray, "agent"]
     ) -> bool:

@@ -16,7 +16,7 @@ from crowdbench.core.dynamics import reach
 from crowdbench.core.types import Rules, World
 from crowdbench.scenario.clear_space import ClearSpace, MovingVehicle, velocities_ahead
 from crowdbench.scenario.groups import draw_groups, group_numbers, place_groups
-from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, complete_placement
+from crowdbench.scenario.placement import LayoutCall, PerAgent, Placement, check_shape, complete_placement
 from crowdbench.scenario.population import Crowd, Traits
 from crowdbench.scenario.renewal import Renewal
 from crowdbench.sim import simulator
@@ -111,7 +111,11 @@ class LayoutStarts:
                 else:
                     answer = call_layout(radius, speed)
                 with _of_groups(bool(crowd.groups)):
-                    placement = complete_placement(answer, radius)
+                    placement = check_shape(answer, len(radius))
+                    # Ways around obstacles take longest, and are found only where the starts may do.
+                    if crowd.clear_space and _is_lost(crowd.clear_space, placement, vehicle, rules, walkers):
+                        continue
+                    placement = complete_placement(placement, radius)
                 if crowd.clear_space is None or _is_clear(crowd.clear_space, placement, vehicle, rules, walkers):
                     return Start(traits, placement, group)
             raise InputError(
@@ -138,6 +142,13 @@ def _of_groups(are_there: bool) -> Iterator[None]:
     except InputError as error:
         moved = " (the layout placed its group; members stand side by side around that place)" if are_there else ""
         raise InputError(f"{error}{moved}") from None
+
+
+def _is_lost(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
+    """Whether somebody starts in the clear space of the vehicle wherever it heads."""
+    has_disc_there = 0.0 in rules.body
+    reach = people.radius + vehicle.radius
+    return has_disc_there and space.is_lost(placement.start[0], placement.start[1:], reach)
 
 
 def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:

@@ -7,6 +7,7 @@ where the straight line between them enters no such circle and crosses no wall.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import no_type_check
@@ -53,14 +54,13 @@ def find_routes(
     Raises:
         InputError: No way leads an agent to its goal.
     """
-    edges, solid = edges_of(obstacles), [shapely.Polygon(each) for each in polygons(obstacles) if len(each) > 2]
     found: list[Float[np.ndarray, "waypoint 2"]] = [np.empty((0, 2))] * len(start)
     for size in np.unique(radius):
-        corners = _find_corners(edges, solid, size)
+        roadmap = _roadmap(obstacles.tobytes(), obstacles.shape[1], float(size))
         agents = np.flatnonzero(radius == size)
-        agents = agents[~corners.free(start[agents], goal[agents])]
+        agents = agents[~roadmap.free(start[agents], goal[agents])]
         if len(agents):
-            for agent, way in zip(agents, _go_around(start[agents], goal[agents], corners), strict=True):
+            for agent, way in zip(agents, _go_around(start[agents], goal[agents], roadmap), strict=True):
                 if way is None:
                     who = "the vehicle" if agent == 0 else f"pedestrian {agent}"
                     ends = (f"({x:.3g}, {y:.3g})" for x, y in (start[agent], goal[agent]))
@@ -99,8 +99,8 @@ def nearest_on(
 
 
 @dataclass(frozen=True)
-class _Corners:
-    """The corners of all obstacles, as an agent of one size must avoid them.
+class _Roadmap:
+    """The corners of all obstacles, as an agent of one size must avoid them, and the ways between them.
 
     Attributes:
         edges: The edges of all obstacles.
@@ -126,6 +126,7 @@ class _Corners:
         _fill_free(one, other, self.point, self.keep - _TOLERANCE, self.edges, free)
         return free
 
+    @functools.cached_property
     def nodes(self) -> Float[np.ndarray, "node 2"]:
         """The vertices of the polygons around corners that the agent can reach."""
         angle = self.angle[:, None] + (np.arange(SIDES) + 0.5) * (2 * np.pi / SIDES)
@@ -134,8 +135,28 @@ class _Corners:
         distance = norm(nearest_on(self.edges, point) - point[:, None]).min(axis=1)
         return point[distance >= self.least - _TOLERANCE]
 
+    @functools.cached_property
+    def lines(self) -> Int[np.ndarray, "line 2"]:
+        """The pairs of nodes between which the agent can go straight."""
+        between = np.stack(np.triu_indices(len(self.nodes), 1), axis=1)
+        return between[self.free(self.nodes[between[:, 0]], self.nodes[between[:, 1]])]
 
-def _find_corners(edges: Float[np.ndarray, "edge 2 2"], solid: Sequence[shapely.Polygon], radius: float) -> _Corners:
+
+@functools.lru_cache(maxsize=32)
+def _roadmap(obstacles: bytes, corners: int, radius: float) -> _Roadmap:
+    """The roadmap of an agent; kept, because most layouts have the same obstacles in all cases.
+
+    Args:
+        obstacles: The numbers of polygons in metres.
+        corners: How many corners each has, the padding included.
+        radius: The agent's, in metres.
+    """
+    polygon = np.frombuffer(obstacles).reshape(-1, corners, 2)
+    solid = [shapely.Polygon(each) for each in polygons(polygon) if len(each) > 2]
+    return _find_corners(edges_of(polygon), solid, radius)
+
+
+def _find_corners(edges: Float[np.ndarray, "edge 2 2"], solid: Sequence[shapely.Polygon], radius: float) -> _Roadmap:
     """The corners of obstacles with the distance that a disc of a radius in metres keeps from them."""
     points = np.unique(edges.reshape(-1, 2), axis=0)
     most = 2 * (radius + CLEARANCE)
@@ -156,21 +177,20 @@ def _find_corners(edges: Float[np.ndarray, "edge 2 2"], solid: Sequence[shapely.
     gap = distance[rows, narrowest]
     x, y = offset[rows, narrowest].T
     keep = np.clip(np.minimum(gap, most) / 2, radius + LEAST_CLEARANCE, radius + CLEARANCE)
-    return _Corners(edges, points, keep, np.where(gap < most, np.arctan2(y, x), 0.0), radius + LEAST_CLEARANCE)
+    return _Roadmap(edges, points, keep, np.where(gap < most, np.arctan2(y, x), 0.0), radius + LEAST_CLEARANCE)
 
 
 def _go_around(
-    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], corners: _Corners
+    start: Float[np.ndarray, "agent 2"], goal: Float[np.ndarray, "agent 2"], roadmap: _Roadmap
 ) -> list[Float[np.ndarray, "waypoint 2"] | None]:
     """The waypoints of agents of one size that cannot go straight, None for an agent without a way."""
-    node = corners.nodes()
+    node = roadmap.nodes
     n, agents = len(node), len(start)
     point = np.concatenate([node, start, goal])
     starts, goals = n + np.arange(agents), n + agents + np.arange(agents)
-    between = np.stack(np.triu_indices(n, 1), axis=1)
     ends = np.stack(np.meshgrid(np.arange(n), np.r_[starts, goals]), axis=2).reshape(-1, 2)
-    lines = np.concatenate([between, ends])
-    lines = lines[corners.free(point[lines[:, 0]], point[lines[:, 1]])]
+    ends = ends[roadmap.free(point[ends[:, 0]], point[ends[:, 1]])]
+    lines = np.concatenate([roadmap.lines, ends])
     # Lines lead from nodes to goals and from starts to nodes, so that no way leads over somebody else's start or goal.
     lines = np.concatenate([lines[~np.isin(lines[:, 1], starts)], lines[~np.isin(lines[:, 1], goals), ::-1]])
     length = norm(point[lines[:, 1]] - point[lines[:, 0]])
@@ -196,7 +216,7 @@ def _trace_back(
 @no_type_check
 @njit(error_model="numpy")
 def _fill_free(one, other, corner, keep, edges, free):
-    """Fill `free`, as `_Corners.free` says; `keep` has the distance to keep from each corner in metres."""
+    """Fill `free`, as `_Roadmap.free` says; `keep` has the distance to keep from each corner in metres."""
     for line in range(len(one)):
         ax, ay = one[line]
         x, y = other[line, 0] - ax, other[line, 1] - ay

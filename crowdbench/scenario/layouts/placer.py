@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float
 
-from crowdbench.core.geometry import pad_points
+from crowdbench.core.geometry import norm, pad_points
 from crowdbench.scenario.placement import PerAgent, Placement
 from crowdbench.utils.errors import InputError
 
@@ -23,6 +24,9 @@ force keeps pedestrians away from their goals."""
 
 TRIES = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
+
+ALONE, TOGETHER = 20, 998
+"""How many of them are looked at one by one, and after these so many at once: where there is hardly any room."""
 
 ATTEMPTS = 10
 """How often all pedestrians are placed anew where the layout is full: those before the last one may stand so that
@@ -74,6 +78,13 @@ class Points:
                     return False
         return True
 
+    def may_be_clear(self, points: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, "point"]:
+        """For many points at once: what `is_clear` says of each, or true in a tie of rounding."""
+        if not self.all:
+            return np.ones(len(points), bool)
+        least = np.array(self.radius[: len(self.all)]) + self.radius[len(self.all)] + CLEARANCE - 1e-9
+        return np.asarray((norm(points[:, None] - np.array(self.all)) >= least).all(axis=1))
+
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         return math.floor(x / self._side), math.floor(y / self._side)
 
@@ -91,6 +102,7 @@ class Placer:
         self.obstacles = pad_points(obstacles) if obstacles else None
         shapes = [shapely.LineString(each) if len(each) == 2 else shapely.Polygon(each) for each in obstacles]
         self.walls = shapely.GeometryCollection(shapes) if shapes else None
+        shapely.prepare(self.walls)
         self.start, self.goal = Points(self.radius), Points(self.radius)
 
     def add(self, start: Point, goal: Point) -> None:
@@ -153,15 +165,27 @@ class Placer:
         raise InputError(no_room(missed, everybody, area, key))
 
     def _draw_point(self, rng: np.random.Generator, area: Area, others: Points) -> Point | None:
-        own = self.radius[len(self.start)]
-        for _ in range(TRIES):
+        own = self.radius[len(self.start)] + WALL_CLEARANCE
+        for _ in range(ALONE):
             x, y = rng.uniform(*area).tolist()
-            if others.is_clear(x, y) and not self._is_near_wall(x, y, own + WALL_CLEARANCE):
+            if others.is_clear(x, y) and not self._are_near_wall(np.array([[x, y]]), own)[0]:
                 return x, y
+        for _ in range((TRIES - ALONE) // TOGETHER):
+            before = rng.bit_generator.state
+            points = rng.uniform(*area, (TOGETHER, 2))
+            rows = np.flatnonzero(others.may_be_clear(points))
+            for row in rows[~self._are_near_wall(points[rows], own)].tolist():
+                x, y = points[row].tolist()
+                if others.is_clear(x, y):
+                    rng.bit_generator.state = before
+                    rng.uniform(size=(row + 1, 2))  # the stream goes on after the point that was taken
+                    return x, y
         return None
 
-    def _is_near_wall(self, x: float, y: float, distance: float) -> bool:
-        return self.walls is not None and bool(self.walls.dwithin(shapely.Point(x, y), distance))
+    def _are_near_wall(self, points: Float[np.ndarray, "point 2"], distance: float) -> Bool[np.ndarray, "point"]:
+        if self.walls is None:
+            return np.zeros(len(points), bool)
+        return np.asarray(shapely.dwithin(self.walls, shapely.points(points), distance))
 
 
 def no_room(agent: int, agents: int, area: str, key: str) -> str:
