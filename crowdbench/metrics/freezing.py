@@ -12,7 +12,7 @@ from crowdbench.core.geometry import Discs, nearest_in_step, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
 from crowdbench.metrics.motion import STANDSTILL
 from crowdbench.metrics.sums import total
-from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.obstacles import touches_in_step
 from crowdbench.sim.routes import goals_in_trace
 from crowdbench.utils.compiled import njit
 
@@ -75,7 +75,7 @@ def _find_open(row, t, way, stride, ahead, body, position, radius, person, obsta
         x, y = position[w, t[s], 0, 0], position[w, t[s], 0, 1]
         for centre in body:
             bx, by = x + centre * ux, y + centre * uy
-            if wall_gap_in_step(bx, by, reached * ux, reached * uy, radius[s, 0], obstacles[w]) <= 0.0:
+            if touches_in_step(bx, by, reached * ux, reached * uy, radius[s, 0], obstacles[w]):
                 is_open[s] = False
         for k in range(ahead):
             first, last = k * stride[s], min((k + 1) * stride[s], length)

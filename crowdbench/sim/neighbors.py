@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.sim.kernels import at, serial_and_parallel
-from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.obstacles import touches_in_step
 from crowdbench.utils.compiled import njit, prange
 
 CELLS_FROM = 128
@@ -247,7 +247,7 @@ def nearest_in_cells(w, i, position, cells, reach, limit, hides, polygons, neigh
                     j = member[w, s]
                     if j == i or (squared == farthest and j > last):
                         continue
-                    if hides and wall_gap_in_step(x, y, dx, dy, 0.0, polygons) <= 0.0:
+                    if hides and touches_in_step(x, y, dx, dy, 0.0, polygons):
                         continue
                     n = insert_sorted(j, squared, n, limit, neighbor, distance)
                     if n == limit:
@@ -292,7 +292,7 @@ def nearest_of_all(w, i, position, seen, reach, limit, hides, polygons, neighbor
         squared = dx * dx + dy * dy
         if squared >= reach_squared or limit == 0:
             continue
-        if hides and wall_gap_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons) <= 0.0:
+        if hides and touches_in_step(position[w, i, 0], position[w, i, 1], dx, dy, 0.0, polygons):
             continue
         n = insert_sorted(j, squared, n, limit, neighbor, distance)
         if n == limit:

@@ -23,7 +23,7 @@ _SLIDES = 4
 def wall_gap_in_step(x, y, dx, dy, radius, obstacles):
     """The smallest distance between a disc's rim and the obstacles while the disc moves straight. Compiled.
 
-    This is the only test of discs and obstacles.
+    This is, with `touches_in_step`, the only test of discs and obstacles.
 
     Args:
         x (float): x of its centre before the motion, in metres.
@@ -37,6 +37,29 @@ def wall_gap_in_step(x, y, dx, dy, radius, obstacles):
         gap (float): In metres, negative where the disc overlaps an obstacle, at least -radius; infinite without
             obstacles.
     """
+    return _least_distance(x, y, dx, dy, obstacles, -1.0) - radius
+
+
+@no_type_check
+@njit(error_model="numpy", nogil=True)
+def touches_in_step(x, y, dx, dy, radius, obstacles):
+    """Whether a disc touches obstacles while it moves straight: where `wall_gap_in_step` is not positive. Compiled.
+
+    Args:
+        x (float): x of its centre before the motion, in metres.
+        y (float): Its y.
+        dx (float): x of the motion in metres.
+        dy (float): Its y.
+        radius (float): Its radius in metres.
+        obstacles (array): `[polygon, corner, 2]`, in metres.
+    """
+    return _least_distance(x, y, dx, dy, obstacles, radius) <= radius
+
+
+@no_type_check
+@njit(error_model="numpy", nogil=True)
+def _least_distance(x, y, dx, dy, obstacles, enough):
+    """The smallest distance in metres between a motion and obstacles, or one that is no larger than `enough`."""
     least = math.inf
     for polygon in obstacles:
         corners = number_of_corners(polygon)
@@ -44,12 +67,24 @@ def wall_gap_in_step(x, y, dx, dy, radius, obstacles):
         for k in range(corners if corners > 2 else corners - 1):
             ax, ay = polygon[k, 0], polygon[k, 1]
             bx, by = polygon[(k + 1) % corners, 0], polygon[(k + 1) % corners, 1]
-            least = min(least, _between_segments(x, y, dx, dy, ax, ay, bx, by))
+            if not _are_apart(x, y, dx, dy, ax, ay, bx, by, least):
+                least = min(least, _between_segments(x, y, dx, dy, ax, ay, bx, by))
             if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
                 inside = not inside
         if inside and corners > 2:
             least = 0.0
-    return least - radius
+        if least <= enough:
+            break
+    return least
+
+
+@no_type_check
+@njit(error_model="numpy")
+def _are_apart(x, y, dx, dy, ax, ay, bx, by, distance):
+    """Whether the rectangles around a motion and the segment from a to b are surely farther apart than that."""
+    across = max(min(ax, bx) - max(x, x + dx), min(x, x + dx) - max(ax, bx), 0.0)
+    along = max(min(ay, by) - max(y, y + dy), min(y, y + dy) - max(ay, by), 0.0)
+    return across * across + along * along > distance * distance * (1.0 + 1e-9) + 1e-18
 
 
 @no_type_check
@@ -162,6 +197,8 @@ def _first_touch(x, y, dx, dy, radius, obstacles):
         for k in range(corners if corners > 2 else corners - 1):
             ax, ay = polygon[k, 0], polygon[k, 1]
             bx, by = polygon[(k + 1) % corners, 0], polygon[(k + 1) % corners, 1]
+            if _are_apart(x, y, dx, dy, ax, ay, bx, by, radius + _TOUCHING):
+                continue
             if _between_segments(x, y, dx, dy, ax, ay, bx, by) < radius + _TOUCHING:
                 share, nx, ny = _touch_of_edge(x, y, dx, dy, radius, ax, ay, bx, by)
                 if share < least:

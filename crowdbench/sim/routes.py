@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.geometry import local_goals
 from crowdbench.core.types import Trace, World
-from crowdbench.sim.obstacles import wall_gap_in_step
+from crowdbench.sim.obstacles import touches_in_step
 from crowdbench.utils.compiled import njit
 
 SIGHT_GAP = 0.01
@@ -106,6 +106,6 @@ def _last_in_sight(x, y, radius, goal, route, last, obstacles):
     """The index of the last waypoint to which a disc can go straight, `last` for the goal; -1 if there is none."""
     for k in range(last, -1, -1):
         target = goal if k == last else route[k]
-        if wall_gap_in_step(x, y, target[0] - x, target[1] - y, radius, obstacles) > 0.0:
+        if not touches_in_step(x, y, target[0] - x, target[1] - y, radius, obstacles):
             return k
     return -1
