@@ -152,7 +152,7 @@ def few(monkeypatch):
 def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
     files = []
-    for planner in ("straight", "orca"):
+    for planner in ("straight", "C"):
         command = ["dial", str(tmp_path / "own.toml"), "--planner", planner, "--out", str(tmp_path / "runs")]
         result = CliRunner().invoke(app, command)
         assert result.exit_code == 0, result.output
@@ -169,6 +169,11 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     figure = tmp_path / "dial.svg"
     assert CliRunner().invoke(app, ["plot", "dial", *map(str, files), "--out", str(figure)]).exit_code == 0
     assert "… people on a circle" in figure.read_text()
+    assert "C of the ladder" in figure.read_text()
+    options = ["--planner", "P2", "--option", "horizon=3"]
+    assert "P2 is a rung of the ladder, which takes no options" in str(
+        CliRunner().invoke(app, ["dial", str(tmp_path / "own.toml"), *options]).exception
+    )
     files[0].write_text(files[0].read_text().replace('"own"', '"other"'))
     result = CliRunner().invoke(app, ["plot", "dial", *map(str, files), "--out", str(figure)])
     assert "is of another dial than" in str(result.exception)
@@ -178,13 +183,16 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
 def test_a_study_has_a_table_for_each_dial_the_best_planner_first(few, tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
     (tmp_path / "study.toml").write_text(
-        f'[[dials]]\ntitle = "Dials"\nplanners = ["straight", "orca"]\ndials = ["{tmp_path / "own.toml"}"]\n'
+        f'[[dials]]\ntitle = "Dials"\nplanners = ["straight", "orca", "C"]\ndials = ["{tmp_path / "own.toml"}"]\n'
     )
     command = ["study", str(tmp_path / "study.toml"), "--out", str(tmp_path / "runs")]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     rows = [line for line in result.stdout.splitlines() if line.startswith("| ")]
     assert rows[0] == "| planner | holds ... people on a circle | in half of the cases | levels behind the best |"
-    assert [row.split(" | ")[0] for row in rows[2:]] == ["| orca", "| straight"]
+    assert [row.split(" | ")[0] for row in rows[2:]] == ["| C: a certificate", "| orca", "| straight"]
+    assert rows[2].endswith("|  |")  # nobody is behind what is no planner
     (dial,) = json.loads(CliRunner().invoke(app, [*command, "--format", "json"]).stdout)["tables"][0]["dials"]
-    assert dial["rows"][0]["success"][0] >= dial["rows"][1]["success"][0]
+    certified, orca, straight = (np.array(row["success"]) for row in dial["rows"])
+    assert (certified >= np.maximum(orca, straight)).all()
+    assert orca[0] >= straight[0]

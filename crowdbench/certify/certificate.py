@@ -147,7 +147,7 @@ def _search_cases(
             certificate = None
             if result.commands is not None:
                 alone = Cases(split, cases[row], cases[row] + 1)
-                trace = rollout(_player([result.commands], scenario), scenario, alone, undisturbed=False)
+                trace = rollout(play_back([result.commands], scenario), scenario, alone, undisturbed=False)
                 certificate = next(_in_trace(trace, SEARCH, margin), None)
             if certificate is not None:
                 certified.add(row)
@@ -174,7 +174,7 @@ def _search_cases(
         yield from replay(left, map(search_reacting, left))
 
 
-def _player(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario) -> Driver:
+def play_back(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario) -> Driver:
     """Drives each of some cases by its commands, as long as there are any."""
     padded = np.zeros((len(commands), scenario.rules.max_steps, 2))
     for row, of_case in zip(padded, commands, strict=True):
@@ -228,7 +228,7 @@ def make(
     directory, table = out / cases.split, out / f"{cases.split}.csv"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
     origin = {"planner": NAME, "scenario": scenario.name, "margins": margins}
-    run = Run(spec, _player([], scenario), scenario, METRICS, origin, {"planner_files": {}})
+    run = Run(spec, play_back([], scenario), scenario, METRICS, origin, {"planner_files": {}})
     parts = Parts.of(run, directory).folder
 
     def drive(part: Cases, folder: Path) -> None:
@@ -236,7 +236,7 @@ def make(
         _write(found, parts / f"{part.start}.csv")
         with files.hold_lock(parts / ".table"):
             _write(_read(sorted(parts.glob("*.csv"))), table)
-        player = _player([each.commands for each in found], scenario)
+        player = play_back([each.commands for each in found], scenario)
         dataclasses.replace(run, driver=player).drive(part, folder)
 
     make_run(run, directory, drive=drive, overwrite=overwrite, progress=progress)

@@ -10,10 +10,12 @@ import numpy as np
 from crowdbench.figures.kept import read_kept
 from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
 from crowdbench.metrics.summary import wilson
+from crowdbench.study.dials.estimate import WANTED
+from crowdbench.study.ladder.rungs import RUNGS
 from crowdbench.utils.errors import InputError
 
-WANTED = 90.0
-"""The success in per cent that a dial asks for."""
+RUNG = "#666666"
+"""The colour of rungs of the ladder, which are no planners."""
 
 BESIDE = 0.08
 """How far the points of planners are beside each other, in levels."""
@@ -37,11 +39,15 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
         raise InputError(f"{len(found)} planners cannot be told apart in one figure: give {len(COLOURS)} at most")
     levels = np.array(dial["levels"], float)
     place = np.arange(len(levels))
+    wanted = 100.0 * WANTED
     with axes(out) as ax:
-        ax.axhline(WANTED, color="#888888", linewidth=0.8)
+        ax.axhline(wanted, color="#888888", linewidth=0.8)
         for number, each in enumerate(found):
             (row,) = each["rows"]
-            colour, beside = COLOURS[number], BESIDE * (number - (len(found) - 1) / 2)
+            colour, label = COLOURS[number], row["planner"]
+            if label in RUNGS:
+                colour, label = RUNG, f"{label} of the ladder"
+            beside = BESIDE * (number - (len(found) - 1) / 2)
             successes = zip(row["success"], row["cases"], strict=True)
             rates = [wilson(np.arange(cases) < round(rate * cases)) for rate, cases in successes]
             low, mean, high = (
@@ -49,10 +55,10 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
             )
             ends, dash = np.stack([mean - low, high - mean]), DASHES[number % len(DASHES)]
             ax.errorbar(place + beside, mean, yerr=ends, fmt="none", ecolor=colour, elinewidth=0.8, capsize=1.5)
-            ax.plot(place + beside, mean, dash, color=colour, marker=MARKERS[number], ms=3, label=row["planner"])
+            ax.plot(place + beside, mean, dash, color=colour, marker=MARKERS[number], ms=3, label=label)
             if row["holds"] and row["holds"]["level"] is not None:
                 held = np.interp(row["holds"]["level"], np.sort(levels), np.argsort(levels))
-                ax.plot([held, held], [0.0, WANTED], ":", color=colour, linewidth=0.8)
+                ax.plot([held, held], [0.0, wanted], ":", color=colour, linewidth=0.8)
         ax.set_xticks(place, [f"{level:g}" for level in levels])
         ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
         ax.legend()

@@ -16,6 +16,7 @@ from crowdbench.runs.load import load_run
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
+from crowdbench.study.ladder.rungs import RUNGS, load_rung
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
 
@@ -83,19 +84,22 @@ class Dial:
         return f"{'below' if rises == (level < 0.0) else 'above'} {end:g}"
 
     def runs(self, planner: str, options: Mapping[str, Any], cases: Cases, levels: Iterable[int]) -> list[Run]:
-        """The runs of a planner at some levels.
+        """The runs of a planner, or of a rung of the ladder, at some levels.
 
         Args:
-            planner: Its name or file.
-            options: Its options.
+            planner: Its name or file, or the rung.
+            options: Its options; a rung has none.
             cases: The cases.
             levels: The numbers of the levels, from 0.
 
         Raises:
             InputError: The scenario or the planner cannot be loaded.
         """
+        if planner in RUNGS and options:
+            raise InputError(f"{planner} is a rung of the ladder, which takes no options: give none")
         base = RunSpec(planner, self.file, cases, options, record="none")
-        return [load_run(dataclasses.replace(base, overrides={self.key: self.levels[level]})) for level in levels]
+        specs = [dataclasses.replace(base, overrides={self.key: self.levels[level]}) for level in levels]
+        return [load_rung(planner, spec) if planner in RUNGS else load_run(spec) for spec in specs]
 
 
 def load_dial(spec: str) -> Dial:

@@ -14,6 +14,7 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import directory_name
 from crowdbench.study.dials.dial import FIRST, SECOND, Dial, load_dial
 from crowdbench.study.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
+from crowdbench.study.ladder.rungs import RUNGS
 from crowdbench.study.measures import SUCCESS, draw_bar, read_successes
 from crowdbench.study.schema import DialsSpec
 from crowdbench.utils.tables import Grid, markdown
@@ -51,8 +52,9 @@ class Measurement:
 
     def second(self, out: Path) -> dict[int, Run]:
         """The runs of the second stage by the numbers of their levels, which follow from the first stage in `out`."""
-        levels, spec = levels_around(self.outcomes(out)), self.first[0].spec
-        return dict(zip(levels, self.dial.runs(spec.planner, spec.options, SECOND, levels), strict=True))
+        levels = levels_around(self.outcomes(out))
+        specs = {level: dataclasses.replace(self.first[level].spec, cases=SECOND) for level in levels}
+        return {level: dataclasses.replace(self.first[level], spec=spec) for level, spec in specs.items()}
 
     def fit(self, out: Path) -> Fit:
         """What the runs in the folder `out` say."""
@@ -128,7 +130,8 @@ class DialRow:
         planner: The planner with its options.
         holds: Up to where it succeeds in 90 % of the cases; None where success rises with the level.
         half: Up to where it succeeds in 50 %; likewise.
-        behind: How many levels the best planner holds more, with the 95 % interval; NaN where that is not known.
+        behind: How many levels the best planner holds more, with the 95 % interval; NaN where that is not known,
+            and of the best itself and of rungs.
         p_rising: How likely success would rise with the level as much by chance.
         cases: The number of cases at each level.
         success: The success rate at each level.
@@ -146,16 +149,17 @@ class DialRow:
     def of(cls, dial: Dial, planner: str, found: Fit, best: Fit) -> DialRow:
         """What the outcomes of a planner say, beside those of the best one."""
         holds, half = (Held.of(dial, each) if found.is_monotone else None for each in (found.wanted, found.half))
-        behind = Held(*difference(best.wanted, found.wanted))
+        is_behind = found is not best and planner not in RUNGS
+        behind = Held(*difference(best.wanted, found.wanted)) if is_behind else Held(math.nan, math.nan, math.nan)
         return cls(planner, holds, half, behind, found.p_rising, found.cases.tolist(), found.success.tolist())
 
-    def cells(self, dial: Dial, is_best: bool) -> list[str]:
+    def cells(self, dial: Dial) -> list[str]:
         """The row in a table."""
         if self.holds is None:
             return [self.planner, f"success rises with the level (p = {self.p_rising:.2g})", "", ""]
-        behind = "" if is_best or math.isnan(self.behind.level) else _with_interval(self.behind, "{:.1f}".format)
+        behind = "" if math.isnan(self.behind.level) else _with_interval(self.behind, "{:.1f}".format)
         return [
-            self.planner,
+            f"{self.planner}: {RUNGS[self.planner]}" if self.planner in RUNGS else self.planner,
             _with_interval(self.holds, dial.say),
             dial.say(self.half.level) if self.half else "",
             behind,
@@ -164,7 +168,7 @@ class DialRow:
 
 @dataclasses.dataclass(frozen=True)
 class FilledDial:
-    """A dial with its figures, the planner that holds most first."""
+    """A dial with its figures: rungs of the ladder, then planners, each with what holds most first."""
 
     dial: Dial
     rows: list[DialRow]
@@ -173,13 +177,14 @@ class FilledDial:
     def of(cls, measurements: Sequence[Measurement], out: Path) -> FilledDial:
         """Fit what the runs in the folder `out` say of planners on the same dial."""
         dial, found = measurements[0].dial, [(each.first[0].label, each.fit(out)) for each in measurements]
-        found.sort(key=lambda each: (each[1].is_monotone, each[1].wanted.level), reverse=True)
-        return cls(dial, [DialRow.of(dial, planner, each, found[0][1]) for planner, each in found])
+        found.sort(key=lambda each: (each[0] in RUNGS, each[1].is_monotone, each[1].wanted.level), reverse=True)
+        best = next((each for planner, each in found if planner not in RUNGS), found[0][1])
+        return cls(dial, [DialRow.of(dial, planner, each, best) for planner, each in found])
 
     def grid(self) -> Grid:
         """A row for each planner."""
         header = ["planner", f"holds {self.dial.holds.format('...')}", "in half of the cases", "levels behind the best"]
-        rows = [row.cells(self.dial, number == 0) for number, row in enumerate(self.rows)]
+        rows = [row.cells(self.dial) for row in self.rows]
         return Grid(self.dial.name, header, rows, self.rows)
 
     def curve(self, row: DialRow) -> Grid:

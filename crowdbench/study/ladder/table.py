@@ -11,45 +11,23 @@ from jaxtyping import Bool
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import PERFECT
-from crowdbench.metrics import METRICS
 from crowdbench.metrics.summary import Estimate, bootstrap, wilson
-from crowdbench.planners.base import Planner
-from crowdbench.planners.driver import Driver
-from crowdbench.planners.filtered import FilteredPlanner
-from crowdbench.planners.mppi import MPPIPlanner
-from crowdbench.predict import ConstantVelocity, Predictor
 from crowdbench.runs.load import load_run
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.study.ladder.futures import Simulated
+from crowdbench.study.ladder.rungs import RUNGS, load_rung
 from crowdbench.study.measures import SUCCESS, draw_bar, read_successes
 from crowdbench.study.schema import CrowdPlannerSpec, LaddersSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
 
-SECONDS = 5.0
-"""How far ahead the search looks."""
-
-FUTURES, WORST = 8, 0.25
-"""The futures of rung P2, and the share of them, the worst for a sequence of commands, that count (CVaR)."""
-
 CHOICE = Cases("val", 0, 50)
 """The cases that choose the best planner."""
 
-KNOWS = {
-    "P0": "what the vehicle senses; people at constant velocity",
-    "P1": "the true state; people at constant velocity",
-    "P2": "the true state, goals and policies, not chance",
-    "P3": "the true future",
-    "C": "a certificate",
-}
-"""What the search knows on each rung."""
-
-RUNGS = ("P0", "P1", "P2", "P3", "C")
 STEPS = {"P1": "perception", "P2": "prediction", "P3": "luck", "C": "search"}
-"""The rungs, and what separates each from the one below."""
+"""What separates a rung from the one below."""
 
 NOTES = (
     "All rungs are the same search, MPPI with a horizon of 5 s that replans in every step. **P0** plans with what the "
@@ -90,14 +68,8 @@ class Ladder:
     def of(cls, name: str, spec: LaddersSpec) -> Ladder:
         """Plan the runs in a scenario; raises InputError where it or a planner cannot be loaded."""
         certificates, sensed = load_scenario(name).certificates, load_scenario(name, all_cases=True)
-        exact = dataclasses.replace(sensed, rules=dataclasses.replace(sensed.rules, sensor=PERFECT))
         base = RunSpec("", name, spec.cases, record="none")
-        blind = ConstantVelocity()
-        predictors = {"P0": blind, "P1": blind, "P2": Simulated(exact, FUTURES), "P3": Simulated(exact, None)}
-        rungs = {
-            rung: _load_rung(rung, base, sensed if rung == "P0" else exact, predictor)
-            for rung, predictor in predictors.items()
-        }
+        rungs = {rung: load_rung(rung, base, sensed) for rung in ("P0", "P1", "P2", "P3")}
         if sensed.rules.sensor == PERFECT:
             rungs["P0"] = rungs["P1"]
         choices = [
@@ -117,15 +89,6 @@ class Ladder:
         successes = [read_successes(run, out).mean() for run in self.choices]
         spec = self.choices[int(np.argmax(successes))].spec
         return _load_with_all_cases(dataclasses.replace(spec, cases=self.rungs["P0"].spec.cases), self.scenario)
-
-
-def _load_rung(name: str, base: RunSpec, scenario: Scenario, predictor: Predictor) -> Run:
-    """The run of a rung."""
-    planner: Planner = MPPIPlanner(predictor, horizon=max(1, round(SECONDS / scenario.rules.dt)), worst=WORST)
-    if scenario.rules.sensor != PERFECT:
-        planner = FilteredPlanner(planner)
-    spec, foresee = dataclasses.replace(base, planner=name), getattr(predictor, "foresee", None)
-    return Run(spec, Driver(planner, name), scenario, METRICS, details={"planner_files": {}}, foresee=foresee)
 
 
 def _load_with_all_cases(spec: RunSpec, scenario: Scenario) -> Run:
@@ -179,7 +142,7 @@ class FilledLadder:
         """A row for each rung, with a bar, and one for the best planner."""
         gains = ["", *(f"{_say_points(step.gain)}, {step.reason}" for step in self.steps)]
         rows = [
-            [rung, SUCCESS.estimate(each), draw_bar(each.mean), KNOWS[rung], gain]
+            [rung, SUCCESS.estimate(each), draw_bar(each.mean), RUNGS[rung], gain]
             for (rung, each), gain in zip(self.success.items(), gains, strict=True)
         ]
         rows.append(["best", SUCCESS.estimate(self.best_success), draw_bar(self.best_success.mean), self.best, ""])
@@ -191,7 +154,7 @@ class FilledLadder:
         cells = [self.scenario]
         for rung, step in itertools.zip_longest(RUNGS, self.steps):
             cells.append(SUCCESS.number(self.success[rung].mean) if rung in self.success else "-")
-            if rung != RUNGS[-1]:
+            if rung != "C":
                 cells.append(_say_points(step.gain) if step else "-")
         weak = ", above P2: the search is too weak here" if self.best_success.mean > self.success["P2"].mean else ""
         return [*cells, f"{SUCCESS.number(self.best_success.mean)} ({self.best}{weak})"]
@@ -246,7 +209,7 @@ class FilledLaddersTable:
 
     def grids(self) -> list[Grid]:
         """A row for each scenario."""
-        between = [STEPS.get(rung, "") for rung in RUNGS[1:]]
+        between = [STEPS.get(rung, "") for rung in list(RUNGS)[1:]]
         header = [cell for pair in zip(RUNGS, [*between, ""], strict=True) for cell in pair if cell]
         rows = [each.cells() for each in self.ladders]
         return [Grid(self.title, ["scenario", *header, "best planner"], rows, self.ladders)]
