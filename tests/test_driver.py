@@ -16,7 +16,7 @@ from crowdbench.runs.load import load_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.utils.errors import InputError
+from crowdbench.utils.errors import InputError, plugin_errors
 
 
 class Says(Planner):
@@ -58,6 +58,12 @@ def deaf(obs):
     return np.zeros((len(obs), 2))
 
 
+def foreseeing(obs):
+    """Is interrupted while it asks a pedestrian policy."""
+    with plugin_errors("pedestrian policy slow raised"):
+        forever(obs)
+
+
 BROKEN = {
     "not a number": (nan_for_case_3, "returned [0.0, nan], but a command must be finite (case 3, step 2)"),
     "one number per world": (lambda obs: np.zeros(len(obs)), "returned shape [5] instead of [5, 2]"),
@@ -70,6 +76,7 @@ BROKEN = {
     "a way out": (lambda obs: sys.exit(0), "raised SystemExit: 0 (step 2, one of 5 cases)"),
     "deaf": (deaf, "took longer than the limit of 0.2 s (step 2, one of 5 cases)"),
     "no end": (forever, "took longer than the limit of 0.2 s (step 2, one of 5 cases)"),
+    "no end of a policy": (foreseeing, "took longer than the limit of 0.2 s (step 2, one of 5 cases)"),
 }
 
 

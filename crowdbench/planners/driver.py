@@ -152,6 +152,10 @@ class Driver:
         except TimeLimit as error:
             raise self._too_slow(decision, getattr(error, "row", None)) from None
         except BaseException as error:
+            if isinstance(
+                error.__cause__, TimeLimit
+            ):  # while the planner asked a plug-in, such as a policy, for something
+                raise self._too_slow(decision, None) from None
             if is_interrupt(error) or isinstance(error, InputError):
                 raise
             fault = Fault(f"raised {describe_error(error)}", getattr(error, "row", None))

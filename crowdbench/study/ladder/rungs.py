@@ -29,6 +29,9 @@ SECONDS = 5.0
 FUTURES, WORST = 8, 0.25
 """The futures of rung P2, and the share of them, the worst for a sequence of commands, that count (CVaR)."""
 
+LIMIT = 3600.0
+"""Seconds that a decision may take, for all worlds of a batch together: who asks what foresight is worth can wait."""
+
 RUNGS = {
     "P0": "what the vehicle senses; people at constant velocity",
     "P1": "the true state; people at constant velocity",
@@ -94,4 +97,4 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
         if scenario.rules.sensor != PERFECT:
             planner = FilteredPlanner(planner)
     named = dataclasses.replace(spec, planner=rung)
-    return Run(named, Driver(planner, rung), scenario, METRICS, details={"planner_files": {}}, foresee=foresee)
+    return Run(named, Driver(planner, rung, LIMIT), scenario, METRICS, details={"planner_files": {}}, foresee=foresee)
