@@ -1,8 +1,10 @@
 """A planner that breaks its contract is told so in one sentence."""
 
+import re
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -71,9 +73,9 @@ BROKEN = {
     "a string": (lambda obs: "north", "returned a str instead of a float array"),
     "integers": (lambda obs: np.zeros((len(obs), 2), int), "returned a int64 array instead of a float array"),
     "too fast": (fast_for_case_4, "asked for 1.04403 m/s, but the vehicle's maximum is 1 m/s (case 4, step 2)"),
-    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (step 2, one of 5 cases)"),
+    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero, in line "),
     "peeking": (lambda obs: obs.true_next(), "raised PermissionError: true_next()"),
-    "a way out": (lambda obs: sys.exit(0), "raised SystemExit: 0 (step 2, one of 5 cases)"),
+    "a way out": (lambda obs: sys.exit(0), "raised SystemExit: 0, in line "),
     "deaf": (deaf, "took longer than the limit of 0.2 s (step 2, one of 5 cases)"),
     "no end": (forever, "took longer than the limit of 0.2 s (step 2, one of 5 cases)"),
     "no end of a policy": (foreseeing, "took longer than the limit of 0.2 s (step 2, one of 5 cases)"),
@@ -88,6 +90,15 @@ def test_a_broken_planner_gets_one_sentence(name):
     assert str(error.value).startswith("planner Says ")
     assert expected in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_an_exception_is_told_with_the_line_of_the_planners_file():
+    with pytest.raises(InputError, match=r"division by zero, in line \d+ of test_driver\.py \(step 2, ") as error:
+        drive(Says(lambda obs: 1 / 0), "5")
+    line = int(re.search(r"in line (\d+)", str(error.value))[1])
+    assert "1 / 0" in Path(__file__).read_text().splitlines()[line - 1]
+    with pytest.raises(InputError, match=r"operands .*, in line \d+ of test_driver\.py "):  # not that of a package
+        drive(Says(lambda obs: np.add(np.zeros(2), np.zeros(3))), "5")
 
 
 class SaysAhead(Still):
@@ -124,7 +135,7 @@ BROKEN_AHEAD = {
     "a step too few": (lambda obs: np.zeros((len(obs), 7, 2)), "returned shape [5, 7, 2] instead of [5, 8, 2]"),
     "time first": (lambda obs: np.zeros((8, len(obs), 2)), "returned shape [8, 5, 2] instead of [5, 8, 2]"),
     "a list": (lambda obs: [], "returned a list instead of a float array of shape [world, time, 2]"),
-    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero (step 8, one of 5 cases)"),
+    "an exception": (lambda obs: 1 / 0, "raised ZeroDivisionError: division by zero, in line "),
     "no end": (forever, "took longer than the limit of 0.2 s (step 8, one of 5 cases)"),
 }
 
@@ -188,7 +199,7 @@ def test_a_planner_that_breaks_in_one_world_is_told_its_case():
             raise ValueError("lost")
         return np.zeros(2)
 
-    with pytest.raises(InputError, match=r"raised ValueError: lost \(case 3, step 4\)"):
+    with pytest.raises(InputError, match=r"raised ValueError: lost, in line \d+ of test_driver\.py \(case 3, step 4\)"):
         drive(OneWorldPlanner(one), "5")
 
 

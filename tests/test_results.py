@@ -190,7 +190,10 @@ def test_an_error_leaves_nothing_behind_but_finished_batches(tmp_path):
         with pytest.raises(InputError, match="ZeroDivisionError"):
             go(out, Breaks(ZeroDivisionError(), batch=1), batch=10)
         assert list(tmp_path.iterdir()) == []
-    with pytest.raises(InputError, match=r"ZeroDivisionError (.|\n)*10 of 30 cases are kept in .*parts-"):
+    with pytest.raises(
+        InputError,
+        match=r"ZeroDivisionError, in line (.|\n)*10 of 30 cases are kept in .*parts-",
+    ):
         go(tmp_path / "runs" / "a", Breaks(ZeroDivisionError()), batch=10)
     go(tmp_path / "runs" / "a", cases="3")
     assert [path.name[:8] for path in sorted((tmp_path / "runs").iterdir())] == ["a", "a.parts-"]

@@ -121,7 +121,7 @@ def announce_compilation() -> None:
     from crowdbench.utils.compiled import on_first_compilation
 
     on_first_compilation(
-        lambda: say("compiling the simulator for this machine (once, takes some seconds; later runs use a cache)")
+        lambda: say("compiling what has not run on this machine before (takes some seconds; later runs use a cache)")
     )
 
 

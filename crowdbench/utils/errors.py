@@ -5,13 +5,19 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import sysconfig
+import traceback
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 Found = TypeVar("Found")
 
 LONGEST = 500
 """Characters of somebody else's message that are shown."""
+
+INSTALLED = (str(Path(__file__).parents[1]), sysconfig.get_path("stdlib"), sysconfig.get_path("purelib"))
+"""Where the files of crowdbench, of Python and of installed packages lie."""
 
 
 class InputError(ValueError):
@@ -95,7 +101,7 @@ def is_interrupt(error: BaseException) -> bool:
 
 
 def describe_error(error: BaseException, where: str = "") -> str:
-    """An exception in one line: its type, and its message if it has one that can be read.
+    """An exception in one line: its type, its message if it has one that can be read, and the line of a user's file.
 
     Args:
         error: The exception.
@@ -107,7 +113,14 @@ def describe_error(error: BaseException, where: str = "") -> str:
         if is_interrupt(unreadable):
             raise
         message = "its message cannot be read"
-    return f"{type(error).__name__}{where}" + (f": {message}" if message else "")
+    return f"{type(error).__name__}{where}" + (f": {message}" if message else "") + _line_of(error)
+
+
+def _line_of(error: BaseException) -> str:
+    """The innermost line of an exception that is in none of the installed packages, as `, in line 8 of mine.py`."""
+    lines = [(frame.f_code.co_filename, number) for frame, number in traceback.walk_tb(error.__traceback__)]
+    own = [(Path(file), number) for file, number in lines if not file.startswith(("<", *INSTALLED))]
+    return f", in line {own[-1][1]} of {own[-1][0].name}" if own else ""
 
 
 def is_integer(value: Any) -> bool:
