@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.dynamics import Holonomic, nose, outline
 from crowdbench.core.geometry import Discs, nearest_in_step, polygons, turn
-from crowdbench.core.types import Rules, Trace, World
+from crowdbench.core.types import Outcome, Rules, Trace, World
 from crowdbench.sim.episode import fill_motion
 from crowdbench.sim.swept import gaps_on_arc
 
@@ -141,6 +141,7 @@ class Moment:
         seen: Whether the vehicle sees the pedestrian.
         obstacles: Polygons in metres, NaN after the last corner.
         rules: The rules of the scenario.
+        hits_obstacle: Whether the vehicle has hit one in the last step, which has ended the episode.
     """
 
     step: Int[np.ndarray, "time"]
@@ -153,6 +154,7 @@ class Moment:
     seen: Bool[np.ndarray, "pedestrian"]
     obstacles: Float[np.ndarray, "polygon corner 2"]
     rules: Rules
+    hits_obstacle: bool = False
 
     @classmethod
     def of_trace(cls, trace: Trace, row: int, state: int) -> Moment:
@@ -160,7 +162,8 @@ class Moment:
         until, now = (row, slice(state + 1)), (row, state)
         motion = trace.position[until], trace.velocity[until], trace.heading[until], trace.person[until]
         here = trace.goal[now], trace.radius[now], trace.seen[now]
-        return cls(np.arange(state + 1), *motion, *here, trace.obstacles[row], trace.rules)
+        hits_obstacle = bool(state == trace.steps[row] and trace.outcome[row] == Outcome.WALL_COLLISION)
+        return cls(np.arange(state + 1), *motion, *here, trace.obstacles[row], trace.rules, hits_obstacle)
 
     @classmethod
     def of_worlds(cls, worlds: Sequence[World]) -> Moment:
@@ -250,7 +253,7 @@ def draw_moment(moment: Moment, corner: Float[np.ndarray, "2"], palette: Palette
     yield Disc(moment.goal[0], near, None, palette.vehicle)
     colors = [palette.vehicle, *(palette.pedestrian if seen else palette.hidden for seen in moment.seen.tolist())]
     trails = [palette.vehicle] + [palette.walked] * len(moment.seen)
-    for agent in moment.hit:
+    for agent in [*moment.hit, *[0] * moment.hits_obstacle]:
         colors[agent] = trails[agent] = palette.failure
     stayed = same_agents(moment.person)
     # The vehicle is drawn last, so that nothing hides it.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from crowdbench.figures.style import check_file
 from crowdbench.metrics import METRICS, Metric, heading
 from crowdbench.metrics.load import RESERVED
 from crowdbench.metrics.summary import Estimate
@@ -21,6 +22,7 @@ from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
+from crowdbench.utils import files
 from crowdbench.utils.defaults import RECORD
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import markdown
@@ -28,9 +30,18 @@ from crowdbench.utils.tables import markdown
 
 @dataclass(frozen=True, repr=False)
 class Picture:
-    """A picture that a notebook shows; `png` are the bytes of a file."""
+    """A picture that a notebook shows; `png` are the bytes of a file, which `save` writes."""
 
     png: bytes
+
+    def save(self, path: Path | str) -> None:
+        """Write it to a .png file. Raises InputError where that cannot be."""
+        check_file(Path(path), [".png"])
+        with files.whole(Path(path)) as partial:
+            partial.write_bytes(self.png)
+
+    def __repr__(self) -> str:
+        return f"a picture of {len(self.png)} bytes, which a notebook shows; save('case.png') writes it"
 
     def _repr_png_(self) -> bytes:
         """What Jupyter shows."""

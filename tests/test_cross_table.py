@@ -26,7 +26,7 @@ def table(capsys, runs, *options):
 def test_planners_stand_in_rows_and_scenarios_in_columns(runs, capsys):
     text = table(capsys, runs, "--columns", "scenario")
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[0:2] == "| "]
-    assert lines[0] == ["planner", "circle_crossing_5", "square_crossing_5"]
+    assert lines[0] == ["success, %", "circle_crossing_5", "square_crossing_5"]
     assert [line[0] for line in lines[2:]] == ["orca", "orca_margin", "straight"]
     assert re.fullmatch(r"\*\*\d+\.\d\*\* \(\d+\.\d to \d+\.\d\)", lines[3][1])
     assert "McNemar" in text
@@ -68,7 +68,7 @@ def test_an_option_can_be_the_columns(tmp_path, capsys):
     for space in (0.0, 0.2):
         run("orca", cases="6", options={"safety_space": space}, out=tmp_path / str(space))
     text = table(capsys, sorted(tmp_path.iterdir()), "--columns", "safety_space")
-    assert "| planner | safety_space=0.0 | safety_space=0.2 |" in text
+    assert "| success, % | safety_space=0.0 | safety_space=0.2 |" in text
     assert text.count("| orca |") == 1
 
 

@@ -89,7 +89,7 @@ def test_the_same_figure_has_the_same_bytes(suffix, made, tmp_path):
         (["success", "nothing"], "nothing"),
         (["metric", "orca-5"], "needs --metric NAME"),
         (["success", "orca-5", "--metric", "jerk"], "success takes no --metric: only metric and training do"),
-        (["metric", "orca-5", "--metric", "jerkk"], "has no metric jerkk; it has success_rate"),
+        (["metric", "orca-5", "--metric", "jerkk"], "has no metric jerkk .did you mean jerk..; it has success_rate"),
         (["density", "orca-5", "orca-5"], "two runs of orca have as many pedestrians"),
         (["training", "orca-5"], "orca-5 is no directory of a training: it has no curve.csv"),
         (["success", *[f"orca-{n}" for n in (3, 5)] * 5], "both of orca|9 series"),
@@ -212,7 +212,9 @@ def test_a_comparison_refuses_a_metric_that_there_is_not(made):
 
 
 def test_a_table_refuses_a_metric_that_there_is_not(made):
-    with pytest.raises(InputError, match=r"the run of orca has no metric jerkk; it has success_rate"):
+    with pytest.raises(
+        InputError, match=r"the run of orca has no metric jerkk \(did you mean jerk\?\); it has"
+    ):
         raise CliRunner().invoke(app, ["table", str(made / "orca-5"), "--metric", "jerkk"]).exception
 
 

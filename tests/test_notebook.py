@@ -95,7 +95,11 @@ def test_a_kept_run_shows_its_failures_and_what_differs(tmp_path, monkeypatch):
     text = found._repr_markdown_()
     assert text.startswith("12 shared cases, ")
     assert "| metric | orca | straight | difference | 95 % interval | p |" in text
+    assert repr(found) == text
     picture = orca.render(3)
+    picture.save(tmp_path / "case.png")
+    assert (tmp_path / "case.png").read_bytes() == picture.png
+    assert "save(" in repr(picture)
     assert picture._repr_png_().startswith(b"\x89PNG")
     opened = []
     monkeypatch.setattr(

@@ -306,7 +306,7 @@ def test_a_run_shows_its_main_metrics_and_how_to_see_its_failures(tmp_path, caps
     shown = capsys.readouterr().out
     names = [line.split()[0] for line in shown.splitlines()[2:] if "  " in line]
     assert names == ["success_rate", "collision_rate", "at_fault_rate", "timeout_rate", "sct", "jerk", "minimum_gap"]
-    assert f"4 collisions: crowdbench view {out} --case 0" in shown
+    assert f"4 collisions (cases 0, 1, 2, 3): crowdbench view {out} --case 0" in shown
     app(
         ["run", "--planner", "straight", "--cases", "4", "--out", out, "--overwrite", "--all-metrics"],
         standalone_mode=False,
@@ -318,10 +318,10 @@ def test_a_failure_that_is_not_recorded_is_counted_and_a_run_without_any_says_no
     out = str(tmp_path / "run")
     monkeypatch.setattr("crowdbench.record.cases.recorded_cases", lambda path: [2])
     app(["run", "--planner", "straight", "--cases", "4", "--out", out], standalone_mode=False)
-    assert capsys.readouterr().out.endswith(f"4 collisions: crowdbench view {out} --case 2\n")
+    assert capsys.readouterr().out.endswith(f"4 collisions (cases 0, 1, 2, 3): crowdbench view {out} --case 2\n")
     monkeypatch.setattr("crowdbench.record.cases.recorded_cases", lambda path: [])
     app(["run", "--planner", "straight", "--cases", "4", "--out", out, "--overwrite"], standalone_mode=False)
-    assert capsys.readouterr().out.endswith("\n4 collisions\n")
+    assert capsys.readouterr().out.endswith("\n4 collisions (cases 0, 1, 2, 3)\n")
     empty = ["--set", "pedestrians.number=0", "--cases", "2", "--out", str(tmp_path / "empty")]
     app(["run", "--planner", "straight", *empty], standalone_mode=False)
     assert capsys.readouterr().out.endswith("(crowdbench view shows them)\n")

@@ -54,7 +54,7 @@ def test_a_picture_is_drawn_without_the_viewer_where_that_does_not_start(run, tm
     ("arguments", "sentence"),
     [
         (["--worst", "jerk", "--case", "3"], "--worst chooses the case"),
-        (["--worst", "jerkk"], "has no metric jerkk; it has success_rate"),
+        (["--worst", "jerkk"], "has no metric jerkk .did you mean jerk..; it has success_rate"),
         (["--worst", "imposed_delay"], "imposed_delay is not defined in any recorded case"),
     ],
 )

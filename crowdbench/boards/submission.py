@@ -97,9 +97,7 @@ def submit(
         InputError: The entry exists, the card is wrong, or the planner cannot be loaded or breaks its contract.
         KeyboardInterrupt: Somebody interrupted it. The same call goes on with what is finished.
     """
-    board = submission.board
-    directory = root / board.name / ENTRIES / submission.name
-    check_card(submission.card)
+    board, directory = submission.board, check_entry(submission, root)
     name = f"submit-{board.name}-{submission.name}"
     with contextlib.ExitStack() as lock:
         if shard == WHOLE:
@@ -122,6 +120,21 @@ def submit(
             write_entry(folder, _spec(submission, run, networks))
     shutil.rmtree(run.out)
     return read_entry(directory), failed
+
+
+def check_entry(submission: Submission, root: Path) -> Path:
+    """Refuse what needs no planner to be refused: a card that is wrong, and an entry that exists.
+
+    Returns:
+        The folder that the entry gets in the folder of boards, `root`.
+
+    Raises:
+        InputError: It is so.
+    """
+    check_card(submission.card)
+    directory = root / submission.board.name / ENTRIES / submission.name
+    _check_free(directory)
+    return directory
 
 
 def _check_free(directory: Path) -> None:
@@ -148,7 +161,7 @@ def check_card(path: Path) -> None:
 
 
 def rehearse(submission: Submission, work: Path) -> float:
-    """Check all that can be checked before cases are driven.
+    """Check all that `check_entry` does not and that can be checked before cases are driven.
 
     Args:
         submission: What is to be entered.
@@ -161,7 +174,6 @@ def rehearse(submission: Submission, work: Path) -> float:
         InputError: As `submit`.
     """
     board = submission.board
-    check_card(submission.card)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         planner, options, _ = _copy(submission, folder)

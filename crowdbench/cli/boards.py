@@ -83,7 +83,7 @@ def submit(
     use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.entry import MAINTAINERS
-    from crowdbench.boards.submission import Submission, read_card, rehearse
+    from crowdbench.boards.submission import Submission, check_entry, read_card, rehearse
     from crowdbench.boards.submission import submit as submit_planner
     from crowdbench.catalog import PLANNERS
     from crowdbench.plugins.load import file_and_function, plugin_name, program
@@ -104,6 +104,7 @@ def submit(
         )
     networks = [assignments([each], "--network") for each in network or []]
     submission = Submission(rules, name or plugin_name(planner), planner, options, networks, card, submitter)
+    check_entry(submission, root)
     announce_compilation()
     if file_and_function(planner)[0] is not None:
         say("checking the contract")
@@ -123,10 +124,22 @@ def submit(
     for scenario, metrics in entry.spec.reported.items():
         say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {rules.spec.public_cases} cases")
     say(
-        f"made {entry.directory}. Next:\n"
+        f"made {entry.directory}. {_say_season(root)} Next:\n"
         f"  crowdbench verify {entry.directory}   runs it again on cases that nobody knows\n"
         "  then open a pull request with this folder: see docs/boards.md"
     )
+
+
+def _say_season(root: Path) -> str:
+    """When an entry that is made now gets its rank."""
+    from crowdbench.boards.season import SEASON, read_season
+
+    if not (root / SEASON).exists():
+        return "It gets its rank in a season of whoever keeps the board."
+    season = read_season(root).spec
+    if season.is_over:
+        return f"The season {season.name} closed on {season.closes}: it gets its rank in the next one."
+    return f"It gets its rank in the season {season.name}, which closes on {season.closes}."
 
 
 def _check_contract(planner: str, options: Sequence[str]) -> None:
@@ -211,12 +224,16 @@ def verify(
 
 
 def _print_verification(entry: Entry, board: str, result: Verification) -> None:
+    from crowdbench.boards.verdict import Verdict
+
     where = f" on seed {result.seed}" if result.figures else ""
-    print(f"{entry.name} on {board}: {result.verdict}{where}: {result.reason}")
+    passes = "passes, " if result.verdict == Verdict.RERUN else ""
+    print(f"{entry.name} on {board}: {passes}{result.verdict}{where}: {result.reason}")
     for scenario, metrics in result.figures.items():
         measured = metrics["success_rate"] or 0.0
         reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0
-        print(f"{scenario}: success {100 * measured:.2f} %, reported {100 * reported:.2f} %")
+        apart = "" if result.verdict == Verdict.LOWER else ", no further apart than chance explains"
+        print(f"{scenario}: success {100 * measured:.2f} %, reported {100 * reported:.2f} %{apart}")
     if result.decision_time:
         speed = result.decision_time
         timely = "real-time" if speed.is_real_time else "slower than real time"

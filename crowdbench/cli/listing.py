@@ -8,7 +8,7 @@ import re
 import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -19,7 +19,10 @@ from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import read_text
 from crowdbench.utils.tables import Grid
 
-LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "dials", "layouts", "metrics")
+if TYPE_CHECKING:
+    from crowdbench.boards.board import Board
+
+LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "dials", "layouts", "metrics", "boards")
 
 WORDS: dict[Any, str] = {
     bool: "true or false",
@@ -33,10 +36,10 @@ WORDS: dict[Any, str] = {
 
 @help_from_docstring
 def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> None:
-    """List planners, pedestrians, predictors, weights, scenarios, dials, layouts or metrics, or explain one of them.
+    """List planners, scenarios, boards and whatever else has a name, or explain one of them.
 
     Args:
-        kind: planners, pedestrians, predictors, weights, scenarios, dials, layouts or metrics.
+        kind: planners, pedestrians, predictors, weights, scenarios, dials, layouts, metrics or boards.
         name: One of them, to be explained with its options.
     """
     if kind not in LISTED:
@@ -53,6 +56,10 @@ def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> No
         from crowdbench.study.dials.dial import load_dial
 
         page = Page(read_text(Path(load_dial(name).file)))
+    elif kind == "boards":
+        from crowdbench.boards.board import FILE, ROOT, find_board
+
+        page = Page(read_text(ROOT / find_board(name, ROOT).name / FILE))
     else:
         page = _plugin_page(kind, name)
     print(page.text.strip())
@@ -104,9 +111,21 @@ def _names(kind: str) -> list[tuple[str, str]]:
         from crowdbench.study.dials.dial import dials
 
         return dials()
+    if kind == "boards":
+        from crowdbench.boards.board import read_boards
+
+        return [(board.name, _describe_board(board)) for board in read_boards()]
     from crowdbench.check.kinds import KINDS
 
     return KINDS[kind].plugins.names()
+
+
+def _describe_board(board: Board) -> str:
+    """How much there is to drive for an entry of a board, and what it is about."""
+    if board.spec.closed:
+        return f"closed. {board.spec.description}"
+    number, each = len(board.scenarios), board.spec.public_cases
+    return f"{number} scenario{'s'[: number != 1]}, {each} public cases of each. {board.spec.description}"
 
 
 def _weights_page(name: str) -> Page:

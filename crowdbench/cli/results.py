@@ -145,14 +145,14 @@ def _worst(run: Path, metric: str, recorded: list[int]) -> int:
     """
     import numpy as np
 
-    from crowdbench.metrics import MORE_IS_BETTER
+    from crowdbench.metrics import MORE_IS_BETTER, no_metric
     from crowdbench.runs.results import EPISODES, Episodes
 
     if not run.is_dir():
         raise InputError(f"--worst needs the directory of a run, whose {EPISODES} has the metrics, not {run}")
     episodes = Episodes.read(run / EPISODES)
     if metric not in episodes.columns:
-        raise InputError(f"{run} has no metric {metric}; it has {', '.join(episodes.columns)}")
+        raise InputError(f"{run} {no_metric(metric, episodes.columns)}")
     values = episodes.columns[metric].astype(float) * (-1.0 if metric in MORE_IS_BETTER else 1.0)
     values[~np.isin(episodes.case, recorded)] = np.nan
     if np.isnan(values).all():

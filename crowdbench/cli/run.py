@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from crowdbench.metrics import Metric
     from crowdbench.runs.run import Run
 
+NAMED = 10
+"""How many failed cases are named of each outcome."""
+
 RECORD_HELP = (
     f"What to record: episodes for the viewer (failures: {MOST_FAILURES} at most, fewer in large crowds, and the first "
     f"{FIRST_RECORDED} cases; or all), only the commands, with which `crowdbench score --replay` simulates the cases "
@@ -194,12 +197,13 @@ def print_result(
 
 
 def _print_failures(directory: Path) -> None:
-    """A line for each way in which episodes failed: how many, and how to see the first of them that is recorded."""
+    """A line for each way in which episodes failed: in which cases, and how to see the first that is recorded."""
     from crowdbench.record.cases import recorded_cases
     from crowdbench.runs.results import EPISODES, RECORDING, Episodes
 
     recorded = set(recorded_cases(directory / RECORDING))
     for outcome, cases in Episodes.read(directory / EPISODES).failures.items():
-        many = f"{len(cases)} {outcome.replace('_', ' ')}{'s'[: len(cases) != 1]}"
+        which = f"case{'s'[: len(cases) != 1]} {', '.join(map(str, cases[:NAMED]))}{', ...' * (len(cases) > NAMED)}"
+        many = f"{len(cases)} {outcome.replace('_', ' ')}{'s'[: len(cases) != 1]} ({which})"
         seen = next((f": crowdbench view {directory} --case {case}" for case in cases if case in recorded), "")
         print(many + seen)

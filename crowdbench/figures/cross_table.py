@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench.figures.table import with_interval
-from crowdbench.metrics import MORE_IS_BETTER, heading
+from crowdbench.metrics import MORE_IS_BETTER, heading, no_metric
 from crowdbench.metrics.summary import Estimate
 from crowdbench.runs.compare import compare
 from crowdbench.runs.paired import holm
@@ -55,7 +55,8 @@ def cross_table(directories: Sequence[Path], columns: str, metric: str) -> tuple
         [row, *(_cell(found[row].get(name), marks[name].get(row, ""), is_rate) for name in names)] for row in placed
     ]
     records = [{"planner": row, **own} for row, own in found.items()]
-    grid = Grid(heading(metric, is_rate), ["planner", *names], rows, records)
+    title = heading(metric, is_rate)
+    grid = Grid(title, [title, *names], rows, records)
     return grid, NOTE.format(test=RATES if is_rate else MEANS)
 
 
@@ -75,7 +76,7 @@ def _place(run: RunResult, columns: str) -> tuple[str, str]:
 def _estimate(run: RunResult, metric: str) -> Estimate:
     found = run.episodes.summary()
     if metric not in found:
-        raise InputError(f"{run.directory} has no metric {metric}; it has {', '.join(found)}")
+        raise InputError(f"{run.directory} {no_metric(metric, found)}")
     return found[metric]
 
 

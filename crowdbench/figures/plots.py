@@ -11,7 +11,7 @@ import numpy as np
 from crowdbench.core.types import Outcome
 from crowdbench.figures.series import by_planner, runs, trainings
 from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
-from crowdbench.metrics import METRICS, unit_of
+from crowdbench.metrics import METRICS, no_metric, unit_of
 from crowdbench.metrics.summary import bootstrap, rate
 from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
@@ -167,7 +167,7 @@ def _values(label: str, run: RunResult, metric: str) -> np.ndarray:
     """The values of a metric in the cases of a run. Raises InputError where it has none."""
     columns = run.episodes.columns
     if metric not in columns:
-        raise InputError(f"the run of {label} has no metric {metric}; it has {', '.join(columns)}")
+        raise InputError(f"the run of {label} {no_metric(metric, columns)}")
     values = columns[metric].astype(float)
     if not np.isfinite(values).any():
         raise InputError(f"{metric} is not defined in any case of the run of {label}")

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from crowdbench.figures.series import runs
-from crowdbench.metrics import heading
+from crowdbench.metrics import heading, no_metric
 from crowdbench.metrics.summary import Estimate
 from crowdbench.runs.compare import Comparison
 from crowdbench.runs.paired import MetricDifference
@@ -101,7 +101,7 @@ def _row(label: str, run: RunResult, names: Sequence[str]) -> dict[str, Estimate
     """The estimates of a run. Raises InputError where it lacks a metric."""
     found = run.episodes.summary()
     if lacking := [name for name in names if name not in found]:
-        raise InputError(f"the run of {label} has no metric {lacking[0]}; it has {', '.join(found)}")
+        raise InputError(f"the run of {label} {no_metric(lacking[0], found)}")
     return {name: found[name] for name in names}
 
 

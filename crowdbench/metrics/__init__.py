@@ -7,7 +7,8 @@ A metric with booleans is a rate. To add a metric, write its function in the mod
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import difflib
+from collections.abc import Callable, Collection
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -140,3 +141,10 @@ def heading(name: str, is_rate: bool) -> str:
     unit = "%" if is_rate else unit_of(METRICS[name]) if name in METRICS else ""
     words = name.upper() if name in ABBREVIATIONS else name.removesuffix("_rate").replace("_", " ")
     return f"{words}, {unit}" if unit else words
+
+
+def no_metric(name: str, known: Collection[str]) -> str:
+    """What is said of a run that lacks a metric: which of its metrics may be meant, and all of them."""
+    like = difflib.get_close_matches(name, known, 2)
+    meant = f" (did you mean {' or '.join(like)}?)" if like else ""
+    return f"has no metric {name}{meant}; it has {', '.join(known)}"

@@ -80,12 +80,22 @@ def view(
         if case is None:
             recorded_cases(paths[0])
         else:
+            _check_time(paths, case, seconds)
             write = _write_case if len(paths) == 1 else _write_beside
             file = write(paths, case, Path(folder), has_menu=screenshot is None)
         if screenshot is None:
             show(file, seconds, web=web)
         else:
             picture(file, screenshot, seconds)
+
+
+def _check_time(paths: Sequence[Path], case: int, seconds: float | None) -> None:
+    """Raise InputError where a moment is after the end of a case in all recordings."""
+    if seconds is not None:
+        traces = [read_case(path, case).trace for path in paths]
+        end = max(float(trace.steps[0] * trace.rules.dt) for trace in traces)
+        if seconds > end:
+            raise InputError(f"case {case} ends after {end:g} s: give --time {end:g} or less, not {seconds:g}")
 
 
 def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:

@@ -22,7 +22,7 @@ POOLED_SCENARIOS = "all {} scenarios"
 """What the scenarios of several runs are called together."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """What `compare` found.
 
@@ -46,7 +46,11 @@ class Comparison:
     doubts: list[str]
 
     def _repr_markdown_(self) -> str:
-        """What Jupyter shows: the metrics of both, and how they differ."""
+        """What Jupyter shows."""
+        return repr(self)
+
+    def __repr__(self) -> str:
+        """The metrics of both, and how they differ."""
         rows = []
         for name, row in self.rows.items():
             if row.difference.n:
