@@ -212,9 +212,7 @@ def test_a_comparison_refuses_a_metric_that_there_is_not(made):
 
 
 def test_a_table_refuses_a_metric_that_there_is_not(made):
-    with pytest.raises(
-        InputError, match=r"the run of orca has no metric jerkk \(did you mean jerk\?\); it has"
-    ):
+    with pytest.raises(InputError, match=r"the run of orca has no metric jerkk \(did you mean jerk\?\); it has"):
         raise CliRunner().invoke(app, ["table", str(made / "orca-5"), "--metric", "jerkk"]).exception
 
 

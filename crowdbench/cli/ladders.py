@@ -30,7 +30,7 @@ def dial(
 
     Args:
         name: A dial (`crowdbench list dials`), or a file: ./mine.toml.
-        planner: A planner, or a rung of the ladder: P2 and C say where the world itself ends.
+        planner: A planner, or a rung of the ladder, on 30 cases a level: P2 and C say where the world itself ends.
         out: Folder that keeps the runs, and a file for `crowdbench plot dial`.
     """
     use_threads(None if is_on_ray(on) else threads)
