@@ -65,7 +65,7 @@ def write_readme(root: Path) -> Path:
 def section(table: Standings) -> str:
     """The standings of one board in Markdown."""
     closed = " (closed)" if table.board.spec.closed else ""
-    lines = [f"## {table.board.spec.title}{closed}", "", table.board.spec.description, ""]
+    lines = [f"## {table.board.spec.title} (`{table.board.name}`){closed}", "", table.board.spec.description, ""]
     if not table.entries:
         return "\n".join([*lines, "No entries yet.", ""])
     rows = [_cells(table, one) for one in table.entries]

@@ -46,7 +46,7 @@ def new_planner(name: str, out: Path = Path()) -> None:
     folder = write_skeleton(name, out)
     file = folder / f"{name}.py"
     say(
-        f"made {folder}: {name}.py drives, test_{name}.py tests it, card.toml says what it is\n"
+        f"made {folder}: {name}.py drives, test_{name}.py tests it (with pytest), card.toml says what it is\n"
         f"  crowdbench check {file}\n"
         f"  crowdbench run --planner {file}\n"
         f"  crowdbench submit {file} --board five"
@@ -206,7 +206,10 @@ def verify(
         raise InputError(f"--cases is {cases}, but the board {board.name} has {len(board.cases)} cases")
     announce_compilation()
     if not season:
-        say("the cases are drawn for you, and nothing of this is kept: what a board shows is verified in its season")
+        say(
+            "public cases are replayed, and others driven that are drawn now; nothing of this is kept: what a board shows "
+            "is verified in its season"
+        )
     driven = Cases("test", 0, cases) if cases else cases_of_season(submitted, board, work) if season else None
     total = count_cases(submitted, board, driven or board.cases)
     message = f"finished batches are kept in {work}, with which the same command goes on"

@@ -125,7 +125,8 @@ def _describe_board(board: Board) -> str:
     if board.spec.closed:
         return f"closed. {board.spec.description}"
     number, each = len(board.scenarios), board.spec.public_cases
-    return f"{number} scenario{'s'[: number != 1]}, {each} public cases of each. {board.spec.description}"
+    size = f"{each} public cases" if number == 1 else f"{each} public cases of each of {number} scenarios"
+    return f"{size}. {board.spec.description}"
 
 
 def _weights_page(name: str) -> Page:
