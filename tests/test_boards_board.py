@@ -50,7 +50,7 @@ def test_closed_boards_stand_last(tmp_path):
     (tmp_path / "later").mkdir()
     (tmp_path / "later" / "board.toml").write_text(BOARD)
     assert [board.name for board in read_boards(tmp_path)] == ["later", "five"]
-    assert "## Five (closed)" in section(standings(read_boards(tmp_path)[1], [], None))
+    assert "## Five (`five`) (closed)" in section(standings(read_boards(tmp_path)[1], [], None))
 
 
 def test_the_digest_is_of_the_rules_alone(tmp_path):

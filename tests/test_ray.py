@@ -31,7 +31,7 @@ def test_without_ray_or_a_cluster_one_sentence_says_what_is_missing(tmp_path, mo
         (None, r"--on ray needs Ray: pip install 'crowdbench\[ray\]'"),
         (
             SimpleNamespace(init=init, is_initialized=bool),
-            "no Ray cluster can be reached or started: .* nobody answers",
+            "no Ray cluster can be reached or started: .* nobody answers, in line .*",
         ),
     ]:
         monkeypatch.setitem(sys.modules, "ray", found)

@@ -161,7 +161,7 @@ def check_card(path: Path) -> None:
 
 
 def rehearse(submission: Submission, work: Path) -> float:
-    """Check all that `check_entry` does not and that can be checked before cases are driven.
+    """Check all that can be checked before cases are driven.
 
     Args:
         submission: What is to be entered.
@@ -174,6 +174,7 @@ def rehearse(submission: Submission, work: Path) -> float:
         InputError: As `submit`.
     """
     board = submission.board
+    check_card(submission.card)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         planner, options, _ = _copy(submission, folder)

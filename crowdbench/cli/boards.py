@@ -207,8 +207,8 @@ def verify(
     announce_compilation()
     if not season:
         say(
-            "public cases are replayed, and others driven that are drawn now; nothing of this is kept: what a board shows "
-            "is verified in its season"
+            "public cases are replayed, and others driven that are drawn now; nothing of this is kept: what a board "
+            "shows is verified in its season"
         )
     driven = Cases("test", 0, cases) if cases else cases_of_season(submitted, board, work) if season else None
     total = count_cases(submitted, board, driven or board.cases)
