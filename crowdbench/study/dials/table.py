@@ -138,6 +138,7 @@ class DialRow:
         half: Up to where it succeeds in 50 %; likewise.
         behind: How many levels the best planner holds more, with the 95 % interval; NaN where that is not known,
             and of the best itself and of rungs.
+        said: What it holds, in words, such as `41 (12 to 50)` or `below 2`; empty where success rises with the level.
         p_rising: How likely success would rise with the level as much by chance.
         cases: The number of cases at each level.
         success: The success rate at each level.
@@ -147,6 +148,7 @@ class DialRow:
     holds: Held | None
     half: Held | None
     behind: Held
+    said: str
     p_rising: float
     cases: list[int]
     success: list[float]
@@ -157,7 +159,8 @@ class DialRow:
         holds, half = (Held.of(dial, each) if found.is_monotone else None for each in (found.wanted, found.half))
         is_behind = found is not best and planner not in RUNGS
         behind = Held(*difference(best.wanted, found.wanted)) if is_behind else Held(math.nan, math.nan, math.nan)
-        return cls(planner, holds, half, behind, found.p_rising, found.cases.tolist(), found.success.tolist())
+        said = _with_interval(holds, dial.say) if holds else ""
+        return cls(planner, holds, half, behind, said, found.p_rising, found.cases.tolist(), found.success.tolist())
 
     def cells(self, dial: Dial) -> list[str]:
         """The row in a table."""
@@ -166,7 +169,7 @@ class DialRow:
         behind = "" if math.isnan(self.behind.level) else _with_interval(self.behind, "{:.1f}".format)
         return [
             f"{self.planner}: {RUNGS[self.planner]}" if self.planner in RUNGS else self.planner,
-            _with_interval(self.holds, dial.say),
+            self.said,
             dial.say(self.half.level) if self.half else "",
             behind,
         ]
@@ -207,7 +210,7 @@ class FilledDial:
         if row.holds.level == -math.inf:
             first = self.dial.holds.format(f"{self.dial.levels[0]:g}")
             return f"{row.planner} does not hold {first}: it succeeds in less than 90 % of the cases already there"
-        held = self.dial.holds.format(_with_interval(row.holds, self.dial.say))
+        held = self.dial.holds.format(row.said)
         return f"{row.planner} holds {held} in 90 % of the cases, and {self.dial.say(row.half.level)} in half of them"
 
 
