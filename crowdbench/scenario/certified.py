@@ -147,7 +147,8 @@ class CertificateStatus:
             return f"the cases {which}of {self.name} have no certificates: {by} --cases {split}:{last}` makes them"
         without = len(examined.left_out)
         share = f"{number - without} of {number} examined {split} cases ({1 - without / number:.1%})"
-        return f"{share} of {self.name} have a certificate" + (": the others are left out" if without else "")
+        left_out = ": the others are left out" if without else ""
+        return f"{share} of {self.name} have a certificate that they can be solved{left_out}"
 
 
 def skip_left_out(left_out: Iterable[int], cases: Int[np.ndarray, "case"]) -> Int[np.ndarray, "case"]:
