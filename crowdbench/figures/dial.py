@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from crowdbench.figures.kept import read_kept
-from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
+from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, MARKERS, axes
 from crowdbench.metrics.summary import wilson
 from crowdbench.study.dials.estimate import WANTED
 from crowdbench.study.ladder.rungs import RUNGS
@@ -16,6 +17,9 @@ from crowdbench.utils.errors import InputError
 
 RUNG = "#666666"
 """The colour of rungs of the ladder, which are no planners."""
+
+LINE = 0.17
+"""Height of a line of the legend, in inches."""
 
 BESIDE = 0.08
 """How far the points of planners are beside each other, in levels."""
@@ -40,7 +44,7 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
     levels = np.array(dial["levels"], float)
     place = np.arange(len(levels))
     wanted = 100.0 * WANTED
-    with axes(out) as ax:
+    with axes(out, HEIGHT + LINE * math.ceil(len(found) / 3)) as ax:
         ax.axhline(wanted, color="#888888", linewidth=0.8)
         for number, each in enumerate(found):
             (row,) = each["rows"]
@@ -61,4 +65,5 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
                 ax.plot([held, held], [0.0, wanted], ":", color=colour, linewidth=0.8)
         ax.set_xticks(place, [f"{level:g}" for level in levels])
         ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
-        ax.legend()
+        # Above, because curves fall from one corner to the other.
+        ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
