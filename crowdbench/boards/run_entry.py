@@ -44,8 +44,8 @@ LIMITS = Limits(total=3600.0)
 """What a planner may take for the cases of one scenario."""
 
 PACE, SAMPLED = 20, 4
-"""Cases in which it is measured how long one takes, and in how many scenarios: from the first of a board to the last,
-since the first ones may be the quickest."""
+"""Cases in which it is measured how long one takes, and in how many scenarios: spread over the board, since its first
+ones may be the quickest."""
 
 
 class InUse(InputError):

@@ -152,9 +152,8 @@ class Driver:
         except TimeLimit as error:
             raise self._too_slow(decision, getattr(error, "row", None)) from None
         except BaseException as error:
-            if isinstance(
-                error.__cause__, TimeLimit
-            ):  # while the planner asked a plug-in, such as a policy, for something
+            # Interrupted in a plug-in that it asked for something, such as a pedestrian policy.
+            if isinstance(error.__cause__, TimeLimit):
                 raise self._too_slow(decision, None) from None
             if is_interrupt(error) or isinstance(error, InputError):
                 raise
