@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from filelock import Timeout
 
 from crowdbench.boards.board import Board
@@ -161,17 +161,12 @@ class EntryRun:
             scenarios: The names of the scenarios that it can drive.
 
         Returns:
-            The mean over some public cases of a few of the scenarios; 0 if the planner breaks its contract or a limit
-            in them: whoever runs it meets the same fault, and says so.
+            The mean over some public cases of a few of the scenarios, without those in which the planner breaks its
+            contract or a limit: whoever runs it meets the same fault, and says so. 0 if it does so in all of them.
         """
         path = self.out / f"pace-{self.board.name}-{name}-{self.digest(package_files)}.json"
         if not path.exists():
-            try:
-                seconds = self._seconds_per_case(scenarios)
-            except MachineFault:
-                raise
-            except InputError:
-                seconds = 0.0
+            seconds = self._seconds_per_case(scenarios)
             self.out.mkdir(parents=True, exist_ok=True)
             with files.whole(path) as partial:
                 partial.write_text(json.dumps(seconds), encoding="utf-8")
@@ -179,9 +174,17 @@ class EntryRun:
 
     def _seconds_per_case(self, scenarios: Sequence[str]) -> float:
         known = [scenario for scenario in self.board.load(None) if scenario.name in scenarios]
-        sampled = known[:: -(-len(known) // SAMPLED)]
+        sampled = known[:: math.ceil(len(known) / SAMPLED)]
         cases = Cases("test", 0, min(PACE // len(sampled), self.board.spec.public_cases))
-        return float(np.mean([self._seconds_in(scenario, cases) for scenario in sampled]))
+        seconds = []
+        for scenario in sampled:
+            try:
+                seconds.append(self._seconds_in(scenario, cases))
+            except MachineFault:
+                raise
+            except InputError:
+                continue
+        return sum(seconds) / max(len(seconds), 1)
 
     def _seconds_in(self, scenario: Scenario, cases: Cases) -> float:
         """How long a case of a scenario takes, in seconds."""

@@ -43,11 +43,6 @@ class SeasonSpec(TomlTable):
     ] = ""
     rehearsal: Flag = False
 
-    @property
-    def is_over(self) -> bool:
-        """Whether it has closed."""
-        return datetime.datetime.now(datetime.UTC).date() > self.closes
-
 
 class _FrozenFile(BaseModel):
     season: StrictStr
@@ -126,7 +121,7 @@ def freeze(root: Path, board: str, entries: Mapping[str, str]) -> Season:
     if board in season.frozen:
         return season
     spec = season.spec
-    if not spec.rehearsal and not spec.is_over:
+    if not spec.rehearsal and datetime.datetime.now(datetime.UTC).date() <= spec.closes:
         raise TooEarly(f"the season {spec.name} is open until {spec.closes}: its entries are frozen on a later day")
     if not spec.rehearsal and spec.randomness:
         raise InputError(

@@ -124,22 +124,22 @@ def submit(
     for scenario, metrics in entry.spec.reported.items():
         say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {rules.spec.public_cases} cases")
     say(
-        f"made {entry.directory}. {_say_season(root)} Next:\n"
+        f"made {entry.directory}. {_say_season(rules.name, root)} Next:\n"
         f"  crowdbench verify {entry.directory}   runs it again on cases that nobody knows\n"
         "  then open a pull request with this folder: see docs/boards.md"
     )
 
 
-def _say_season(root: Path) -> str:
-    """When an entry that is made now gets its rank."""
+def _say_season(board: str, root: Path) -> str:
+    """In which season an entry that is made now is verified."""
     from crowdbench.boards.season import SEASON, read_season
 
     if not (root / SEASON).exists():
-        return "It gets its rank in a season of whoever keeps the board."
-    season = read_season(root).spec
-    if season.is_over:
-        return f"The season {season.name} closed on {season.closes}: it gets its rank in the next one."
-    return f"It gets its rank in the season {season.name}, which closes on {season.closes}."
+        return "It is verified in the next season of the board."
+    season = read_season(root)
+    if board in season.frozen:
+        return f"The entries of the season {season.spec.name} are frozen: it is verified in the next season."
+    return f"It is verified in the season {season.spec.name}, which closes on {season.spec.closes}."
 
 
 def _check_contract(planner: str, options: Sequence[str]) -> None:
@@ -230,8 +230,8 @@ def _print_verification(entry: Entry, board: str, result: Verification) -> None:
     from crowdbench.boards.verdict import Verdict
 
     where = f" on seed {result.seed}" if result.figures else ""
-    passes = "passes, " if result.verdict == Verdict.RERUN else ""
-    print(f"{entry.name} on {board}: {passes}{result.verdict}{where}: {result.reason}")
+    passes = result.verdict == Verdict.RERUN
+    print(f"{entry.name} on {board}: {'passes, ' * passes}{result.verdict}{where}: {result.reason}")
     for scenario, metrics in result.figures.items():
         measured = metrics["success_rate"] or 0.0
         reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0

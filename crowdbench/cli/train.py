@@ -114,8 +114,8 @@ def _run(running: TrainingRun) -> None:
         cases = running.request.card_cases
         with progress(cases, f"of {cases} cases for the card") as advance:
             weights = running.finish(advance)
-    print(f"Kept is the best of what was validated: {running.training.best_point()}")
-    print(f"Figures on other cases are in its card, {weights.with_suffix('.md')}")
+    print(f"The best validated network was kept: {' '.join(str(running.training.best_point()).split())}")
+    print(f"Its card has figures on other cases: {weights.with_suffix('.md')}")
     print(f"The weights are in {weights}; use them with crowdbench {running.request.use} --option weights={weights}")
 
 

@@ -12,7 +12,6 @@ from crowdbench.figures.kept import read_kept
 from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, MARKERS, axes
 from crowdbench.metrics.summary import wilson
 from crowdbench.study.dials.estimate import WANTED
-from crowdbench.study.ladder.rungs import RUNGS
 from crowdbench.utils.errors import InputError
 
 RUNG = "#666666"
@@ -35,7 +34,9 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
     Raises:
         InputError: One of them is no such file, or of another dial, they are too many, or the figure cannot be written.
     """
-    found = [read_kept(path, "dial", ("dial", "levels"), ("rows", 0, "success")) for path in paths]
+    found = [
+        read_kept(path, "dial", ("dial", "levels"), ("rows", 0, "success"), ("rows", 0, "is_rung")) for path in paths
+    ]
     dial = found[0]["dial"]
     if others := [path for path, each in zip(paths, found, strict=True) if each["dial"] != dial]:
         raise InputError(f"{others[0]} is of another dial than {paths[0]}: give files of one dial")
@@ -49,7 +50,7 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
         for number, each in enumerate(found):
             (row,) = each["rows"]
             colour, label = COLOURS[number], row["planner"]
-            if label in RUNGS:
+            if row["is_rung"]:
                 colour, label = RUNG, f"{label} of the ladder"
             beside = BESIDE * (number - (len(found) - 1) / 2)
             successes = zip(row["success"], row["cases"], strict=True)

@@ -80,33 +80,30 @@ def view(
         if case is None:
             recorded_cases(paths[0])
         else:
-            _check_time(paths, case, seconds)
             write = _write_case if len(paths) == 1 else _write_beside
-            file = write(paths, case, Path(folder), has_menu=screenshot is None)
+            file, end = write(paths, case, Path(folder), has_menu=screenshot is None)
+            if seconds is not None and seconds > end:
+                raise InputError(f"case {case} ends after {end:g} s: give --time {end:g} or less, not {seconds:g}")
         if screenshot is None:
             show(file, seconds, web=web)
         else:
             picture(file, screenshot, seconds)
 
 
-def _check_time(paths: Sequence[Path], case: int, seconds: float | None) -> None:
-    """Raise InputError where a moment is after the end of a case in all recordings."""
-    if seconds is not None:
-        traces = [read_case(path, case).trace for path in paths]
-        end = max(float(trace.steps[0] * trace.rules.dt) for trace in traces)
-        if seconds > end:
-            raise InputError(f"case {case} ends after {end:g} s: give --time {end:g} or less, not {seconds:g}")
+def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> tuple[Path, float]:
+    """Write a file of a case of one recording, with its own blueprint; a picture of it needs no menu.
 
-
-def _write_case(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
-    """Write a file of a case of one recording, with its own blueprint; a picture of it needs no menu."""
+    Returns:
+        The file, and the end of the case in seconds.
+    """
     entry, chunks, trace, _ = read_case(paths[0], case)
     layout = blueprint([extent(trace, 0)], logged_curves(chunks), float(trace.preferred_speed[0, 0]), has_menu=has_menu)
-    return _write(chunks, folder, entry.application_id, entry.recording_id, layout)
+    end = trace.rules.dt * int(trace.steps[0])
+    return _write(chunks, folder, entry.application_id, entry.recording_id, layout), end
 
 
-def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> Path:
-    """Write a file with the same case of several recordings. Raises InputError where it does not start alike."""
+def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: bool) -> tuple[Path, float]:
+    """As `_write_case`, with the same case of several recordings. Raises InputError where it does not start alike."""
     episodes = [read_case(path, case) for path in paths]
     first, *others = (one.trace for one in episodes)
     for path, other in zip(paths[1:], others, strict=True):
@@ -123,7 +120,8 @@ def _write_beside(paths: Sequence[Path], case: int, folder: Path, *, has_menu: b
     fastest = max(float(one.trace.preferred_speed[0, 0]) for one in episodes)
     longest = first.rules.dt * max(int(one.trace.steps[0]) for one in episodes)
     layout = side_by_side(names, [extent(one.trace, 0) for one in episodes], fastest, longest, has_menu=has_menu)
-    return _write(chunks, folder, f"case {case} of {len(paths)} planners", f"{first.split}-{case:04d}", layout)
+    title = f"case {case} of {len(paths)} planners"
+    return _write(chunks, folder, title, f"{first.split}-{case:04d}", layout), longest
 
 
 def _write(chunks: Sequence[Chunk], folder: Path, application: str, recording: str, layout: rrb.Blueprint) -> Path:

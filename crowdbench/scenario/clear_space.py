@@ -42,15 +42,18 @@ class ClearSpace(NamedTuple):
     distance: float
     time: float
 
-    def is_lost(self, vehicle: Float[np.ndarray, "2"], position: Agents, reach: Float[np.ndarray, "agent"]) -> bool:
-        """Whether somebody is too near, whichever way anybody goes: what `holds` says, before ways are found.
+    def is_entered(
+        self, discs: Float[np.ndarray, "disc 2"], position: Agents, radius: Float[np.ndarray, "agent"], reach: float
+    ) -> bool:
+        """Whether somebody is nearer to the vehicle than `distance`, whichever way anybody goes.
 
         Args:
-            vehicle: Where the vehicle has a disc, in metres.
+            discs: Centres of discs of the vehicle, in metres.
             position: Where people are, in metres.
-            reach: Their radii and that of the vehicle's discs together, in metres.
+            radius: Theirs, in metres.
+            reach: The radius of each of the vehicle's discs, in metres.
         """
-        return bool((norm(position - vehicle) - reach < self.distance).any())
+        return bool((norm(position[:, None] - discs) - (radius + reach)[:, None] < self.distance).any())
 
     def holds(
         self, vehicle: MovingVehicle, position: Agents, velocity: Agents, radius: Float[np.ndarray, "agent"]
@@ -65,9 +68,9 @@ class ClearSpace(NamedTuple):
         """
         ahead = np.array([np.cos(vehicle.heading), np.sin(vehicle.heading)])
         discs = vehicle.position + np.array(vehicle.body)[:, None] * ahead
-        way, reach = position[:, None] - discs, (radius + vehicle.radius)[:, None]
-        if (norm(way) - reach < self.distance).any():
+        if self.is_entered(discs, position, radius, vehicle.radius):
             return False
+        way, reach = position[:, None] - discs, (radius + vehicle.radius)[:, None]
         motion = np.broadcast_to((velocity - vehicle.velocity)[:, None], way.shape)
         a, b, c = dot(motion, motion), dot(way, motion), dot(way, way) - reach**2
         touches = (b < 0.0) & (b**2 >= a * c)

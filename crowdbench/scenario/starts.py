@@ -112,8 +112,8 @@ class LayoutStarts:
                     answer = call_layout(radius, speed)
                 with _of_groups(bool(crowd.groups)):
                     placement = check_shape(answer, len(radius))
-                    # Ways around obstacles take longest, and are found only where the starts may do.
-                    if crowd.clear_space and _is_lost(crowd.clear_space, placement, vehicle, rules, walkers):
+                    # Before ways around obstacles are found, which takes longest.
+                    if crowd.clear_space and _is_entered(crowd.clear_space, placement, vehicle, rules, walkers):
                         continue
                     placement = complete_placement(placement, radius)
                 if crowd.clear_space is None or _is_clear(crowd.clear_space, placement, vehicle, rules, walkers):
@@ -144,11 +144,11 @@ def _of_groups(are_there: bool) -> Iterator[None]:
         raise InputError(f"{error}{moved}") from None
 
 
-def _is_lost(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
-    """Whether somebody starts in the clear space of the vehicle wherever it heads."""
-    has_disc_there = 0.0 in rules.body
-    reach = people.radius + vehicle.radius
-    return has_disc_there and space.is_lost(placement.start[0], placement.start[1:], reach)
+def _is_entered(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:
+    """Whether somebody starts in the clear space, judged by the vehicle's middle disc, whose place needs no heading."""
+    has_middle = 0.0 in rules.body
+    start = placement.start
+    return has_middle and space.is_entered(start[:1], start[1:], people.radius, vehicle.radius)
 
 
 def _is_clear(space: ClearSpace, placement: Placement, vehicle: Vehicle, rules: Rules, people: Traits) -> bool:

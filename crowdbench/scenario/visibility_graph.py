@@ -56,7 +56,7 @@ def find_routes(
     """
     found: list[Float[np.ndarray, "waypoint 2"]] = [np.empty((0, 2))] * len(start)
     for size in np.unique(radius):
-        roadmap = _roadmap(obstacles.tobytes(), obstacles.shape[1], float(size))
+        roadmap = _roadmap(obstacles.astype(np.float64).tobytes(), obstacles.shape, float(size))
         agents = np.flatnonzero(radius == size)
         agents = agents[~roadmap.free(start[agents], goal[agents])]
         if len(agents):
@@ -143,15 +143,15 @@ class _Roadmap:
 
 
 @functools.lru_cache(maxsize=32)
-def _roadmap(obstacles: bytes, corners: int, radius: float) -> _Roadmap:
+def _roadmap(obstacles: bytes, shape: tuple[int, ...], radius: float) -> _Roadmap:
     """The roadmap of an agent; kept, because most layouts have the same obstacles in all cases.
 
     Args:
-        obstacles: The numbers of polygons in metres.
-        corners: How many corners each has, the padding included.
+        obstacles: The bytes of polygons in metres, in double precision.
+        shape: Their shape, `[polygon, corner, 2]`.
         radius: The agent's, in metres.
     """
-    polygon = np.frombuffer(obstacles).reshape(-1, corners, 2)
+    polygon = np.ndarray(shape, np.float64, obstacles)
     solid = [shapely.Polygon(each) for each in polygons(polygon) if len(each) > 2]
     return _find_corners(edges_of(polygon), solid, radius)
 

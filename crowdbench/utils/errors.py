@@ -16,7 +16,7 @@ Found = TypeVar("Found")
 LONGEST = 500
 """Characters of somebody else's message that are shown."""
 
-INSTALLED = (str(Path(__file__).parents[1]), sysconfig.get_path("stdlib"), sysconfig.get_path("purelib"))
+INSTALLED = (str(Path(__file__).parents[1]), *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
 """Where the files of crowdbench, of Python and of installed packages lie."""
 
 

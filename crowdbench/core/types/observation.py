@@ -89,6 +89,8 @@ class Pedestrians:
             neither seen nor remembered.
         filled: Which positions since the pedestrian was first observed were not observed, but filled in: on the line
             between those before and after, or ahead at constant velocity. None if none ever is.
+        deviation: Standard deviations of a coordinate of the position in metres and of the velocity in m/s, where a
+            filter estimates them; None without one.
     """
 
     position: Float[np.ndarray, "*world pedestrian 2"]

@@ -26,7 +26,8 @@ TRIES = 10_000
 """Number of draws for one pedestrian after which the layout counts as full."""
 
 ALONE, TOGETHER = 20, 998
-"""How many of them are looked at one by one, and after these so many at once: where there is hardly any room."""
+"""The first draws are checked one by one. If none of them is clear, the rest are checked so many at a time, which is
+faster where hardly any draw is clear; ten times 998 make the rest of `TRIES`."""
 
 ATTEMPTS = 10
 """How often all pedestrians are placed anew where the layout is full: those before the last one may stand so that
@@ -79,7 +80,7 @@ class Points:
         return True
 
     def may_be_clear(self, points: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, "point"]:
-        """For many points at once: what `is_clear` says of each, or true in a tie of rounding."""
+        """Which of many points may be clear: all that `is_clear` accepts, and perhaps some that are 1e-9 m too near."""
         if not self.all:
             return np.ones(len(points), bool)
         least = np.array(self.radius[: len(self.all)]) + self.radius[len(self.all)] + CLEARANCE - 1e-9

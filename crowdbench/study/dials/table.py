@@ -42,6 +42,11 @@ class Measurement:
         return cls(dial, dial.runs(planner, options, FIRST, range(len(dial.levels))))
 
     @property
+    def is_rung(self) -> bool:
+        """Whether it is a rung of the ladder, and no planner, such as one in a file C.py."""
+        return self.first[0].spec.planner in RUNGS
+
+    @property
     def name(self) -> str:
         """What its file is called, such as `mppi-density-30-filter=kalman`."""
         run = self.first[0]
@@ -54,9 +59,9 @@ class Measurement:
     def second(self, out: Path) -> dict[int, Run]:
         """The runs of the second stage by the numbers of their levels, which follow from the first stage in `out`.
 
-        A rung of the ladder has none: it says where the world ends, of which ten points more or less say enough.
+        A rung of the ladder has none: 30 cases at each level show where the world ends.
         """
-        if self.first[0].driver.name in RUNGS:
+        if self.is_rung:
             return {}
         levels = levels_around(self.outcomes(out))
         specs = {level: dataclasses.replace(self.first[level].spec, cases=SECOND) for level in levels}
@@ -134,6 +139,7 @@ class DialRow:
 
     Attributes:
         planner: The planner with its options.
+        is_rung: Whether it is a rung of the ladder, and no planner.
         holds: Up to where it succeeds in 90 % of the cases; None where success rises with the level.
         half: Up to where it succeeds in 50 %; likewise.
         behind: How many levels the best planner holds more, with the 95 % interval; NaN where that is not known,
@@ -145,6 +151,7 @@ class DialRow:
     """
 
     planner: str
+    is_rung: bool
     holds: Held | None
     half: Held | None
     behind: Held
@@ -154,13 +161,15 @@ class DialRow:
     success: list[float]
 
     @classmethod
-    def of(cls, dial: Dial, planner: str, found: Fit, best: Fit) -> DialRow:
+    def of(cls, measurement: Measurement, found: Fit, best: Fit) -> DialRow:
         """What the outcomes of a planner say, beside those of the best one."""
+        dial, is_rung = measurement.dial, measurement.is_rung
         holds, half = (Held.of(dial, each) if found.is_monotone else None for each in (found.wanted, found.half))
-        is_behind = found is not best and planner not in RUNGS
+        is_behind = found is not best and not is_rung
         behind = Held(*difference(best.wanted, found.wanted)) if is_behind else Held(math.nan, math.nan, math.nan)
         said = _with_interval(holds, dial.say) if holds else ""
-        return cls(planner, holds, half, behind, said, found.p_rising, found.cases.tolist(), found.success.tolist())
+        counts = found.cases.tolist(), found.success.tolist()
+        return cls(measurement.first[0].label, is_rung, holds, half, behind, said, found.p_rising, *counts)
 
     def cells(self, dial: Dial) -> list[str]:
         """The row in a table."""
@@ -168,7 +177,7 @@ class DialRow:
             return [self.planner, f"success rises with the level (p = {self.p_rising:.2g})", "", ""]
         behind = "" if math.isnan(self.behind.level) else _with_interval(self.behind, "{:.1f}".format)
         return [
-            f"{self.planner}: {RUNGS[self.planner]}" if self.planner in RUNGS else self.planner,
+            f"{self.planner}: {RUNGS[self.planner]}" if self.is_rung else self.planner,
             self.said,
             dial.say(self.half.level) if self.half else "",
             behind,
@@ -185,10 +194,10 @@ class FilledDial:
     @classmethod
     def of(cls, measurements: Sequence[Measurement], out: Path) -> FilledDial:
         """Fit what the runs in the folder `out` say of planners on the same dial."""
-        dial, found = measurements[0].dial, [(each.first[0].label, each.fit(out)) for each in measurements]
-        found.sort(key=lambda each: (each[0] in RUNGS, each[1].is_monotone, each[1].wanted.level), reverse=True)
-        best = next((each for planner, each in found if planner not in RUNGS), found[0][1])
-        return cls(dial, [DialRow.of(dial, planner, each, best) for planner, each in found])
+        found = [(each, each.fit(out)) for each in measurements]
+        found.sort(key=lambda each: (each[0].is_rung, each[1].is_monotone, each[1].wanted.level), reverse=True)
+        best = next((each for measurement, each in found if not measurement.is_rung), found[0][1])
+        return cls(measurements[0].dial, [DialRow.of(measurement, each, best) for measurement, each in found])
 
     def grid(self) -> Grid:
         """A row for each planner."""

@@ -30,7 +30,7 @@ FUTURES, WORST = 8, 0.25
 """The futures of rung P2, and the share of them, the worst for a sequence of commands, that count (CVaR)."""
 
 LIMIT = 3600.0
-"""Seconds that a decision may take, for all worlds of a batch together: who asks what foresight is worth can wait."""
+"""Seconds that a decision may take, for all worlds of a batch together; rungs are no planners that must be fast."""
 
 RUNGS = {
     "P0": "what the vehicle senses; people at constant velocity",
@@ -43,7 +43,7 @@ RUNGS = {
 
 
 class CertifiedPlanner(Planner):
-    """Drives by the commands of a certificate, which it looks for with foresight when an episode starts.
+    """Drives by the commands of certificates, which it searches for with foresight when a batch of episodes starts.
 
     Args:
         scenario: The scenario, in which the vehicle sees all.
@@ -61,6 +61,7 @@ class CertifiedPlanner(Planner):
         """Look for the commands when episodes start, of successive cases."""
         if world.step[0] == 0:
             cases = Cases(self._split, int(world.case[0]), int(world.case[-1]) + 1)
+            # Any gap above 0 is a success, so that no wider margin is asked for.
             found = certificates(self._scenario, cases, [0.0], lambda share: None)
             self._commands = play_back([each.commands for each in found], self._scenario).planner
 
