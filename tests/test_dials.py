@@ -10,7 +10,7 @@ from scipy.optimize import isotonic_regression
 from scipy.stats import norm
 from typer.testing import CliRunner
 
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import PLANNERS, load_scenario
 from crowdbench.cli import app
 from crowdbench.scenario.cases import Cases
 from crowdbench.study.dials import estimate, table
@@ -177,6 +177,15 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     files[0].write_text(files[0].read_text().replace('"own"', '"other"'))
     result = CliRunner().invoke(app, ["plot", "dial", *map(str, files), "--out", str(figure)])
     assert "is of another dial than" in str(result.exception)
+
+
+@pytest.mark.slow
+def test_a_planner_in_a_file_named_as_a_rung_is_a_planner(few, tmp_path):
+    (tmp_path / "own.toml").write_text(OWN)
+    (tmp_path / "C.py").write_text((PLANNERS.folder / "straight.py").read_text())
+    command = ["dial", str(tmp_path / "own.toml"), "--planner", str(tmp_path / "C.py"), "--out", str(tmp_path / "runs")]
+    (row,) = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)["rows"]
+    assert (row["planner"], row["is_rung"], row["cases"]) == ("C", False, [20, 20, 20])
 
 
 @pytest.mark.slow

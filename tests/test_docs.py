@@ -1,5 +1,6 @@
 """The pages of docs/ say what is there: the map of the folders, the way of one run, the API pages, the references."""
 
+import dataclasses
 import inspect
 import re
 import shutil
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 import crowdbench
 from crowdbench.boards.markdown import write_readme
 from crowdbench.cli import app
+from crowdbench.core.types.observation import Observation, Pedestrians, Vehicle
 from crowdbench.plugins.load import load_module
 from crowdbench.study.study import REPRODUCTION
 from crowdbench.utils.tables import printed_by
@@ -58,6 +60,14 @@ def test_every_folder_beside_the_package_is_on_the_map():
     beside = {f"{path.name}/" for path in ROOT.iterdir() if path.is_dir()} - ignored
     second_table = ARCHITECTURE.split("| beside `crowdbench/` |")[1].split("\n\n")[0]
     assert set(re.findall(r"^\| `([\w.]+/)", second_table, re.MULTILINE)) == beside
+
+
+def test_the_table_of_what_a_planner_is_given_is_whole():
+    table = (DOCS / "plugins.md").read_text().split("| in `obs` |")[1].split("\n\n")[0]
+    named = {name.split(".")[-1] for name in re.findall(r"`([\w.]+)`", table)}
+    given = [field.name for part in (Observation, Vehicle, Pedestrians) for field in dataclasses.fields(part)]
+    parts_and_what_is_called = {"vehicle", "pedestrians", "noise_key", "future", "logs"}  # noise(), true_next(), log()
+    assert set(given) - named == parts_and_what_is_called
 
 
 def test_the_map_stands_in_the_order_of_the_imports():

@@ -12,15 +12,21 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from crowdbench.catalog import load_scenario
 from crowdbench.cli import app
-from crowdbench.drawing import Text
+from crowdbench.core.types import Outcome
+from crowdbench.drawing import LIGHT, Disc, Moment, Text, draw_moment
 from crowdbench.figures import plots
 from crowdbench.figures.episode import Episode
 from crowdbench.figures.time_marks import mark_times
+from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
 from crowdbench.record.contents import read
 from crowdbench.runs.compare import compare
 from crowdbench.runs.paired import Paired, compare_metric, holm
 from crowdbench.runs.results import Episodes
+from crowdbench.runs.rollout import rollout
+from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 
@@ -34,6 +40,13 @@ def made(tmp_path_factory):
             given = ["--planner", planner, "--set", f"pedestrians.number={number}", "--cases", "30", "--out", str(out)]
             assert CliRunner().invoke(app, ["run", *given, "--record", "none"]).exit_code == 0
     return folder
+
+
+class Sideways(Planner):
+    """Drives into the wall beside it."""
+
+    def plan(self, obs):
+        return np.tile([1.0, 0.0], (len(obs), 1))
 
 
 def words(figure):
@@ -247,6 +260,20 @@ def test_a_vehicle_that_waits_is_marked_once(driven):
     last = (int(trace.steps[1]) - 1) // 8 * 2
     assert once.text == f"0 to {last} s"
     assert np.linalg.norm(once.at - waits[1, 0, 0]) > trace.radius[1, 0, 0]
+
+
+def test_a_vehicle_that_has_hit_an_obstacle_is_red():
+    scenario = load_scenario("corridor", {"pedestrians.number": 1})
+    trace = rollout(Driver(Sideways(), "sideways"), scenario, Cases("test", 0, 1))
+    assert trace.outcome[0] == Outcome.WALL_COLLISION
+    end = int(trace.steps[0])
+
+    def colors(state):
+        shapes = draw_moment(Moment.of_trace(trace, 0, state), np.zeros(2))
+        return [shape.face for shape in shapes if isinstance(shape, Disc)]
+
+    assert LIGHT.failure in colors(end)
+    assert LIGHT.failure not in colors(end - 1)
 
 
 def test_a_picture_shows_what_is_around_the_vehicle(driven, tmp_path):

@@ -201,6 +201,19 @@ def test_a_route_of_the_layouts_own_is_kept_without_the_goal_at_its_end(door):
     assert np.nan_to_num(start.route[0, 0], nan=-1.0).tolist() == [[5.0, 5.0], [-1.0, -1.0], [-1.0, -1.0]]
 
 
+def test_obstacles_in_single_precision_and_none_at_all_have_routes(door):
+    text = (door / "door.py").read_text()
+    found = []
+    for kind in ("obstacles=wall", "obstacles=wall.astype(np.float32)", "obstacles=wall[:0]"):
+        (door / "door.py").write_text(text.replace("obstacles=wall", kind))
+        found.append(scenario().worlds(Cases.parse("1")))
+    around, single, straight = found
+    np.testing.assert_allclose(single.route, around.route, atol=1e-5)
+    way, goal = straight.route[0, 0] - straight.position[0, 0], straight.goal[0, 0] - straight.position[0, 0]
+    assert np.isfinite(way[:, 0]).any()
+    assert np.nanmax(np.abs(way[:, 0] * goal[1] - way[:, 1] * goal[0])) < 1e-9
+
+
 def test_solid_polygons_of_a_world_are_counter_clockwise(door):
     clockwise = "wall = np.array([[[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]]]); unused = np"
     (door / "door.py").write_text(DOOR.replace("wall = np", clockwise))

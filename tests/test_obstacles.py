@@ -5,7 +5,7 @@ from helpers import with_walkers, world
 from crowdbench.core.geometry import local_goals, polygons
 from crowdbench.core.reward import reward
 from crowdbench.core.types import Outcome
-from crowdbench.sim.obstacles import slide, wall_gap_in_step
+from crowdbench.sim.obstacles import slide, touches_in_step, wall_gap_in_step
 from crowdbench.sim.pedestrians import ORCA, social_force
 from crowdbench.sim.routes import next_waypoints
 from crowdbench.sim.simulator import step
@@ -42,6 +42,17 @@ def test_the_gap_to_walls_is_that_of_dense_sampling():
         point, motion = rng.uniform([-2.0, -1.0], [4.0, 3.0]), rng.normal(0.0, 0.5, 2)
         got = wall_gap_in_step(*point, *motion, 0.3, BOTH)
         assert got == pytest.approx(slow_gap(point, motion, 0.3, BOTH), abs=0.02)
+
+
+def test_a_disc_touches_where_its_gap_is_not_positive():
+    rng = np.random.default_rng(1)
+    found = []
+    for _ in range(300):
+        point, motion, radius = rng.uniform([-2.0, -1.0], [4.0, 3.0]), rng.normal(0.0, 1.0, 2), rng.choice([0.0, 0.3])
+        found.append(touches_in_step(*point, *motion, radius, BOTH))
+        assert found[-1] == (wall_gap_in_step(*point, *motion, radius, BOTH) <= 0.0)
+    assert 50 < sum(found) < 250
+    assert touches_in_step(2.0, 1.5, 0.0, 0.0, 0.0, BLOCK)  # inside
 
 
 def test_without_obstacles_the_gap_is_infinite():

@@ -64,6 +64,11 @@ def test_a_case_that_cannot_be_chosen_gets_one_sentence(arguments, sentence, run
     assert not shown
 
 
+def test_a_moment_after_the_end_of_a_case_is_refused(run):
+    with pytest.raises(InputError, match=r"case 3 ends after [\d.]+ s: give --time [\d.]+ or less, not 1000"):
+        raise CliRunner().invoke(app, ["view", str(run), "--case", "3", "--time", "1000"]).exception
+
+
 def test_the_worst_of_a_file_alone_is_not_known(run, shown):
     with pytest.raises(InputError, match=r"--worst needs the directory of a run, whose episodes.csv has the metrics"):
         raise CliRunner().invoke(app, ["view", str(run / "run.rrd"), "--worst", "jerk"]).exception

@@ -240,7 +240,8 @@ def _shape(i: int, corners: Float[np.ndarray, "corner 2"]) -> shapely.Geometry:
 def _apart(shapes: Mapping[int, shapely.Geometry]) -> None:
     """Raises InputError where two obstacles cross or overlap. They may touch."""
     number, each = list(shapes), list(shapes.values())
-    for one, other in shapely.STRtree(each).query(each, predicate="intersects").T.tolist():
+    pairs = shapely.STRtree(each).query(np.array(each, object), predicate="intersects")
+    for one, other in pairs.T.tolist():
         if one < other and shapely.relate_pattern(each[one], each[other], "T********"):
             raise InputError(f"obstacles[{number[one]}] and obstacles[{number[other]}] cross or overlap")
 
