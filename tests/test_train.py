@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
 from rerun.chunk import RrdReader
 
 from crowdbench import InputError, load_network, load_scenario
@@ -151,6 +152,20 @@ def test_a_training_that_stops_before_its_first_checkpoint_leaves_nothing(tmp_pa
     with pytest.raises(Killed):
         TrainingRun.new(REQUEST, tmp_path / "run", "cpu").train(ignore)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_network_learns_in_training_mode_after_it_has_driven():
+    # On a GPU an LSTM has no gradients otherwise.
+    training, modes = dataclasses.replace(REQUEST, network="lstm_rl").training("cpu"), []
+
+    def note(network, states):
+        if torch.is_grad_enabled():
+            modes.append(network.training)
+
+    training.network.register_forward_pre_hook(note)
+    training.improve()
+    assert modes
+    assert all(modes)
 
 
 def test_minutes_end_a_training(tmp_path):

@@ -6,6 +6,7 @@ import contextlib
 import csv
 import dataclasses
 import functools
+import os
 import platform
 import re
 import subprocess
@@ -59,7 +60,7 @@ class TrainingRun:
         Raises:
             InputError: Something that is asked for does not exist, or the directory holds something or cannot be made.
         """
-        _check(device)
+        _prepare(device)
         checkpoint.refuse_taken(directory, request.network)
         training = request.training(device)
         try:
@@ -87,7 +88,7 @@ class TrainingRun:
         if not path.exists():
             raise InputError(checkpoint.why_nothing_goes_on(directory))
         about = checkpoint.read_about(path)
-        _check(device)
+        _prepare(device)
         with _readable(path):
             request = methods.method_of(about["network"])(**about)
         training = request.training(device)
@@ -240,13 +241,17 @@ def _write_curve(curve: Sequence[Any], path: Path) -> None:
         writer.writerows(dataclasses.astuple(point) for point in curve)
 
 
-def _check(device: str) -> None:
-    """Raises InputError where torch cannot use the device."""
+def _prepare(device: str) -> None:
+    """Make a device ready, on which the same training gives the same network. Raises InputError where torch has none."""
     try:
         torch.empty(1, device=device).cpu()  # the device `meta` has no values to read
     except (RuntimeError, AssertionError) as error:
         reason = str(error).partition("\n")[0]
         raise InputError(f"nothing can be trained on the device {device!r}: {reason}") from None
+    if device != "cpu":
+        # Else a GPU adds up in any order. cuBLAS reads the variable when it is first used.
+        os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+        torch.use_deterministic_algorithms(True)
 
 
 def _commit() -> str | None:
