@@ -242,7 +242,7 @@ def _write_curve(curve: Sequence[Any], path: Path) -> None:
 
 
 def _prepare(device: str) -> None:
-    """Make a device ready, on which the same training gives the same network. Raises InputError where torch has none."""
+    """Make a device ready, on which a training repeats to the last bit. Raises InputError where torch has none."""
     try:
         torch.empty(1, device=device).cpu()  # the device `meta` has no values to read
     except (RuntimeError, AssertionError) as error:
