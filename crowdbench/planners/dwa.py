@@ -15,7 +15,7 @@ from crowdbench.planners.scene import Commands, Velocities, scene_of
 from crowdbench.planners.trials import time_left, try_sequences
 from crowdbench.predict import Predictor
 from crowdbench.predict.base import validate_prediction
-from crowdbench.utils.errors import is_number, require, require_count
+from crowdbench.utils.errors import require, require_count, require_not_negative
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Objective:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            require(name, value, is_number(value) and 0.0 <= value < np.inf, "a number, 0 or more")
+            require_not_negative(name, value)
         require("free", self.free, self.free > 0.0, "above 0")
 
 

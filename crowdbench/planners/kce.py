@@ -18,7 +18,7 @@ from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import DISCOMFORT_GAP, Outcome
 from crowdbench.planners.scene import Commands, Scene, Velocities
-from crowdbench.utils.errors import is_number, require, require_count
+from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
 
 Outcomes = Int[np.ndarray, "row mode"]
 PerFuture = Float[np.ndarray, "row mode"]
@@ -112,7 +112,7 @@ class ChangeCost:
     cost: float
 
     def __post_init__(self) -> None:
-        require("cost", self.cost, is_number(self.cost) and self.cost >= 0.0, "a number, 0 or more")
+        require_not_negative("cost", self.cost)
 
     def __call__(self, outcome: Outcomes, gap: PerFuture, change: PerCommand) -> PerFuture:
         """What is added to the rewards of steps.
@@ -178,7 +178,7 @@ class Exploration:
     n: int = 2
 
     def __post_init__(self) -> None:
-        require("epsilon", self.epsilon, is_number(self.epsilon) and self.epsilon > 0.0, "a number above 0")
+        require_positive("epsilon", self.epsilon)
         require_count("n", self.n)
 
     def __call__(self, scene: Scene, command: Velocities) -> Commands:

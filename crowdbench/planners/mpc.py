@@ -21,7 +21,7 @@ from crowdbench.planners.scene import Sequence, Velocities, scene_of
 from crowdbench.planners.trials import limit_commands, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
-from crowdbench.utils.errors import InputError, is_number, require, require_count
+from crowdbench.utils.errors import InputError, require, require_count, require_not_negative
 
 PEOPLE, WALLS = 12, 6
 """How many pedestrians and edges of obstacles a program has room for, the nearest ones."""
@@ -63,7 +63,7 @@ class Terms:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            require(name, value, is_number(value) and 0.0 <= value < np.inf, "a number, 0 or more")
+            require_not_negative(name, value)
 
 
 TERMS = Terms()

@@ -18,7 +18,7 @@ from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, sc
 from crowdbench.planners.trials import SequenceResult, limit_commands, propagate_vehicle, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
-from crowdbench.utils.errors import is_number, require, require_count
+from crowdbench.utils.errors import is_number, require, require_count, require_not_negative, require_positive
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 Costs = Float[np.ndarray, "world sequence"]
@@ -57,8 +57,7 @@ class Search:
         for name in ("samples", "rounds"):
             require_count(name, getattr(self, name))
         for name in ("spread", "narrower", "temperature"):
-            value = getattr(self, name)
-            require(name, value, is_number(value) and 0.0 < value < np.inf, "a number above 0")
+            require_positive(name, getattr(self, name))
         right = "a number from 0 to below 1"
         require("correlation", self.correlation, is_number(self.correlation) and 0.0 <= self.correlation < 1.0, right)
 
@@ -95,7 +94,7 @@ class Weights:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            require(name, value, is_number(value) and 0.0 <= value < np.inf, "a number, 0 or more")
+            require_not_negative(name, value)
         require("margin", self.margin, self.margin > 0.0, "above 0")
 
 

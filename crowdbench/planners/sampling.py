@@ -19,7 +19,7 @@ from crowdbench.planners.scene import Scene, Sequence, Sequences, Velocities, sc
 from crowdbench.planners.trials import limit_commands, try_sequences
 from crowdbench.predict import Prediction
 from crowdbench.sim.routes import next_waypoints
-from crowdbench.utils.errors import is_number, require, require_count
+from crowdbench.utils.errors import require, require_count, require_not_negative, require_positive
 from crowdbench.utils.threads import CHUNK, in_chunks
 
 Noise = Float[np.ndarray, "world round sample time 2"]
@@ -51,7 +51,7 @@ class CrossEntropy:
         for name in ("samples", "rounds", "elites"):
             require_count(name, getattr(self, name))
         require("elites", self.elites, self.elites <= self.samples, f"{self.samples} at most, which is samples")
-        require("spread", self.spread, is_number(self.spread) and 0.0 < self.spread < np.inf, "a number above 0")
+        require_positive("spread", self.spread)
 
 
 SEARCH = CrossEntropy()
@@ -85,7 +85,7 @@ class SequencePlanner(Planner):
 
     def __post_init__(self) -> None:
         require_count("horizon", self.horizon)
-        require("margin", self.margin, is_number(self.margin) and 0.0 <= self.margin < np.inf, "a number, 0 or more")
+        require_not_negative("margin", self.margin)
         self.privileged = self.lookahead.privileged
         self.facts = self.lookahead.facts
 

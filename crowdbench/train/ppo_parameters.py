@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from crowdbench.plugins.options import Option
-from crowdbench.utils.errors import is_number, require, require_count
+from crowdbench.utils.errors import is_number, require, require_count, require_positive
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,7 @@ class Parameters:
             "segments", self.segments, self.segments <= self.worlds, f"{self.worlds}, the number of worlds, at most"
         )
         for name in ("learning_rate", "clip", "value_weight", "max_norm"):
-            value = getattr(self, name)
-            require(name, value, is_number(value) and 0.0 < value < float("inf"), "a number above 0")
+            require_positive(name, getattr(self, name))
         for name in ("gamma", "trace"):
             value = getattr(self, name)
             require(name, value, is_number(value) and 0.0 <= value <= 1.0, "a number from 0 to 1")

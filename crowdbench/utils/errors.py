@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import sysconfig
@@ -142,6 +143,16 @@ def require(name: str, value: object, good: bool, right: str) -> None:
 def require_count(name: str, value: object) -> None:
     """Raise InputError unless the value called `name` is a whole number above 0."""
     require(name, value, is_integer(value) and value >= 1, "a whole number, 1 or more")  # type: ignore[operator]
+
+
+def require_positive(name: str, value: object) -> None:
+    """Raise InputError unless the value called `name` is a finite number above 0."""
+    require(name, value, is_number(value) and 0.0 < value < math.inf, "a number above 0")  # type: ignore[operator]
+
+
+def require_not_negative(name: str, value: object) -> None:
+    """Raise InputError unless the value called `name` is a finite number, 0 or more."""
+    require(name, value, is_number(value) and 0.0 <= value < math.inf, "a number, 0 or more")  # type: ignore[operator]
 
 
 def find_named(kind: str, name: str, known: Mapping[str, Found], hint: str = "") -> Found:
