@@ -170,7 +170,8 @@ def run(
         out: The directory in which the run is kept; None to keep nothing.
         record: Which episodes the viewer can show of a run that is kept, one of `defaults.RECORD`.
         overwrite: Whether an earlier run in `out` is replaced.
-        progress: Called after each step with what it added to the episodes, in parts of an episode.
+        progress: Called after each step with what it added to the episodes, in parts of an episode, such as
+            `tqdm(total=500, unit_scale=True).update`.
 
     Returns:
         What was measured.
