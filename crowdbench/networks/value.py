@@ -163,7 +163,7 @@ class LSTMRL(ValueNetwork):
     def crowd(self, joint: JointBatch, present: PresentBatch) -> ValueAndAttention:
         """See `ValueNetwork`. The network has no attention: all pedestrians have the same weight."""
         far_first = torch.where(present, -joint[..., DISTANCE], float("inf")).argsort(dim=-1)
-        self.lstm.flatten_parameters()  # a copy of a network on a GPU has them apart, of which cuDNN warns
+        self.lstm.flatten_parameters()  # else cuDNN warns where the network is a copy of another
         states, _ = self.lstm(joint.gather(1, far_first[..., None].expand_as(joint)))
         number = present.sum(-1)
         last = states[torch.arange(len(states), device=states.device), (number - 1).clamp(min=0)]

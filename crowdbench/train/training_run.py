@@ -249,8 +249,8 @@ def _prepare(device: str) -> None:
         reason = str(error).partition("\n")[0]
         raise InputError(f"nothing can be trained on the device {device!r}: {reason}") from None
     if device != "cpu":
-        # Else a GPU adds up in any order. cuBLAS reads the variable when it is first used. An encoder of one's own may
-        # use an operation that has no fixed order: torch warns of it.
+        # Else the order of sums on a GPU differs from run to run. cuBLAS reads the variable when it is first used.
+        # Torch only warns of an operation without a fixed order, because a user's encoder may need one.
         os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
         torch.use_deterministic_algorithms(True, warn_only=True)
 

@@ -225,7 +225,7 @@ class Training(DrivingTraining[ValueNetwork, CurvePoint]):
 
     def _update(self, optimizer: torch.optim.Optimizer, batch: Transitions, target: Float[Tensor, "step"]) -> float:
         """One step of the optimizer on the mean squared error to the target. Returns the loss."""
-        self.network.train()  # planners have set it to evaluation, in which cuDNN's LSTM has no gradients
+        self.network.train()  # a planner has set evaluation mode, in which cuDNN's LSTM has no gradients
         values = self.network(self._tensor(batch.joint), self._tensor(batch.present))
         loss = torch.nn.functional.mse_loss(values, target)
         optimizer.zero_grad()
