@@ -175,7 +175,7 @@ def test_a_bound_is_that_of_students_t_where_many_cases_differ():
 @pytest.mark.parametrize("rate", [0.01, 0.4])
 def test_what_does_not_differ_is_told_apart_no_more_often_than_is_said(rate):
     generator = np.random.default_rng(2)
-    trials, pairs, surely = 150, 0, 0
+    trials, pairs, surely = 100, 0, 0
     for _ in range(trials):
         own = [entry(np.flatnonzero(generator.random(CASES) < rate), generator.uniform(1, 2, CASES)) for _ in range(4)]
         found = compare_all(numbered(own), ALONE, Scale())

@@ -59,10 +59,10 @@ def test_rates_that_do_not_rise_are_those_of_scipy():
 @pytest.mark.parametrize(("middle", "width", "shared"), [(4.3, 0.4, 0.2), (5.5, 1.2, 0.0)])
 def test_a_known_curve_is_found_without_bias_and_as_often_as_the_interval_says(middle, width, shared, monkeypatch):
     monkeypatch.setattr(estimate, "RESAMPLES", 1000)
-    draws, truth, trials = np.random.default_rng(1), middle - width * math.log(9.0), 400
+    draws, truth, trials = np.random.default_rng(1), middle - width * math.log(9.0), 250
     found = [estimate.fit(*drive_known(draws, middle, width, shared)) for _ in range(trials)]
     assert abs(np.mean([each.wanted.level for each in found]) - truth) < 0.2
-    assert 0.93 <= np.mean([each.wanted.low <= truth <= each.wanted.high for each in found]) <= 0.97
+    assert 0.92 <= np.mean([each.wanted.low <= truth <= each.wanted.high for each in found]) <= 0.98
     assert abs(np.mean([each.half.level for each in found]) - middle) < 0.2
     assert np.mean([each.is_monotone for each in found]) > 0.98
 

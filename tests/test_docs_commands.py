@@ -69,7 +69,7 @@ def test_every_command_that_is_shown_is_one(page, arguments):
 def shorter(arguments):
     """A command with few cases."""
     few = {"1", "val:3", "val:20"} & set(arguments)
-    return arguments if arguments[0] != "run" or few else [*arguments, "--cases", "val:4"]
+    return arguments if arguments[0] != "run" or few else [*arguments, "--cases", "val:2"]
 
 
 def where_else(arguments):
