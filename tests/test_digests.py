@@ -160,7 +160,7 @@ BOARDS = {
     "corridor_8": "8e0ff8525f2f",
     "crowdnav_plus": "a3e51cbae47a",
     "doorway_8": "533238591eb3",
-    "dut_reactive": "c9d598052e67",
+    "dut_reactive": "c9256d7342ce",
     "dut_recorded": "be4898d9c513",
     "eight_at_once": "e34a90e2ab95",
     "eth_ucy_reactive": "1ecd9e210ade",
