@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from boards import BOARD, card, write_board
 
+from crowdbench.boards.board_means import over_board, success_by_family
 from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench.boards.method import range_over_networks, rank_methods
 from crowdbench.boards.skeleton import write_skeleton
-from crowdbench.boards.standings import over_board, success_by_family
 from crowdbench.boards.submission import Submission, check_card, read_card, rehearse
 from crowdbench.boards.verdict import Method, Range
 from crowdbench.catalog import load_planner

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Int, Shaped
 
 from crowdbench.boards.baselines import entry_folders
 from crowdbench.boards.board import LATER, Board
-from crowdbench.boards.entry import (
-    MAINTAINERS,
-    Entry,
-    read_entry,
-)
+from crowdbench.boards.board_means import board_figures, read_estimates, success_by_family
+from crowdbench.boards.entry import MAINTAINERS, Entry, read_entry
 from crowdbench.boards.method import rank_methods
 from crowdbench.boards.ranking import SCT, SUCCESS, Pair, Rank, compare_all, pareto, ranks, scores
 from crowdbench.boards.run_entry import read_episodes
@@ -31,7 +28,7 @@ from crowdbench.boards.verdict import (
     read_verification,
 )
 from crowdbench.metrics.summary import NOTHING, Estimate
-from crowdbench.runs.results import RESULT, Episodes, read_estimate, read_result
+from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
 
 MOST_RANKED = 2
@@ -266,70 +263,3 @@ def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray,
     if run is not None and metric not in LATER:
         raise InputError(f"the runs of an entry lack the metric {metric}, which its board shows")
     return np.full(cases, 0.0 if metric in (SUCCESS, SCT) else np.nan)
-
-
-def read_estimates(directory: Path, names: Iterable[str]) -> dict[str, Estimate]:
-    """The means of metrics in a run, with their intervals.
-
-    Raises InputError where the run lacks one of them that is not in `LATER`.
-    """
-    metrics = read_result(directory)["metrics"]
-    try:
-        return {
-            name: NOTHING if name in LATER and name not in metrics else read_estimate(metrics[name]) for name in names
-        }
-    except KeyError as error:
-        raise InputError(f"{directory / RESULT} lacks {error} of a metric that its board shows") from None
-
-
-def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Estimate]:
-    """The means over the scenarios of a board.
-
-    Args:
-        board: The board.
-        scenarios: The estimates by scenario and metric; a scenario without any counts as 0.
-
-    Returns:
-        The means by metric, each undefined where it is undefined in a scenario; but the imposed delay is the mean over
-        the scenarios in which pedestrians see the vehicle.
-    """
-    figures = {}
-    for metric in board.metrics:
-        each = [estimates.get(metric) for estimates in scenarios.values()]
-        shares = board.weights
-        if metric == "imposed_delay":
-            shares = shares * [one is not None and not np.isnan(one.mean) for one in each]
-            each = [one if share else None for one, share in zip(each, shares, strict=True)]
-            shares = shares / shares.sum() if shares.any() else shares * np.nan
-        figures[metric] = over_board(shares, each)
-    return figures
-
-
-def success_by_family(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Estimate]:
-    """Success in each family of scenarios of a board, all scenarios alike; arguments as for `board_figures`."""
-    families = board.spec.families.items()
-    return {
-        family: over_board(
-            np.full(len(names), 1.0 / len(names)), [scenarios[name].get("success_rate") for name in names]
-        )
-        for family, names in families
-    }
-
-
-def over_board(shares: Float[np.ndarray, "scenario"], each: Sequence[Estimate | None]) -> Estimate:
-    """The mean over the scenarios of a board, each with its share, and its interval by Zou and Donner (2008).
-
-    Args:
-        shares: How much each scenario counts.
-        each: The estimate in each scenario; None counts as 0.
-
-    Returns:
-        The estimate, undefined where one of them is.
-    """
-    estimates = [Estimate(0.0, 0.0, 0.0, 0, 0.0) if one is None else one for one in each]
-    mean = float(shares @ [one.mean for one in estimates])
-    if np.isnan(mean):
-        return NOTHING
-    below, above = np.array([(one.mean - one.low, one.high - one.mean) for one in estimates]).T
-    low, high = mean - np.sqrt(np.sum((shares * below) ** 2)), mean + np.sqrt(np.sum((shares * above) ** 2))
-    return Estimate(mean, float(low), float(high), sum(one.n for one in estimates), max(one.max for one in estimates))

@@ -43,7 +43,7 @@ def run_board(
     """
     use_threads(threads)
     from crowdbench.boards.board import find_board
-    from crowdbench.boards.standings import board_figures, read_estimates
+    from crowdbench.boards.board_means import board_figures, read_estimates
     from crowdbench.runs.load import load_run
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
