@@ -16,7 +16,7 @@ from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict, read_verification
 from crowdbench.boards.verification import verify
-from crowdbench.cli.boards import do_all
+from crowdbench.cli.leaderboard import do_all
 from crowdbench.runs.shards import Shard
 from crowdbench.utils.errors import InputError
 

@@ -45,7 +45,7 @@ COMMANDS = {
     "new-planner": "boards:new_planner",
     "submit": "boards:submit",
     "verify": "boards:verify",
-    "leaderboard": "boards:app",
+    "leaderboard": "leaderboard:app",
 }
 """The commands in the order of --help: the module of each in this folder, and the function there."""
 
