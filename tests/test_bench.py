@@ -29,7 +29,7 @@ from crowdbench.runs.spec import EVERY_STEP
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import ppo_worlds
 from crowdbench.train import value as method
-from crowdbench.train.requests import PPORequest
+from crowdbench.train.driving_requests import PPORequest
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ from crowdbench.catalog import load_planner
 from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import driving, ppo, ppo_worlds
-from crowdbench.train.requests import PPORequest
+from crowdbench.train.driving_requests import PPORequest
 from crowdbench.train.training_run import TrainingRun
 from crowdbench.utils.errors import InputError
 

@@ -33,7 +33,7 @@ from crowdbench.sim.presence import come_and_go, track_at
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.simulator import crowd_velocities, walk
 from crowdbench.train.driving import load_scenarios
-from crowdbench.train.requests import PPORequest, ValueRequest
+from crowdbench.train.driving_requests import PPORequest, ValueRequest
 from crowdbench.utils.errors import InputError
 
 

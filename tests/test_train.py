@@ -16,7 +16,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.train import driving, value
 from crowdbench.train.checkpoint import CHECKPOINT
-from crowdbench.train.requests import ValueRequest
+from crowdbench.train.driving_requests import ValueRequest
 from crowdbench.train.training_run import TrainingRun
 from crowdbench.train.value import EpsilonGreedy, Training
 

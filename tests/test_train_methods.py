@@ -13,9 +13,10 @@ from crowdbench.networks.encoders import POLICIES
 from crowdbench.networks.value import NETWORKS
 from crowdbench.predict.social_gan import NAME
 from crowdbench.train import training_run
+from crowdbench.train.driving_requests import ValueRequest
 from crowdbench.train.method import option
 from crowdbench.train.methods import METHODS, check_options, own_options
-from crowdbench.train.requests import SocialGANRequest, ValueRequest
+from crowdbench.train.social_gan_request import SocialGANRequest
 
 
 def test_every_network_has_a_method():

@@ -19,7 +19,7 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.train import driving, ppo, ppo_worlds
 from crowdbench.train.checkpoint import CHECKPOINT
-from crowdbench.train.requests import PPORequest
+from crowdbench.train.driving_requests import PPORequest
 from crowdbench.train.training_run import TrainingRun
 
 torch.set_num_threads(1)  # for so little work threads cost more than they save, much more where cores are busy

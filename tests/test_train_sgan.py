@@ -10,8 +10,8 @@ from crowdbench.networks.weights import digest, read_card
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP
 from crowdbench.train import checkpoint, social_gan, social_gan_samples, training_run
-from crowdbench.train.requests import SocialGANRequest
 from crowdbench.train.social_gan import cross_entropy, non_saturating_loss, variety_loss
+from crowdbench.train.social_gan_request import SocialGANRequest
 from crowdbench.train.social_gan_samples import from_scenario
 from crowdbench.train.training_run import TrainingRun
 

@@ -30,7 +30,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.train import ppo
 from crowdbench.train import value as method
-from crowdbench.train.requests import EPISODES, PPORequest, ValueRequest
+from crowdbench.train.driving_requests import EPISODES, PPORequest, ValueRequest
 
 CROWDNAV_SECONDS = {5: 0.037, 10: 0.067}
 """Seconds that CrowdNav's code took for a decision of SARL, by number of pedestrians. Recorded once, not measured

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeVar, 
 if TYPE_CHECKING:
     from torch import nn
 
+    from crowdbench.scenario.scenario import Scenario
     from crowdbench.train.checkpoint import State
 
 SCENARIO = "circle_crossing_mixed"
@@ -45,6 +46,11 @@ def option(
     """
     metadata = {"help": help, "least": least, "always": always, "pairs": pairs}
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def describe_scenario(scenario: Scenario) -> dict[str, Any]:
+    """What a card says of a scenario: its name, its digest and all its keys."""
+    return {"name": scenario.name, "digest": scenario.digest, **scenario.table}
 
 
 class CardText(NamedTuple):

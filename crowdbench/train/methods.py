@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from crowdbench.networks import card as cards
+from crowdbench.train.driving_requests import PPORequest, ValueRequest
 from crowdbench.train.method import Request
-from crowdbench.train.requests import PPORequest, SocialGANRequest, ValueRequest
+from crowdbench.train.social_gan_request import SocialGANRequest
 from crowdbench.utils.errors import InputError, find_named
 
 METHODS: dict[str, type[Request]] = {
