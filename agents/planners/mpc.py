@@ -5,7 +5,8 @@ Programming Computation 11, 2019. Wächter and Biegler, "On the implementation o
 algorithm for large-scale nonlinear programming", Mathematical Programming 106, 2006.
 """
 
-from crowdbench.planners.mpc import TERMS, MPCPlanner, Terms
+from crowdbench.planners.mpc import MPCPlanner
+from crowdbench.planners.mpc_program import TERMS, Terms
 from crowdbench.predict.load import load_predictor
 
 
