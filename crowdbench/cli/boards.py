@@ -6,7 +6,7 @@ import contextlib
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -111,20 +111,32 @@ def submit(
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message), _exit_on_unfinished(), progress(cases, f"of {cases} public cases") as tell:
         entry, failed = submit_planner(submission, root, work, tell, own)
+    _say_entry(entry, failed, rules.spec.public_cases, root)
+
+
+def _say_entry(entry: Entry, failed: Mapping[str, str], cases: int, root: Path) -> None:
+    """Say what an entry reports, in which season it is verified, and what to do next.
+
+    Args:
+        entry: The entry that was made.
+        failed: Why a scenario cannot be driven, by its name.
+        cases: The public cases of each scenario.
+        root: The folder of boards.
+    """
     for scenario, reason in failed.items():
         say(f"{scenario}: counts 0, because it cannot be driven: {reason}")
     if entry.spec.privileged:
         say("the planner is privileged: it is shown, and has no rank")
     for scenario, metrics in entry.spec.reported.items():
-        say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {rules.spec.public_cases} cases")
+        say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {cases} cases")
     say(
-        f"made {entry.directory}. {_say_season(rules.name, root)} Next:\n"
+        f"made {entry.directory}. {_describe_season(entry.spec.board, root)} Next:\n"
         f"  crowdbench verify {entry.directory}   runs it again on cases that nobody knows\n"
         "  then open a pull request with this folder: see docs/boards.md"
     )
 
 
-def _say_season(board: str, root: Path) -> str:
+def _describe_season(board: str, root: Path) -> str:
     """In which season an entry that is made now is verified."""
     from crowdbench.boards.season import SEASON, read_season
 

@@ -71,18 +71,7 @@ def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Sc
     _refuse_limits_of_others(table.get("vehicle", {}), top.vehicle.dynamics, file.at("vehicle"))
     vehicle = parse_table(vehicle_spec(top.vehicle.dynamics), table.get("vehicle", {}), file.at("vehicle"))
     rules = _rules(top, vehicle, file.at("vehicle"))
-    # Not by `max_steps`, which a tiny dt makes infinite.
-    if top.time_limit - 1.0 > (MAX_STEPS - 1) * top.dt:
-        right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
-        raise file.at("dt").wrong(repr(top.dt), right)
-    if top.seed and top.crowdnav_cases:
-        raise InputError(
-            f"{source}: seed is {top.seed}, which changes no test case below crowdnav_cases = {top.crowdnav_cases}, "
-            "because these are drawn with CrowdNav's seeds: set crowdnav_cases = 0 too"
-        )
-    if top.crowdnav_cases and top.pedestrians.clear_space:
-        right = "left out where crowdnav_cases is not 0: those cases start as in CrowdNav"
-        raise file.at("pedestrians", "clear_space").wrong("given", right)
+    _check_combinations(top, file)
     with file.at("layout", "generator").named():
         generator, layout, layout_file = load.layout(top.layout.generator)
         options_of_layout = layout_spec(layout)
@@ -128,6 +117,22 @@ def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Sc
         policies={policy: each.policy for policy, each in policies.items()},
         table=complete,
     )
+
+
+def _check_combinations(top: ScenarioSpec, file: Location) -> None:
+    """Raise InputError where keys of a scenario exclude each other, each of which is possible alone."""
+    # Not by `max_steps`, which a tiny dt makes infinite.
+    if top.time_limit - 1.0 > (MAX_STEPS - 1) * top.dt:
+        right = f"large enough for an episode of time_limit to end within {MAX_STEPS} steps"
+        raise file.at("dt").wrong(repr(top.dt), right)
+    if top.seed and top.crowdnav_cases:
+        raise InputError(
+            f"{file.file}: seed is {top.seed}, which changes no test case below crowdnav_cases = {top.crowdnav_cases}, "
+            "because these are drawn with CrowdNav's seeds: set crowdnav_cases = 0 too"
+        )
+    if top.crowdnav_cases and top.pedestrians.clear_space:
+        right = "left out where crowdnav_cases is not 0: those cases start as in CrowdNav"
+        raise file.at("pedestrians", "clear_space").wrong("given", right)
 
 
 def _layout_starts(layout: LayoutCall, crowdnav_cases: int) -> LayoutStarts:
