@@ -9,10 +9,11 @@ import pytest
 from boards import card, make_key
 from typer.testing import CliRunner
 
+from crowdbench.boards.baselines import find_entry
 from crowdbench.boards.board import read_board
 from crowdbench.boards.entry import read_entry
 from crowdbench.boards.season import read_season
-from crowdbench.boards.shipped import to_verify
+from crowdbench.boards.shipped import to_submit, to_verify
 from crowdbench.boards.signature import find_signer, is_signed, sign
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.verdict import RULES, Unverified, read_verification
@@ -230,3 +231,13 @@ def test_fill_says_what_it_costs_and_what_it_took(root, key, tmp_path, monkeypat
     (root / "small" / "baselines.zip").unlink()
     said = CliRunner().invoke(app, command).output
     assert "entry: orca on small, the first of 1, which take about 0.0 minutes here" in said
+
+
+def test_fill_enters_a_planner_again_whose_files_are_others_until_its_entry_is_frozen(root, tmp_path):
+    (root / "shipped.toml").write_text('[[shipped]]\nname = "orca"\nplanner = "orca"\n')
+    board, work = read_board(root / "small"), tmp_path / "work"
+    file = find_entry(root / "small" / "entries" / "orca") / "entry.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"package_files": {"orca.py": "0" * 64}}))
+    assert to_submit(board, root, work) == []
+    (root / "frozen.json").unlink()
+    assert [each.title for each in to_submit(board, root, work)] == ["orca on small"]

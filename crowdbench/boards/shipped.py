@@ -13,10 +13,10 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from crowdbench.boards.baselines import entry_folders, pack
+from crowdbench.boards.baselines import pack
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import MAINTAINERS
-from crowdbench.boards.planner_files import package_files
+from crowdbench.boards.planner_files import describe_change, package_files
 from crowdbench.boards.run_entry import EntryRun
 from crowdbench.boards.season import Season, freeze, read_season
 from crowdbench.boards.standings import read_entries
@@ -68,11 +68,18 @@ class Job:
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """Entries of planners that ship which a board does not have yet; `root` and `work` as for `submit`.
+    """Entries of planners that ship which a board lacks, or has of other files if they are not frozen yet.
 
-    Raises InputError where `shipped.toml` is missing or wrong.
+    Args:
+        board: The board.
+        root: As for `submit`.
+        work: As for `submit`.
+
+    Raises:
+        InputError: `shipped.toml` is missing or wrong, or an entry is not as it must be.
     """
-    jobs, entered = [], {folder.name for folder in entry_folders(root / board.name)}
+    jobs, is_frozen = [], board.name in read_season(root).frozen
+    entered = {each.name for each in read_entries(board, root) if is_frozen or not describe_change(each.spec)}
     for spec in parse_table(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped:
         is_elsewhere = board.name in spec.not_on or (spec.only_on and board.name not in spec.only_on)
         if is_elsewhere or spec.name in entered:
