@@ -16,7 +16,30 @@ from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verification import verify
 from crowdbench.cli import app
+from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
+
+TWO_SCENES = BOARD.replace("version = 1", "version = 1\nrecorded = true").replace(
+    '["circle_crossing_5"]', '["eth_reactive", "hotel_reactive"]'
+)
+
+NOT_TRAINED_ON_THE_SCENE = """
+from crowdbench import Planner
+
+class Careful(Planner):
+    facts = {"network": "mine"}
+
+    def unseen(self, scene):
+        other = Careful()
+        other.facts = {"network": "mine", "weights": f"all but {scene}"}
+        return other
+
+    def plan(self, obs):
+        return 0.1 * (obs.vehicle.local_goal - obs.vehicle.position)
+
+def planner():
+    return Careful()
+"""
 
 RECORDED = BOARD.replace("version = 1", "version = 1\nrecorded = true").replace("circle_crossing_5", "eth_reactive")
 
@@ -90,3 +113,21 @@ def test_pages_show_no_tracks(root, tmp_path):
     text = (tmp_path / "small" / "entries" / "orca.html").read_text()
     assert "the tracks are not ours to publish" in text
     assert "<svg" not in text.split("Failures")[-1]
+
+
+@pytest.mark.slow
+def test_a_planner_has_other_weights_in_each_scene_and_is_verified(shared, tmp_path):
+    board = write_board(tmp_path / "boards", text=TWO_SCENES).with_data(shared / "data" / "eth_ucy")
+    (tmp_path / "careful.py").write_text(NOT_TRAINED_ON_THE_SCENE)
+    (tmp_path / "card.toml").write_text(card())
+    submission = Submission(board, "careful", str(tmp_path / "careful.py"), {}, [], tmp_path / "card.toml", "Ada")
+    entry, failed = submit(submission, tmp_path / "boards", tmp_path / "work")
+    assert failed == {}
+    assert entry.spec.facts == {
+        "network": "mine",
+        "eth_reactive/weights": "all but eth",
+        "hotel_reactive/weights": "all but hotel",
+    }
+    assert entry.spec.facts_in("hotel_reactive") == {"network": "mine", "weights": "all but hotel"}
+    found = verify(entry, board, work=tmp_path / "work", cases=Cases("test", 0, 2))
+    assert (found.verdict, found.reason[:20]) == ("re-run", "the recorded command")

@@ -98,7 +98,8 @@ class EntrySpec(Record):
         planner: As `crowdbench run --planner` takes it, relative to the entry.
         package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
         package_files: For such a planner, the sha256 of the Python files that it consists of, by path.
-        facts: What the planner says of itself beyond its options, such as the digest of its weights.
+        facts: What the planner says of itself beyond its options, such as the digest of its weights. What it does not
+            say in all scenarios alike is named `<scenario>/<fact>`: among recorded people it may have other weights.
         options: The planner's options; files are relative to the entry.
         networks: The options in which other networks of the same method differ, trained with other seeds.
         privileged: Whether the planner uses what no vehicle could see.
@@ -122,6 +123,28 @@ class EntrySpec(Record):
     environment: dict[str, str]
     files: dict[str, Sha256]
     reported: Figures
+
+    def facts_in(self, scenario: str) -> dict[str, str]:
+        """What the planner says of itself in one of the scenarios that it drives."""
+        others = tuple(f"{name}/" for name in self.reported)
+        own = f"{scenario}/"
+        return {
+            name.removeprefix(own): fact
+            for name, fact in self.facts.items()
+            if name.startswith(own) or not name.startswith(others)
+        }
+
+
+def join_facts(facts: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """The `facts` of an entry: what a planner says of itself in each scenario, by the scenario's name."""
+    first, *others = facts.values()
+    common = {name: fact for name, fact in first.items() if all(each.get(name) == fact for each in others)}
+    return common | {
+        f"{scenario}/{name}": fact
+        for scenario, own in facts.items()
+        for name, fact in own.items()
+        if name not in common
+    }
 
 
 @dataclass(frozen=True)

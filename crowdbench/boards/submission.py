@@ -24,6 +24,7 @@ from crowdbench.boards.entry import (
     check_networks,
     check_submitter,
     file_digests,
+    join_facts,
     read_entry,
     write_entry,
 )
@@ -206,7 +207,7 @@ def _copy(submission: Submission, folder: Path) -> tuple[str, dict[str, Any], li
 def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]]) -> EntrySpec:
     """The contents of `entry.json` for an entry whose other files are there."""
     board, folder = run.board, run.folder
-    first = read_result(folder / PUBLIC / driven_scenarios(board, folder / PUBLIC)[0])
+    results = {name: read_result(folder / PUBLIC / name) for name in driven_scenarios(board, folder / PUBLIC)}
     return EntrySpec(
         format=SCHEMA,
         board=board.name,
@@ -216,10 +217,10 @@ def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]])
         planner=run.planner,
         package=package(run.planner),
         package_files=package_files(run.planner),
-        facts=first.get("planner_facts", {}),
+        facts=join_facts({name: result.get("planner_facts", {}) for name, result in results.items()}),
         options=dict(run.options),
         networks=networks,
-        privileged=bool(first.get("privileged")),
+        privileged=any(result.get("privileged") for result in results.values()),
         environment=read_versions(),
         files=file_digests(folder),
         reported=read_figures(board, folder / PUBLIC),

@@ -247,7 +247,7 @@ def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> s
                 "replan_every": board.replanning.every,
                 "options": entry.spec.options,
                 "privileged": entry.spec.privileged,
-                "planner_facts": entry.spec.facts,
+                "planner_facts": entry.spec.facts_in(scenario.name),
                 **board.replanning.settings,
             }
             for key, value in request.items():
@@ -284,7 +284,8 @@ def _judge(entry: Entry, run: EntryRun) -> tuple[Verdict, str]:
     """The verdict on an entry whose planner has driven, and why."""
     for name in driven_scenarios(run.board, run.out):
         result = read_result(run.out / name)
-        if (result.get("planner_facts"), result.get("privileged")) != (entry.spec.facts, entry.spec.privileged):
+        expected = entry.spec.facts_in(name), entry.spec.privileged
+        if (result.get("planner_facts"), result.get("privileged")) != expected:
             return Verdict.REFUSED, f"{name}: the planner says other facts of itself than as entered"
     public, other = read_episodes(run.board, entry.public), read_episodes(run.board, run.out)
     if doubts := lower_than_claimed(public, {name: other[name] for name in public}):
