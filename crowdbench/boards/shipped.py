@@ -68,7 +68,7 @@ class Job:
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """Entries of planners that ship which a board lacks, or has of other files if they are not frozen yet.
+    """Entries of planners that ship which a board lacks, or, until it is frozen, which were made of other files.
 
     Args:
         board: The board.
