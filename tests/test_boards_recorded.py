@@ -20,8 +20,9 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
 TWO_SCENES = BOARD.replace("version = 1", "version = 1\nrecorded = true").replace(
-    '["circle_crossing_5"]', '["eth_reactive", "hotel_reactive"]'
+    "public_cases = 8", "public_cases = 2"
 )
+TWO_SCENES = TWO_SCENES.replace('["circle_crossing_5"]', '["eth_reactive", "hotel_reactive"]')
 
 NOT_TRAINED_ON_THE_SCENE = """
 from crowdbench import Planner
