@@ -29,7 +29,8 @@ networks and other cases. SCT is success weighted by completion time. "imposed d
 of a case together lose to the vehicle, where they see it. "rules" is the version of the rules by which an entry was
 verified: see [docs/errata.md](../docs/errata.md). "decision" is the 99th percentile of the time for a decision in one
 world, on one core of the machine of reference. An asterisk marks the Pareto set: no ranked entry succeeds more often
-and is quicker.
+and is quicker. Entries that are "reported only" have no rank: their figures are those of their authors, of the public
+cases.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.

@@ -68,7 +68,7 @@ class Job:
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """Entries of planners that ship which a board lacks, or, until it is frozen, which were made of other files.
+    """The planners that ship and are not on a board yet, or there with other files while its entries are not frozen.
 
     Args:
         board: The board.

@@ -123,8 +123,9 @@ class Standings:
 
     @property
     def shown(self) -> Sequence[str]:
-        """The metrics that are shown beside success: those that any entry has."""
-        return [name for name in SHOWN if any(np.isfinite(one.figures[name].mean) for one in self.entries)]
+        """The metrics that are shown beside success: those that any ranked entry has, or any at all without ranks."""
+        seen = self.ranked or self.others
+        return [name for name in SHOWN if any(np.isfinite(one.figures[name].mean) for one in seen)]
 
     @property
     def has_methods(self) -> bool:
