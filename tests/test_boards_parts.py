@@ -10,6 +10,7 @@ from crowdbench.boards.board_means import over_board, success_by_family
 from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
 from crowdbench.boards.method import range_over_networks, rank_methods
 from crowdbench.boards.skeleton import write_skeleton
+from crowdbench.boards.standings import SHOWN, Standings
 from crowdbench.boards.submission import Submission, check_card, read_card, rehearse
 from crowdbench.boards.verdict import Method, Range
 from crowdbench.catalog import load_planner
@@ -172,3 +173,12 @@ def test_a_rehearsal_makes_no_entry(tmp_path):
     assert not (board_folder := tmp_path / "small" / "entries").exists(), board_folder
     with pytest.raises(InputError, match="there is no card"):
         rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "no.toml", "Ada"), tmp_path / "work")
+
+
+def test_a_board_shows_the_metrics_of_its_ranked_entries():
+    def entry(*names):
+        return SimpleNamespace(figures={name: Estimate(0.1 if name in names else np.nan, 0, 1, 5, 1) for name in SHOWN})
+
+    old, new = entry("sct", "jerk"), entry("sct", "jerk", "at_fault_rate")
+    assert Standings(None, "", [old], [new], []).shown == ["sct", "jerk"]
+    assert Standings(None, "", [], [old, new], []).shown == ["at_fault_rate", "sct", "jerk"]
