@@ -218,11 +218,17 @@ def test_the_citation_file_has_the_version_of_the_project():
 
 
 def test_the_readme_shows_the_board_as_it_is():
-    section = (ROOT / "README.md").read_text().split("## Leaderboards")[1].split("\n## ")[0]
-    rows = [line for line in section.splitlines() if line.startswith("| ")]
-    board = (ROOT / "leaderboards" / "README.md").read_text().split("## Five pedestrians")[1].split("\n## ")[0]
-    assert len(rows) > 3
-    assert set(rows) <= set(board.splitlines())
+    shown, board = (
+        [row.strip("| ").split(" | ") for row in re.findall(r"^\| .*", section, re.MULTILINE)]
+        for section in (
+            (ROOT / "README.md").read_text().split("\n## Leaderboards")[1].split("\n## ")[0],
+            (ROOT / "leaderboards" / "README.md").read_text().split("\n## Five pedestrians")[1].split("\n## ")[0],
+        )
+    )
+    columns = [board[0].index(name) for name in shown[0]]
+    ranked = [row for row in board[2:] if row[0][0].isdigit()]
+    assert len(ranked) > 3
+    assert shown[2:] == [[row[column] for column in columns] for row in ranked]
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from crowdbench.cli import app
+from crowdbench.cli import COMMANDS, app
 from crowdbench.record import viewer
 
 ROOT = Path(__file__).parent.parent
@@ -64,6 +64,11 @@ def test_every_command_that_is_shown_is_one(page, arguments):
         found = found.commands[rest.pop(0)]
     options = {option for parameter in found.params for option in (*parameter.opts, *parameter.secondary_opts)}
     assert [one for one in rest if one.startswith("--") and one.partition("=")[0] not in {*options, "--help"}] == []
+
+
+def test_the_page_of_commands_has_all_of_them():
+    page = (ROOT / "docs" / "commands.md").read_text()
+    assert [name for name in COMMANDS if f"`crowdbench {name}" not in page] == []
 
 
 def shorter(arguments):

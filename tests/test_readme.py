@@ -128,13 +128,13 @@ def test_the_policy_of_crowdnav_in_the_docs_drives(tmp_path, monkeypatch):
 
 COMMANDS = [
     command
-    for command in re.findall(r"`crowdbench (run [^`]*)`", (ROOT / "README.md").read_text())
-    if "weights=runs" not in command
+    for page in ("README.md", "docs/commands.md")
+    for command in re.findall(r"`crowdbench (run [^`]*)`", (ROOT / page).read_text())
 ]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_the_runs_of_the_readme_run(command, monkeypatch, tmp_path, capsys):
+def test_the_runs_that_are_shown_run(command, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(blocks("README.md")[0])
     app([*command.split(), "--cases", "val:3", "--record", "none"], standalone_mode=False)
