@@ -1,6 +1,7 @@
 """Ladders: simulated futures, the command, and its figure."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.study.ladder.futures import AWAY, Simulated
+from crowdbench.utils.errors import InputError
 
 STEPS = 12
 
@@ -97,6 +99,24 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
     file.write_text("{}")
     result = CliRunner().invoke(app, ["plot", "ladder", str(file), "--out", str(figure)])
     assert "is not what `crowdbench ladder` writes" in str(result.exception)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["own.toml", "own.toml"], "scenarios is .*own.toml.*, but must be a list of texts in quotes, none of them twice"),
+        (["own.toml", "other/own.toml"], "scenarios is own, own, but must be scenarios of different names"),
+        (["own.toml", "--cases", "many"], "'many' are not a range of cases"),
+        (["own.toml", "--planner", "nobody"], "no planner is called 'nobody'"),
+    ],
+)
+def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for place in ("own.toml", "other/own.toml"):
+        Path(place).parent.mkdir(exist_ok=True)
+        Path(place).write_text('[layout]\ngenerator = "circle_crossing"\n[pedestrians]\nnumber = 2\n')
+    with pytest.raises(InputError, match=sentence):
+        app(["ladder", *arguments], standalone_mode=False)
 
 
 def test_certificates_are_counted_among_all_cases(tmp_path):

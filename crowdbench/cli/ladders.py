@@ -73,14 +73,13 @@ def ladder(
         out: Folder that keeps the runs, and a file for `crowdbench plot ladder` for each scenario.
     """
     use_threads(None if is_on_ray(on) else threads)
-    from crowdbench.scenario.cases import Cases
     from crowdbench.study.ladder.table import CANDIDATES, LaddersTable
-    from crowdbench.study.schema import CrowdPlannerSpec, LaddersSpec
-    from crowdbench.utils.toml import Location
+    from crowdbench.study.schema import LaddersSpec
+    from crowdbench.utils.toml import Location, parse_table
 
-    planners = [CrowdPlannerSpec(planner=name) for name in planner] if planner else CANDIDATES
-    spec = LaddersSpec(title="Ladders", planners=planners, scenarios=scenarios, cases=Cases.parse(cases))
-    table = LaddersTable.of(spec, Location("ladder"))
+    planners = [{"planner": name} for name in planner] if planner else CANDIDATES
+    asked = {"title": "Ladders", "planners": planners, "scenarios": scenarios, "cases": cases}
+    table = LaddersTable.of(parse_table(LaddersSpec, asked, Location("ladder")), Location("ladder"))
     make_runs(table.runs, out, None, on, threads)
     make_runs(table.second(out), out, None, on, threads)
     found = table.fill(out).ladders

@@ -176,10 +176,14 @@ class LaddersTable:
             location: Where in a file.
 
         Raises:
-            InputError: A scenario or a planner does not exist.
+            InputError: A scenario or a planner does not exist, or two scenarios have the same name.
         """
         with location.named():
-            return cls(spec.title, [Ladder.of(name, spec) for name in spec.scenarios])
+            ladders = [Ladder.of(name, spec) for name in spec.scenarios]
+        names = [ladder.scenario.name for ladder in ladders]
+        if len(set(names)) < len(names):
+            raise location.at("scenarios").wrong(", ".join(names), "scenarios of different names")
+        return cls(spec.title, ladders)
 
     @property
     def runs(self) -> list[Run]:
