@@ -104,7 +104,7 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["own.toml", "own.toml"], "scenarios is .*own.toml.*, but must be a list of texts in quotes, none of them twice"),
+        (["own.toml", "own.toml"], "scenarios is .*own.toml.*, but must be a list of texts .* none of them twice"),
         (["own.toml", "other/own.toml"], "scenarios is own, own, but must be scenarios of different names"),
         (["own.toml", "--cases", "many"], "'many' are not a range of cases"),
         (["own.toml", "--planner", "nobody"], "no planner is called 'nobody'"),
