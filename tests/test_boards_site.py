@@ -305,4 +305,3 @@ def test_numbers_are_written_with_their_digits():
     assert texts.number(-0.001) == "0.00"
     assert texts.number(-0.5) == "\N{MINUS SIGN}0.50"
     assert texts.number(np.nan) == texts.metric(None, "jerk") == texts.NOTHING
-    assert [texts.p_text(p) for p in (1e-9, 0.0312, 0.5, 1.0)] == ["p < 0.001", "p = 0.031", "p = 0.50", "p = 1.00"]

@@ -44,8 +44,7 @@ def build(root: Path, out: Path, names: Collection[str]) -> int:
         boards = [standings(board, read_entries(board, root), season) for board in chosen]
         seeds = {found.board.name: _find_seed(season, found.board) for found in boards}
         shutil.copyfile(STYLE, folder / STYLE.name)
-        groups = tables.board_groups(boards)
-        _write(folder / INDEX, templates, "index.html", top="", boards=boards, seeds=seeds, groups=groups)
+        _write(folder / INDEX, templates, "index.html", top="", boards=boards, seeds=seeds)
         for found in boards:
             _write_board(folder / found.board.name, templates, found, seeds[found.board.name])
     return 1 + sum(1 + len(found.entries) for found in boards)

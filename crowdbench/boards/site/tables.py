@@ -1,10 +1,8 @@
-"""What the tables of the pages hold: success on an axis, tests of pairs, who fails where, and how boards agree."""
+"""What the tables of the pages hold: success on an axis, tests of pairs, and who fails where."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,15 +17,6 @@ MOST_CASES = 80
 """The most cases that are shown: those in which most entries fail."""
 
 SUCCESS, COLLISION, TIMEOUT, UNDRIVEN = "", "C", "T", NOTHING
-
-SAME_BUT_PEDESTRIANS = ("five", "visible", "gaussian", "social_force", "square")
-"""The boards with five pedestrians each, who move by another model, other parameters, or between other places."""
-
-SUITE = "suite"
-"""The only family of the boards of the suite."""
-
-FEWEST = 4
-"""With fewer entries in common, a correlation of ranks says nothing."""
 
 
 def success_axis(table: Standings) -> float:
@@ -113,80 +102,3 @@ def _outcomes(one: Standing) -> Shaped[np.ndarray, "case"]:
     """The letter of the outcome of each case."""
     letters = {"success_rate": SUCCESS, "collision_rate": COLLISION, "timeout_rate": TIMEOUT}
     return np.select([one.columns[name].ravel() == 1.0 for name in letters], [*letters.values()], UNDRIVEN)
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """Kendall's tau of two boards.
-
-    Attributes:
-        tau: From -1, the reverse order, to 1, the same order; NaN where it is not defined: with too few entries, or
-            where all succeed equally often.
-        p: The p-value of the hypothesis that the two orders have nothing to do with each other.
-        n: How many entries the boards have in common.
-    """
-
-    tau: float
-    p: float
-    n: int
-
-    @property
-    def is_known(self) -> bool:
-        """Whether tau is defined."""
-        return math.isfinite(self.tau)
-
-
-@dataclass(frozen=True)
-class BoardGroup:
-    """Boards that are compared with each other.
-
-    Attributes:
-        question: What the comparison asks.
-        boards: The boards.
-        taus: Kendall's tau by the names of two boards, in both orders.
-    """
-
-    question: str
-    boards: Sequence[Standings]
-    taus: Mapping[tuple[str, str], Agreement]
-
-    @property
-    def known(self) -> Sequence[float]:
-        """The taus of all pairs of boards for which there is one."""
-        return [one.tau for (a, b), one in self.taus.items() if a < b and one.is_known]
-
-
-def board_groups(each: Sequence[Standings]) -> list[BoardGroup]:
-    """The boards that differ only in the pedestrians, and those of the suite, with the agreement of each two."""
-    by_name = {table.board.name: table for table in each}
-    same = [by_name[name] for name in SAME_BUT_PEDESTRIANS if name in by_name]
-    suite = [table for table in each if list(table.board.spec.families) == [SUITE]]
-    questions = {"Do rankings agree across pedestrian models?": same, "Do rankings agree across the suite?": suite}
-    return [
-        BoardGroup(
-            question,
-            boards,
-            {(a.board.name, b.board.name): _agreement(a, b) for a in boards for b in boards if a is not b},
-        )
-        for question, boards in questions.items()
-    ]
-
-
-def _agreement(a: Standings, b: Standings) -> Agreement:
-    from scipy.stats import kendalltau
-
-    first, second = _comparable_successes(a), _comparable_successes(b)
-    common = sorted(first.keys() & second.keys())
-    if len(common) < FEWEST:
-        return Agreement(math.nan, math.nan, len(common))
-    correlation = kendalltau([first[who] for who in common], [second[who] for who in common])
-    return Agreement(float(correlation.statistic), float(correlation.pvalue), len(common))
-
-
-def _comparable_successes(table: Standings) -> dict[tuple[str, str], float]:
-    """The success of the measured entries of a board that use only what a vehicle can see, by submitter and name."""
-    return {
-        (one.entry.spec.submitted_by, one.entry.name): one.figures["success_rate"].mean
-        for one in table.entries
-        if one.is_measured and not one.entry.spec.privileged and not one.entry.card.ablation
-    }

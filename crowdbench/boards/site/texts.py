@@ -51,11 +51,6 @@ def milliseconds(value: float) -> str:
     return number(value, 0 if value >= 99.5 else 1 if value >= 9.95 else 2)
 
 
-def p_text(p: float) -> str:
-    """A p-value."""
-    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}" if p < 0.0995 else f"p = {p:.2f}"
-
-
 def sortable(value: float | None) -> str:
     """A number for the script that sorts; empty where it is undefined."""
     return "" if value is None or not math.isfinite(value) else f"{value:.9g}"
@@ -104,5 +99,5 @@ METRICS_SAY = {
 MANNERS = ("at_fault_rate", "intimate_zone", "imposed_delay", "jerk")
 """The metrics of manners, which stand with their intervals."""
 
-FILTERS = number, metric, milliseconds, p_text, sortable, shorten, web_address, options_text
+FILTERS = number, metric, milliseconds, sortable, shorten, web_address, options_text
 """What the templates apply to values, each by its own name."""
