@@ -1,4 +1,4 @@
-"""The planners that ship are entered on every board: their entries and verifications lie in one file of each board.
+"""The planners that ship are entered by the maintainers: their entries and verifications lie in one file of each board.
 
 leaderboards/<board>/baselines.zip    entries/<name>/... and verifications/<name>/...
 """

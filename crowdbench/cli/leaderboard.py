@@ -90,7 +90,7 @@ def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
     from crowdbench.boards.season import TooEarly
     from crowdbench.boards.shipped import freeze_entries, pack_entries, to_submit, to_verify
 
-    say(f"{board.name}: each planner drives a few cases first, which tells how long all of it takes; kept in {work}")
+    say(f"{board.name}: measuring how long a case takes each planner; kept in {work}")
     if not do_all(functools.partial(to_submit, board, root, work), "entry"):
         say(f"{board.name}: other processes are making the last entries")
         return
