@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Shaped
 
 from crowdbench.utils.compiled import njit
 
@@ -39,21 +39,23 @@ def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], C
     return njit(error_model="numpy")(loop), in_turn
 
 
-def per_agent(value: float | np.ndarray) -> Float[np.ndarray, "_ _"]:
+def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> Shaped[np.ndarray, "_ _"]:
     """A number for all agents, or an array `[world]` or `[world, agent]`, in the form in which `at` reads it.
 
-    An axis of length 1 holds one value for all.
+    Args:
+        value: The number or the array. An axis of length 1 holds one value for all.
+        dtype: What the result holds: a kernel is compiled for each kind of array that it is given.
     """
     if not isinstance(value, np.ndarray):
-        return _number(value)
-    array: np.ndarray = np.ascontiguousarray(value, np.float64)
+        return _number(value, dtype)
+    array: np.ndarray = np.ascontiguousarray(value, dtype)
     return array if array.ndim == 2 else array.reshape(-1, 1)
 
 
 @functools.cache
-def _number(value: float) -> Float[np.ndarray, "1 1"]:
+def _number(value: float, dtype: type) -> Shaped[np.ndarray, "1 1"]:
     # Cached, because making this array takes as long as a kernel does for one world.
-    return np.full((1, 1), value, np.float64)
+    return np.full((1, 1), value, dtype)
 
 
 @no_type_check

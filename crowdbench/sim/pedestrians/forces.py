@@ -124,7 +124,8 @@ def compile_model(force: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
                         continue
                     limit, tau = speeds[w, i], max(own[i, 0], TINY)
                     desired = desired_velocity(x[i], goal[i], limit)
-                    fx, fy, share = force(i, x, v, desired, radius, counts, own[i], walls, w, noise, group)
+                    # The index of a prange is unsigned, and would have the model compiled a second time.
+                    fx, fy, share = force(i, x, v, desired, radius, counts, own[i], walls, np.int64(w), noise, group)
                     # The exact solution for constant forces. Explicit Euler steps of 0.05 s would act like a
                     # relaxation time 5 % shorter.
                     gain = 1.0 - math.exp(-h / tau)

@@ -83,12 +83,15 @@ def orca_velocities(
     agents = tuple(map(np.ascontiguousarray, (position, velocity, preferred_velocity, radius, max_speed)))
     visible, mobile = (_EVERYBODY if each is None else np.ascontiguousarray(each) for each in (seen, moves))
     walls = _NO_OBSTACLES if obstacles is None else np.ascontiguousarray(obstacles)
-    limits = neighbor_distance, max_neighbors, time_horizon, time_horizon_obst, line_of_sight
+    # The whole numbers as those of scenarios are, so that the same compiled kernels serve both.
+    neighbors_avoided, only_visible = (per_agent(each, np.int64) for each in (max_neighbors, line_of_sight))
+    distance, horizon, horizon_obst = map(per_agent, (neighbor_distance, time_horizon, time_horizon_obst))
     # Asked here too, because the call alone takes 4 % of a step of 6 agents.
     cells = None if radius.shape[1] < neighbors.CELLS_FROM else neighbors.cells_of(agents[0], visible)
     out = np.empty((*radius.shape, 2))
     compute = orca_parallel if radius.size >= PARALLEL_AGENTS else orca_serial
-    compute(cells, out, *agents, visible, mobile, time_step, walls, *map(per_agent, limits))
+    limits = distance, neighbors_avoided, horizon, horizon_obst, only_visible
+    compute(cells, out, *agents, visible, mobile, time_step, walls, *limits)
     return out
 
 
