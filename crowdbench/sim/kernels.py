@@ -39,6 +39,11 @@ def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], C
     return njit(error_model="numpy")(loop), in_turn
 
 
+def plain(array: np.ndarray) -> np.ndarray:
+    """The array, or a copy of it, that lies in order and can be written: for other kinds a kernel is compiled again."""
+    return array if array.flags.carray else array.copy()
+
+
 def per_agent(value: float | np.ndarray, dtype: type = np.float64) -> Shaped[np.ndarray, "_ _"]:
     """A number for all agents, or an array `[world]` or `[world, agent]`, in the form in which `at` reads it.
 
