@@ -16,6 +16,7 @@ from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict, read_verification
 from crowdbench.boards.verification import verify
+from crowdbench.cli import app
 from crowdbench.cli.leaderboard import do_all
 from crowdbench.runs.shards import Shard
 from crowdbench.utils.errors import InputError
@@ -105,6 +106,14 @@ def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, seaso
     assert not list((tmp_path / "work").glob("verify-*"))
     with pytest.raises(InUse, match="was verified in the season first before"):
         verify(entry_of(root), **command, shard=Shard(2, 2))
+
+
+def test_a_shard_that_leaves_the_rest_to_others_exits_with_0(root, made, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("crowdbench.boards.run_entry.BATCH", 5)
+    files = [f"--key={made / 'key_of_tester'}", f"--work={tmp_path / 'work'}"]
+    arguments = ["verify", str(unverified(root).directory), "--season", "--shard=2/2", *files]
+    assert app(arguments, standalone_mode=False) == 0
+    assert "whoever ends last goes on" in capsys.readouterr().err
 
 
 def test_shards_share_a_submission(root, tmp_path, monkeypatch):

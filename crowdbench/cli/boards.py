@@ -269,4 +269,4 @@ def _exit_on_unfinished() -> Iterator[None]:
         yield
     except Unfinished as error:
         say(f"crowdbench: {error}")
-        sys.exit(0)
+        raise typer.Exit from None

@@ -39,7 +39,7 @@ def serial_and_parallel(loop: types.FunctionType) -> tuple[Callable[..., Any], C
     return njit(error_model="numpy")(loop), in_turn
 
 
-def plain(array: np.ndarray) -> np.ndarray:
+def writable(array: np.ndarray) -> np.ndarray:
     """The array, or a copy of it, that lies in order and can be written: for other kinds a kernel is compiled again."""
     return array if array.flags.carray else array.copy()
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import World
-from crowdbench.sim.kernels import plain, serial_and_parallel
+from crowdbench.sim.kernels import writable, serial_and_parallel
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit, prange
 
@@ -67,7 +67,7 @@ def to_walkers(
     seen, moves = (np.ones(radius.shape, np.bool_) if each is None else each for each in (seen, moves))
     walls = np.empty((len(radius), 0, 0, 2)) if obstacles is None else obstacles
     positive = np.maximum(preferred_speed, TINY)
-    return Walkers(*map(plain, (position, velocity, goal, radius, positive, seen, moves, walls)))
+    return Walkers(*map(writable, (position, velocity, goal, radius, positive, seen, moves, walls)))
 
 
 def walkers_of(world: World) -> Walkers:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from crowdbench.sim import neighbors
-from crowdbench.sim.kernels import at, per_agent, plain, serial_and_parallel
+from crowdbench.sim.kernels import at, per_agent, writable, serial_and_parallel
 from crowdbench.sim.neighbors import nearest_in_cells, nearest_of_all
 from crowdbench.sim.pedestrians.linear_program import least_violation, nearest_permitted, unit
 from crowdbench.sim.pedestrians.orca_obstacles import EDGE, edge_half_planes, fill_edges, nearest_edges
@@ -80,9 +80,9 @@ def orca_velocities(
     Returns:
         Velocities in m/s; 0 for agents that do not move.
     """
-    agents = tuple(map(plain, (position, velocity, preferred_velocity, radius, max_speed)))
-    visible, mobile = (_EVERYBODY if each is None else plain(each) for each in (seen, moves))
-    walls = _NO_OBSTACLES if obstacles is None else plain(obstacles)
+    agents = tuple(map(writable, (position, velocity, preferred_velocity, radius, max_speed)))
+    visible, mobile = (_EVERYBODY if each is None else writable(each) for each in (seen, moves))
+    walls = _NO_OBSTACLES if obstacles is None else writable(obstacles)
     # The whole numbers as those of scenarios are, so that the same compiled kernels serve both.
     neighbors_avoided, only_visible = (per_agent(each, np.int64) for each in (max_neighbors, line_of_sight))
     distance, horizon, horizon_obst = map(per_agent, (neighbor_distance, time_horizon, time_horizon_obst))
