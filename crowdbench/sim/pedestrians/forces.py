@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.types import World
-from crowdbench.sim.kernels import writable, serial_and_parallel
+from crowdbench.sim.kernels import serial_and_parallel, writable
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.utils.compiled import njit, prange
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from crowdbench.sim import neighbors
-from crowdbench.sim.kernels import at, per_agent, writable, serial_and_parallel
+from crowdbench.sim.kernels import at, per_agent, serial_and_parallel, writable
 from crowdbench.sim.neighbors import nearest_in_cells, nearest_of_all
 from crowdbench.sim.pedestrians.linear_program import least_violation, nearest_permitted, unit
 from crowdbench.sim.pedestrians.orca_obstacles import EDGE, edge_half_planes, fill_edges, nearest_edges
