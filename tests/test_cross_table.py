@@ -14,7 +14,7 @@ def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     for planner in ("orca", "orca_margin", "straight"):
         for scenario in ("circle_crossing_5", "square_crossing_5"):
-            run(planner, scenario, cases="40", out=folder / f"{planner}-{scenario}")
+            run(planner, scenario, cases="40", record="none", out=folder / f"{planner}-{scenario}")
     return sorted(folder.iterdir())
 
 

@@ -62,7 +62,9 @@ def test_an_unknown_render_mode_is_refused(mode):
         parallel_env(render_mode=mode)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "thousand" else name for name in SCENARIOS]
+)
 def test_observations_lie_in_their_finite_space(name):
     env = parallel_env(name)
     space = env.observation_space("vehicle")

@@ -83,7 +83,7 @@ def test_nobody_is_seen_or_a_position_is_not_finite():
     assert cells_of(position, np.ones((1, 1), bool)).size[0, 0] < 0
 
 
-@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("parallel", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_orca_is_the_same_from_cells_in_any_batch(parallel, monkeypatch):
     worlds = [CROWDS[name][:140] for name in ("even", "ties", "two crowds", "a line")]
     position = np.stack(worlds)

@@ -147,6 +147,7 @@ def test_who_overlaps_is_pushed_apart_and_no_more_than_the_bound_allows():
     assert norm(gentle - driven)[0] == pytest.approx(2 * [gain * XI * 2.0])
 
 
+@pytest.mark.slow
 def test_threads_do_not_change_it(monkeypatch):
     rng = np.random.default_rng(1)
     state = rng.uniform(-4, 4, (3, 7, 6, 2))

@@ -72,6 +72,7 @@ def test_in_crowds_of_up_to_a_hundred_all_are_shown_unless_the_scenario_says_oth
     assert with_nearest(obs, shown) is obs
 
 
+@pytest.mark.slow
 def test_a_case_of_thousands_does_not_depend_on_its_batch():
     loaded = scenario()
     together = loaded.worlds(Cases("test", 0, 3))
