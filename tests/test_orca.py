@@ -116,3 +116,12 @@ def test_nobody_is_faster_than_its_maximum():
     taken = np.linalg.norm(orca_velocities(position, velocity, 3 * preferred, radius, limit), axis=-1)
     assert (taken <= limit * (1 + 1e-9)).all()
     assert taken.max() > 1.0
+
+
+def test_read_only_arrays_and_a_limit_have_no_kernel_of_their_own():
+    position, velocity, preferred, radius, speed = scenes(2, 5)
+    orca_velocities(position, velocity, preferred, radius, speed)
+    compiled = len(orca.orca_serial.signatures)
+    speed.flags.writeable = False
+    orca_velocities(position, velocity, preferred, radius, speed, max_neighbors=3, line_of_sight=True)
+    assert len(orca.orca_serial.signatures) == compiled
