@@ -10,7 +10,8 @@ from typing import Any
 
 from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import FilteredPlanner
-from crowdbench.plugins.files import file_digests
+from crowdbench.plugins.code import code_digest
+from crowdbench.plugins.files import file_digests, imports_of
 from crowdbench.plugins.load import ROOT, Kind, file_and_function
 from crowdbench.scenario import layouts
 from crowdbench.scenario import load as scenario_file
@@ -86,6 +87,25 @@ def planner_files(spec: str, options: Mapping[str, Any]) -> dict[str, dict[str, 
     """
     by_option = {f"option {name}": _digest_files(value) for name, value in options.items()}
     return {"planner": PLANNERS.files(spec)} | {name: files for name, files in by_option.items() if files}
+
+
+def planner_code(spec: str, options: Mapping[str, Any]) -> str:
+    """Return the digest of the code of crowdbench that a planner imports, see `plugins.code.code_digest`.
+
+    Args:
+        spec: As `load_planner` takes it.
+        options: The planner's options: what the files that they name import counts too.
+    """
+    modules = PLANNERS.imports(spec).union(*map(_imports_of_files, options.values()))
+    return code_digest(modules | ({"crowdbench.planners.filtered"} if "filter" in options else set()))
+
+
+def _imports_of_files(value: Any) -> set[str]:
+    """Return the modules of crowdbench that the Python files import which the value of an option names."""
+    if isinstance(value, Mapping | list):
+        return set[str]().union(*map(_imports_of_files, value.values() if isinstance(value, Mapping) else value))
+    file = file_and_function(value)[0] if isinstance(value, str) else None
+    return imports_of(file) if file and file.is_file() else set()
 
 
 def _digest_files(value: Any) -> dict[str, str]:

@@ -15,6 +15,7 @@ from crowdbench.metrics.load import RESERVED
 from crowdbench.metrics.summary import Estimate
 from crowdbench.planners.base import Planner
 from crowdbench.runs.compare import Comparison, compare
+from crowdbench.runs.identity import new_key
 from crowdbench.runs.load import load_run
 from crowdbench.runs.results import RECORDING, Episodes, read_estimate
 from crowdbench.runs.rollout import Progress
@@ -82,7 +83,7 @@ class Result:
         run = RunResult.read(Path(directory))
         metrics = {name: read_estimate(found) for name, found in run.result["metrics"].items()}
         scenario = run.result["scenario"]["name"]
-        return cls(run.label, scenario, run.result["cases"], metrics, run.episodes, run.directory)
+        return cls(run.label, scenario, run.result["run"]["cases"], metrics, run.episodes, run.directory)
 
     @property
     def failures(self) -> dict[str, list[int]]:
@@ -152,6 +153,7 @@ def run(
     metrics: Mapping[str, Metric] | None = None,
     data: Path | str | None = None,
     out: Path | str | None = None,
+    key: str | None = None,
     record: str = RECORD[0],
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -168,6 +170,8 @@ def run(
         metrics: Metrics of your own by name: functions of a trace, measured after the built-in ones.
         data: The folder with recorded tracks, where the scenario needs them.
         out: The directory in which the run is kept; None to keep nothing.
+        key: What you call this version of a planner, or of metrics, that you made in Python. An interrupted run goes
+            on only with a key: without one, crowdbench cannot know whether they are the same as before.
         record: Which episodes the viewer can show of a run that is kept, one of `defaults.RECORD`.
         overwrite: Whether an earlier run in `out` is replaced.
         progress: Called after each step with what it added to the episodes, in parts of an episode, such as
@@ -183,6 +187,8 @@ def run(
         raise InputError(f"planner is {planner!r}, but must be a name, a file or a Planner, such as MyPlanner()")
     if options and not isinstance(planner, str):
         raise InputError("options are for a planner that is named: give them to the planner that you construct")
+    if key is not None and isinstance(planner, str) and not metrics:
+        raise InputError("key is for what was made in Python: a planner or metrics; leave it out")
     if taken := [name for name in metrics or {} if name in METRICS or name in RESERVED]:
         raise InputError(f"a column {taken[0]} exists already: give the metric another name")
     spec = RunSpec(
@@ -195,8 +201,10 @@ def run(
         record=record if out is not None else "none",
         data=Path(data).absolute() if data is not None else None,
     )
-    loaded = load_run(spec, None if isinstance(planner, str) else planner)
-    loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **(metrics or {})})
+    loaded = load_run(spec, None if isinstance(planner, str) else planner, key=key)
+    if metrics:
+        own = dataclasses.replace(loaded.planner, key=loaded.planner.key or key or new_key())
+        loaded = dataclasses.replace(loaded, metrics={**loaded.metrics, **metrics}, planner=own)
     loaded.scenario.check_data(spec.data)
     if out is not None:
         make_run(loaded, Path(out), overwrite=overwrite, progress=progress)

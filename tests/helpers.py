@@ -1,6 +1,7 @@
 """Small worlds and traces built by hand."""
 
 import dataclasses
+import json
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from crowdbench.core.types import HISTORY, Outcome, Rules, Trace, World
 from crowdbench.metrics import METRICS
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
+from crowdbench.runs.identity import PlannerId, digest
+from crowdbench.runs.result_file import write_result
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import make_run
@@ -116,11 +119,12 @@ def drive(
     return rollout(Driver(made, name, decision_limit), place, Cases.parse(cases), replanning=replanning)
 
 
-def run_of(planner, scenario, cases, *, metrics=METRICS, origin=None, details=None, **asked):
+def run_of(planner, scenario, cases, *, metrics=METRICS, **asked):
     """A run of a planner, by name or as an object, which is called `mine`; other arguments are those of `RunSpec`."""
     name, made = load_planner(planner) if isinstance(planner, str) else ("mine", planner)
     spec = RunSpec(name, scenario.name, Cases.parse(cases), **asked)
-    return Run(spec, Driver(made, name), scenario, metrics, origin or {}, details or {})
+    key = "" if isinstance(planner, str) else "mine"
+    return Run(spec, Driver(made, name), scenario, metrics, PlannerId(name, spec.options, key=key))
 
 
 MAKING = ("shard", "overwrite", "wait", "drive", "progress")
@@ -130,6 +134,14 @@ def make(out, *run, **settings):
     """Make the run that `run_of` describes; some of the arguments are those of `make_run`."""
     making = {name: settings.pop(name) for name in MAKING if name in settings}
     return make_run(run_of(*run, **settings), out, **making)
+
+
+def reseal(directory, change=lambda result: None):
+    """Change `result.json`, and make its id and the digests of all files fit, as a forger would."""
+    result = json.loads((directory / "result.json").read_text())
+    change(result)
+    result["id"] = digest(result["run"])
+    write_result(directory, result)
 
 
 def with_walkers(velocities, known, *inputs, **options):

@@ -10,7 +10,7 @@ import pytest
 from crowdbench import cli
 from crowdbench.cli import console
 from crowdbench.cli.options import assignments
-from crowdbench.runs.results import read_result
+from crowdbench.runs.result_file import read_result
 from crowdbench.scenario.cases import Cases, parse_case
 from crowdbench.utils.errors import InputError, Interrupted
 from crowdbench.utils.files import new_directory
@@ -181,7 +181,7 @@ def test_an_exception_without_a_readable_message_is_told():
 def test_a_run_without_standard_streams_keeps_its_result(tmp_path):
     command = f"{sys.executable} -m crowdbench run --planner orca --cases 2 --record none --out kept <&- >&- 2>&-"
     assert subprocess.run(["sh", "-c", command], timeout=120).returncode == 0
-    assert read_result(tmp_path / "kept")["cases"] == "test:0:2"
+    assert read_result(tmp_path / "kept")["run"]["cases"] == "test:0:2"
 
 
 def test_what_ascii_lacks_is_printed_as_escapes():

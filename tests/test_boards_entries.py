@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from boards import BOARD, SEASON, card, write_board
+from crowdbench.runs.manifest import MANIFEST
 
 from crowdbench.boards.board import find_board, read_board, read_boards
 from crowdbench.boards.entry import read_entry
@@ -17,7 +18,6 @@ from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict, read_verification
 from crowdbench.boards.verification import verify
 from crowdbench.isolation import sandbox
-from crowdbench.runs.manifest import MANIFEST
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, NotWritten
 from crowdbench.utils.files import sha256

@@ -1,5 +1,7 @@
 """Pedestrian policies with a memory, which the worlds carry."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from helpers import drive, same
@@ -18,6 +20,8 @@ from crowdbench.sim.simulator import crowd_decisions, step
 from crowdbench.utils.errors import InputError
 
 FILE = """
+import dataclasses
+
 import numpy as np
 from crowdbench import PolicyWithMemory
 
@@ -173,3 +177,33 @@ def test_a_bad_memory_gets_one_sentence(tmp_path):
     place = load_scenario("circle_crossing_5", pedestrians=str(path))
     with pytest.raises(InputError, match=r"returned float64 of shape \(1, 5\) as memory\['miles'\], which was nothing"):
         crowd_decisions(place.worlds(Cases.parse("1")), place.policies)
+
+
+class Shy(PolicyWithMemory):
+    """Walks to the goal, more slowly the nearer somebody was at the start."""
+
+    def memory(self, world, parameters):
+        distance = np.linalg.norm(world.position[:, None] - world.position[:, 1:, None], axis=3)
+        away = np.where(world.present[:, None], distance, np.inf)
+        away[:, np.arange(away.shape[1]), np.arange(1, away.shape[1] + 1)] = np.inf
+        return {"pace": np.clip(away.min(axis=2) / 4.0, 0.1, 1.0)}
+
+    def velocities(self, world, parameters, memory):
+        way = world.goal[:, 1:] - world.position[:, 1:]
+        velocity = way / np.maximum(np.linalg.norm(way, axis=2, keepdims=True), 1.0)
+        return velocity * memory["pace"][..., None], memory
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_the_undisturbed_crowd_remembers_nothing_of_the_vehicle(share, monkeypatch):
+    def driven(**vehicle):
+        place = load_scenario("circle_crossing_5", vehicle)
+        shy = dataclasses.replace(place, policies={"orca": Shy()})
+        return rollout(Driver(ORCAPlanner(), "orca"), shy, Cases.parse("20"))
+
+    seen = driven(**{"vehicle.visible": True, "pedestrians.sees_vehicle": share})
+    unseen = driven(**{"vehicle.visible": False})
+    assert not np.array_equal(seen.position[:, 4, 1:], unseen.position[:, 4, 1:])
+    for w in range(20):
+        both = min(seen.steps[w], unseen.steps[w]) + 1
+        assert np.array_equal(seen.undisturbed[w, :both], unseen.position[w, :both, 1:])

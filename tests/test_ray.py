@@ -13,7 +13,7 @@ from studies import CROWDS
 from crowdbench.cli import app
 from crowdbench.runs import on_ray as cluster
 from crowdbench.runs.load import load_run
-from crowdbench.runs.results import read_result
+from crowdbench.runs.result_file import read_result
 from crowdbench.runs.shards import Parts, Shard, make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
@@ -73,8 +73,8 @@ def test_a_run_on_ray_is_that_on_this_machine(tmp_path):
     assert go(tmp_path / "b", on="ray", isolated=True) == whole
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "whole"]
     results = [json.loads((tmp_path / name / "result.json").read_text()) for name in ("whole", "b")]
-    assert [result["planner_files"] for result in results] == [results[0]["planner_files"]] * 2
-    assert results[1]["isolation"]["peak_memory_mb"] > 0
+    assert [result["run"]["planner"] for result in results] == [results[0]["run"]["planner"]] * 2
+    assert results[1]["stated"]["isolation"]["peak_memory_mb"] > 0
 
 
 @pytest.mark.usefixtures("ray")
@@ -104,7 +104,7 @@ def test_a_shard_on_ray_makes_its_batches_only(tmp_path):
         cluster.make_parts([parts], progress=cases.append)
     assert parts.list_finished() == [Cases("test", 4, 8), Cases("test", 8, 12)]
     make_run(run, tmp_path / "a")
-    assert read_result(tmp_path / "a")["cases"] == "test:0:12"
+    assert read_result(tmp_path / "a")["run"]["cases"] == "test:0:12"
 
 
 @pytest.mark.usefixtures("ray")

@@ -1,16 +1,16 @@
+import functools
 import json
 import shutil
-import subprocess
-import sys
 
 import pytest
-from helpers import Still, make
+from helpers import Still, make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli import app
 from crowdbench.metrics import METRICS
 from crowdbench.runs.compare import compare
-from crowdbench.runs.manifest import check_files, code, doubts, write_manifest
+from crowdbench.runs.identity import code
+from crowdbench.runs.result_file import check_result, warn_of_other_code, write_result
 from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import sha256
@@ -23,8 +23,6 @@ def go(out, planner, record="all"):
         load_scenario("circle_crossing_5"),
         "12",
         options={"pace": 1.0},
-        details={"planner_files": {"planner": {"mine.py": "ab"}}},
-        origin={"planner": "./mine.py"},
         record=record,
     )
 
@@ -45,32 +43,30 @@ def a(runs, tmp_path):
     return tmp_path / "a"
 
 
-def test_a_manifest_says_what_was_asked_and_what_every_file_is(runs):
-    manifest = json.loads((runs / "a" / "manifest.json").read_text())
-    names = {path.name for path in (runs / "a").iterdir()} - {"manifest.json"}
-    assert manifest["files"] == {name: sha256(runs / "a" / name) for name in names}
-    assert manifest["interrupted"] is False
-    asked = manifest["asked"]
-    assert (asked["planner"], asked["options"], asked["cases"]) == ("./mine.py", {"pace": 1.0}, "test:0:12")
-    assert (asked["record"], asked["replan_every"], asked["decision_limit"]) == ("all", 1, 60.0)
-    assert asked["metrics"] == list(METRICS)
-    assert manifest["planner_files"] == {"planner": {"mine.py": "ab"}}
-    assert {"python", "crowdbench", "numpy", "numba", "scipy"} <= set(manifest["versions"])
+def test_a_result_says_what_the_run_is_and_what_every_file_is(runs):
+    result = json.loads((runs / "a" / "result.json").read_text())
+    names = {path.name for path in (runs / "a").iterdir()} - {"result.json"}
+    assert {name: result["files"].get(name) for name in names} == {name: sha256(runs / "a" / name) for name in names}
+    run, stated = result["run"], result["stated"]
+    assert (run["planner"]["name"], run["planner"]["options"], run["cases"]) == ("mine", {"pace": 1.0}, "test:0:12")
+    assert (run["replanning"], run["decision_limit"], run["code"]) == ({}, 60.0, code())
+    assert list(run["metrics"]) == list(METRICS)
+    assert (stated["record"], stated["privileged"], result["interrupted"]) == ("all", False, False)
+    assert {"python", "crowdbench", "numpy", "numba", "scipy"} <= set(stated["versions"])
 
 
 def test_a_run_that_nobody_touched_is_read(runs):
     assert len(RunResult.read(runs / "a").episodes) == 12
     assert compare(runs / "a", runs / "b").doubts == []
-    assert doubts(runs / "a", ("run.rrd",)) == []
+    assert warn_of_other_code(runs / "a", check_result(runs / "a", ("run.rrd",))) == []
 
 
 @pytest.mark.parametrize("name", ["result.json", "episodes.csv", "run.rrd", "commands.parquet"])
 def test_an_edited_file_is_named_and_so_is_a_missing_one(a, runs, name):
     content = (a / name).read_bytes()
-    (a / name).write_bytes(content + b"\n")
-    with pytest.raises(
-        InputError, match=rf"{name} is not the file that the run wrote: its sha256 differs from manifest"
-    ):
+    edited = content.replace(b'"outcomes"', b'"note": 1, "outcomes"') if name == "result.json" else content + b"\n"
+    (a / name).write_bytes(edited)
+    with pytest.raises(InputError, match=rf"{name} is not the file that the run wrote: its sha256 differs"):
         compare(a, runs / "b")
     (a / name).unlink()
     with pytest.raises(InputError, match=rf"{name}.* cannot be read"):
@@ -81,7 +77,7 @@ def test_another_runs_recording_is_not_taken_for_the_own(runs, tmp_path):
     shutil.copytree(runs / "b", tmp_path / "b")
     shutil.copy(runs / "a" / "run.rrd", tmp_path / "b")
     with pytest.raises(InputError, match=r"run\.rrd is not a file of this run"):
-        doubts(tmp_path / "b", ("run.rrd",))
+        check_result(tmp_path / "b", ("run.rrd",))
 
 
 def rows(change):
@@ -109,12 +105,7 @@ def cells(column, value, when=lambda row: True):
 def result(change):
     """A forgery of result.json."""
 
-    def forge(directory):
-        table = json.loads((directory / "result.json").read_text())
-        change(table)
-        (directory / "result.json").write_text(json.dumps(table))
-
-    return forge
+    return functools.partial(reseal, change=change)
 
 
 def failed(row):
@@ -153,16 +144,15 @@ FORGERIES = {
         "but result.json says 12 with 0.99",
     ),
     "a metric less": (result(lambda table: table["metrics"].pop("spl")), r"not the same metrics \(spl\)"),
-    "fewer cases": (result(lambda table: table.update(cases="test:0:11")), "has 12 rows"),
+    "fewer cases": (result(lambda table: table["run"].update(cases="test:0:11")), "has 12 rows"),
 }
 
 
 @pytest.mark.parametrize("kind", FORGERIES)
-def test_without_a_manifest_a_table_that_contradicts_its_result_is_refused(a, kind):
+def test_a_table_that_contradicts_its_result_is_refused_also_with_fitting_digests(a, kind):
     forge, expected = FORGERIES[kind]
-    (a / "manifest.json").unlink()
-    assert len(RunResult.read(a).episodes) == 12
     forge(a)
+    reseal(a)
     with pytest.raises(InputError, match=expected) as error:
         RunResult.read(a)
     assert str(error.value).startswith(f"{a / 'episodes.csv'} ")
@@ -178,85 +168,70 @@ def test_without_a_manifest_a_table_that_contradicts_its_result_is_refused(a, ki
         lambda table: table["scenario"].update(time_limit="long"),
         lambda table: table["metrics"].update(spl=1.0),
         lambda table: table["metrics"]["spl"].update(mean="high"),
-        lambda table: table.update(cases="all"),
+        lambda table: table["run"].update(cases="all"),
+        lambda table: table["run"].update(planner="orca"),
+        lambda table: table["stated"].pop("timing"),
+        lambda table: table["stated"].update(versions=[]),
     ],
 )
 def test_a_result_of_other_types_is_none(a, change):
-    (a / "manifest.json").unlink()
-    result(change)(a)
+    reseal(a, change)
     with pytest.raises(InputError, match=r"result\.json"):
         RunResult.read(a)
 
 
-REST = '"code": "a", "versions": {}, "interrupted": false}'
-"""The end of a manifest without its files."""
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda table: table["run"]["planner"].update(options={"pace": 2.0}), "has an id that is not that of its run"),
+        (lambda table: table["run"].update(code="0"), "has an id that is not that of its run"),
+        (lambda table: table.update(id="0"), "has an id that is not that of its run"),
+        (lambda table: table["scenario"].update(seed=7), "has an id that is not that of its run and its scenario"),
+    ],
+)
+def test_the_id_of_a_run_is_computed_again(a, runs, change, expected):
+    table = json.loads((a / "result.json").read_text())
+    change(table)
+    write_result(a, table)
+    for command in (["compare", str(a), str(runs / "b")], ["table", str(a)], ["score", str(a)], ["merge", str(a)]):
+        with pytest.raises(InputError, match=expected):
+            app([*command, *(["--out", str(a / "out")] if command[0] == "merge" else [])], standalone_mode=False)
 
 
 @pytest.mark.parametrize(
-    ("manifest", "expected"),
+    ("text", "expected"),
     [
         ("[" * 100_000, "is not valid JSON: it is nested too deeply"),
         ("{", "is not valid JSON"),
-        ("[]", "is not a manifest"),
+        ("[]", "is not a result"),
         ('{"format": 2}', "has the format 2, but this version reads format 1"),
-        ('{"format": 1, "files": {"episodes.csv": 1}, ' + REST, "must hold files, code, versions"),
-        ('{"format": 1, "files": {}, "code": "a", "versions": {}}', "must hold files, code, versions, interrupted"),
-        ('{"format": 1, "files": {"../b": "ab"}, ' + REST, "lists '../b'"),
-        ('{"format": 1, "files": {}, ' + REST, "result.json is not a file of this run"),
+        ('{"format": 1, "files": {"episodes.csv": 1}}', "must hold id, run, scenario"),
     ],
 )
-def test_a_manifest_that_is_none_gets_one_sentence(a, manifest, expected):
-    (a / "manifest.json").write_text(manifest)
+def test_a_result_that_is_none_gets_one_sentence(a, text, expected):
+    (a / "result.json").write_text(text)
     with pytest.raises(InputError, match=expected) as error:
         RunResult.read(a)
     assert "\n" not in str(error.value)
 
 
-def test_a_run_without_a_manifest_and_one_by_other_code_are_told(a, runs, capsys):
-    manifest = json.loads((a / "manifest.json").read_text()) | {"code": "another"}
-    (a / "manifest.json").write_text(json.dumps(manifest))
+def test_files_lie_beside_the_result(a):
+    table = json.loads((a / "result.json").read_text())
+    table["files"]["../b"] = "ab"
+    (a / "result.json").write_text(json.dumps(table))
+    with pytest.raises(InputError, match=r"lists '\.\./b', but the files of a run lie beside it"):
+        RunResult.read(a)
+
+
+def test_a_run_by_other_code_is_told(a, runs, capsys):
+    reseal(a, lambda table: table["run"].update(code="another"))
     for command in (["compare", str(a), str(runs / "b")], ["score", str(a)]):
         app(command, standalone_mode=False)
         assert "other code of crowdbench" in capsys.readouterr().err.replace("different code", "other code")
-    (a / "manifest.json").unlink()
-    for command in (["compare", str(a), str(runs / "b")], ["score", str(a)]):
-        app(command, standalone_mode=False)
-        assert f"{a} has no manifest.json" in capsys.readouterr().err
     app(["score", str(a / "run.rrd")], standalone_mode=False)
     assert capsys.readouterr().err == ""
 
 
 def test_a_run_that_was_interrupted_is_told(a, runs):
-    manifest = json.loads((a / "manifest.json").read_text()) | {"interrupted": True}
-    (a / "manifest.json").write_text(json.dumps(manifest))
+    reseal(a, lambda table: table.update(interrupted=True))
     assert compare(runs / "b", a).doubts == [f"{a} was interrupted: only the cases that it finished are compared"]
-
-
-def test_large_files_are_sealed_too(tmp_path):
-    (tmp_path / "large").write_bytes(b"0123456789" * 100_000)
-    write_manifest(tmp_path, {"versions": {}, "interrupted": False})
-    manifest = check_files(tmp_path, ())
-    assert list(manifest["files"]) == ["large"]
-    assert manifest["code"] == code()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("arguments", [("sarl_cvm", "--record", "all"), ("orca", "--isolated")])
-def test_what_does_not_count_as_the_code_of_a_run_does_not_run_in_one(arguments, tmp_path):
-    watch = (
-        "import sys\n"
-        "from pathlib import Path\n"
-        "entered = set()\n"
-        "def profile(frame, event, argument):\n"
-        "    entered.add(frame.f_code.co_filename)\n"
-        "import crowdbench.cli as cli\n"
-        "from crowdbench.runs.manifest import APART\n"
-        "app = cli.build_app(['run'])\n"
-        "sys.setprofile(profile)\n"
-        f"app(['run', '--planner', *{arguments!r}, '--cases', '1', '--out', 'run'], standalone_mode=False)\n"
-        "sys.setprofile(None)\n"
-        "apart = [name for name in entered if any(Path(name).is_relative_to(place) for place in APART)]\n"
-        "print([name for name in apart if 'cli' not in Path(name).parts and 'agents' not in Path(name).parts])\n"
-    )
-    done = subprocess.run([sys.executable, "-c", watch], cwd=tmp_path, capture_output=True, text=True)
-    assert done.stdout.splitlines()[-1] == "[]", done.stderr

@@ -6,7 +6,7 @@ from studies import CROWDS, episodes, leave, read
 
 from crowdbench.metrics.summary import bootstrap
 from crowdbench.runs.compare import compare
-from crowdbench.runs.results import read_result
+from crowdbench.runs.result_file import read_result
 from crowdbench.study.crowds import CrowdRow, FilledCrowd, Pair
 from crowdbench.study.folder import make_in_folder, run_directory
 from crowdbench.study.measures import LEAST_SHARED

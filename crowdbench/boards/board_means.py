@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from crowdbench.boards.board import LATER, Board
 from crowdbench.metrics.summary import NOTHING, Estimate
-from crowdbench.runs.results import RESULT, read_estimate, read_result
+from crowdbench.runs.result_file import RESULT, read_result
+from crowdbench.runs.results import read_estimate
 from crowdbench.utils.errors import InputError
 
 

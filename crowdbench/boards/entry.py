@@ -19,9 +19,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from crowdbench.plugins.load import file_and_function
-from crowdbench.runs.manifest import MANIFEST
 from crowdbench.runs.recording import COMMANDS
-from crowdbench.runs.results import EPISODES, RESULT
+from crowdbench.runs.result_file import RESULT
+from crowdbench.runs.results import EPISODES
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.toml import Flag, Location, Name, Names, Text, TomlTable, integer, parse_table, read_toml
@@ -36,7 +36,7 @@ NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
 
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
-_RUN = f"({RESULT}|{EPISODES}|{MANIFEST}|{COMMANDS})".replace(".", r"\.")
+_RUN = f"({RESULT}|{EPISODES}|{COMMANDS})".replace(".", r"\.")
 _HOLDS = re.compile(rf"{CARD}|{PLANNER}/.+|{PUBLIC}/\w+/{_RUN}")
 """The files that an entry may have."""
 

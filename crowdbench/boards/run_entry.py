@@ -22,9 +22,11 @@ from crowdbench.boards.planner_files import locate_named_files
 from crowdbench.boards.verdict import DecisionTime
 from crowdbench.isolation.planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.manifest import code
+from crowdbench.runs.identity import code
+from crowdbench.runs.load import identify
 from crowdbench.runs.recording import COMMANDS, read_commands
-from crowdbench.runs.results import EPISODES, Episodes, read_result
+from crowdbench.runs.result_file import read_result
+from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import ENDING, WHOLE, Shard, is_finished, make_run
@@ -130,9 +132,11 @@ class EntryRun:
             record="commands",
             batch=BATCH,
         )
-        origin = {"board": self.board.name, "version": self.board.spec.version}
         with contextlib.closing(self._start_planner(scenario)) as planner:
-            run = Run(spec, Driver(planner, planner.name), scenario, self.board.metrics, origin)
+            driver = Driver(planner, planner.name)
+            located, options = (locate_named_files(each, self.folder) for each in (self.planner, self.options))
+            identity = identify(located, options, driver, self.options)
+            run = Run(spec, driver, scenario, self.board.metrics, identity)
             make_run(run, self.out / scenario.name, shard=shard, progress=self.progress)
 
     def _start_planner(self, scenario: Scenario) -> IsolatedPlanner:

@@ -39,7 +39,7 @@ from crowdbench.boards.run_entry import (
     read_figures,
 )
 from crowdbench.boards.skeleton import CARD as CARD_TEXT
-from crowdbench.runs.results import read_result
+from crowdbench.runs.result_file import read_result
 from crowdbench.runs.run import read_versions
 from crowdbench.runs.shards import WHOLE, Shard
 from crowdbench.utils.errors import InputError
@@ -217,10 +217,10 @@ def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]])
         planner=run.planner,
         package=package(run.planner),
         package_files=package_files(run.planner),
-        facts=join_facts({name: result.get("planner_facts", {}) for name, result in results.items()}),
+        facts=join_facts({name: result["run"]["planner"]["facts"] for name, result in results.items()}),
         options=dict(run.options),
         networks=networks,
-        privileged=any(result.get("privileged") for result in results.values()),
+        privileged=any(result["stated"]["privileged"] for result in results.values()),
         environment=read_versions(),
         files=file_digests(folder),
         reported=read_figures(board, folder / PUBLIC),

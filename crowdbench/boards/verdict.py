@@ -21,8 +21,8 @@ from crowdbench.boards.board import Board
 from crowdbench.boards.entry import Entry, Figures, Record, Sha256, file_digests
 from crowdbench.boards.season import Season
 from crowdbench.boards.signature import is_signed, sign
-from crowdbench.runs.manifest import MANIFEST
 from crowdbench.runs.recording import COMMANDS
+from crowdbench.runs.result_file import read_result, write_result
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
@@ -171,9 +171,7 @@ def write_verification(folder: Path, found: Verification, runs: Path, key: Path)
 def _copy_run(run: Path, to: Path) -> None:
     """Copy a run but for its commands, which are large, and which the seed leads to."""
     shutil.copytree(run, to, ignore=shutil.ignore_patterns(COMMANDS))
-    manifest = files.read_json(to / MANIFEST)
-    manifest["files"].pop(COMMANDS, None)
-    (to / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    write_result(to, read_result(to))
 
 
 def read_verification(entry: Entry, board: Board, season: Season) -> Verification:

@@ -43,10 +43,10 @@ from crowdbench.boards.verdict import (
     write_verification,
 )
 from crowdbench.isolation import sandbox
-from crowdbench.runs.manifest import code
+from crowdbench.runs.identity import code
 from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
-from crowdbench.runs.results import read_result
+from crowdbench.runs.result_file import read_result
 from crowdbench.runs.shards import WHOLE, Shard
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
@@ -242,17 +242,17 @@ def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> s
         try:
             check_size(entry.public / scenario.name / COMMANDS, len(board.public_cases), scenario.rules.max_steps)
             files = RunResult.read_unchecked(entry.public / scenario.name)
+            run = files.result["run"]
             request = {
-                "cases": str(board.public_cases),
-                "replan_every": board.replanning.every,
-                "options": entry.spec.options,
-                "privileged": entry.spec.privileged,
-                "planner_facts": entry.spec.facts_in(scenario.name),
-                **board.replanning.settings,
+                "cases": (run["cases"], str(board.public_cases)),
+                "replanning": (run["replanning"], board.replanning.settings),
+                "options": (run["planner"]["options"], entry.spec.options),
+                "privileged": (files.result["stated"]["privileged"], entry.spec.privileged),
+                "facts": (run["planner"]["facts"], entry.spec.facts_in(scenario.name)),
             }
-            for key, value in request.items():
-                if files.result.get(key) != value:
-                    return f"{scenario.name}: {key} is {files.result.get(key)!r}, but must be {value!r}"
+            for key, (found, expected) in request.items():
+                if found != expected:
+                    return f"{scenario.name}: {key} is {found!r}, but must be {expected!r}"
             if differences := replay(files, scenario, board.metrics, progress).differences:
                 return f"{scenario.name}: {differences[0]}"
         except InputError as error:
@@ -285,7 +285,7 @@ def _judge(entry: Entry, run: EntryRun) -> tuple[Verdict, str]:
     for name in driven_scenarios(run.board, run.out):
         result = read_result(run.out / name)
         expected = entry.spec.facts_in(name), entry.spec.privileged
-        if (result.get("planner_facts"), result.get("privileged")) != expected:
+        if (result["run"]["planner"]["facts"], result["stated"]["privileged"]) != expected:
             return Verdict.REFUSED, f"{name}: the planner says other facts of itself than as entered"
     public, other = read_episodes(run.board, entry.public), read_episodes(run.board, run.out)
     if doubts := lower_than_claimed(public, {name: other[name] for name in public}):

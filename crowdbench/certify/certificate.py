@@ -21,6 +21,8 @@ from crowdbench.core.types import Outcome, Trace
 from crowdbench.core.types.rules import PERFECT
 from crowdbench.metrics import METRICS
 from crowdbench.planners.driver import Driver
+from crowdbench.plugins.code import code_digest
+from crowdbench.runs.identity import PlannerId
 from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run, fit_batch
@@ -227,8 +229,8 @@ def make(
     margins = list(dict.fromkeys([margin, 0.0]))
     directory, table = out / cases.split, out / f"{cases.split}.csv"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
-    origin = {"planner": NAME, "scenario": scenario.name, "margins": margins}
-    run = Run(spec, play_back([], scenario), scenario, METRICS, origin, {"planner_files": {}})
+    identity = PlannerId(NAME, code=code_digest([__name__]), key=f"margins {margins}")
+    run = Run(spec, play_back([], scenario), scenario, METRICS, identity)
     parts = Parts.of(run, directory).folder
 
     def drive(part: Cases, folder: Path) -> None:

@@ -35,7 +35,7 @@ def export(
     from crowdbench import catalog
     from crowdbench.runs.export import STEPS
     from crowdbench.runs.export import export as write
-    from crowdbench.runs.results import RESULT
+    from crowdbench.runs.result_file import RESULT
     from crowdbench.runs.store import RunResult
     from crowdbench.utils import files
 

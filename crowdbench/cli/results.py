@@ -191,12 +191,12 @@ def score(
             raise InputError(f"{flag} is for --replay: a recording says {recorded}")
     from crowdbench.metrics.load import load_metrics
     from crowdbench.record.contents import read
-    from crowdbench.runs.manifest import doubts
+    from crowdbench.runs.result_file import check_result, warn_of_other_code
     from crowdbench.runs.results import RECORDING, Episodes, to_json
 
     if recording.is_dir():
-        for doubt in doubts(recording, (RECORDING,)):
-            say(f"crowdbench: {doubt}")
+        for warning in warn_of_other_code(recording, check_result(recording, (RECORDING,))):
+            say(f"crowdbench: {warning}")
     metrics, contents = load_metrics(metric or []), read(recording_of(recording))
     episodes = Episodes.of(contents.trace, metrics)
     result: dict[str, Any] = {}
@@ -234,7 +234,7 @@ def _replay(
     from crowdbench import catalog
     from crowdbench.metrics.load import load_metrics
     from crowdbench.runs.replay import replay
-    from crowdbench.runs.results import RESULT
+    from crowdbench.runs.result_file import RESULT
     from crowdbench.runs.store import RunResult
 
     announce_compilation()

@@ -76,7 +76,7 @@ def run(
     on_ray = is_on_ray(on)
     use_threads(None if on_ray else threads)
     from crowdbench.runs.load import open_run
-    from crowdbench.runs.results import read_result
+    from crowdbench.runs.result_file import read_result
     from crowdbench.runs.shards import Parts, Shard, make_run
     from crowdbench.runs.spec import RunSpec, directory_name
     from crowdbench.scenario.cases import Cases
@@ -179,7 +179,7 @@ def print_result(
     if as_json:
         print(json.dumps(result, indent=2))
         return
-    print_table(result_table(f"{title}, cases {result['cases']}", result, metrics, all_metrics))
+    print_table(result_table(f"{title}, cases {result['run']['cases']}", result, metrics, all_metrics))
     if not all_metrics:
         print(f"{len(result['metrics'])} metrics in all: --all-metrics")
     if "tracks" in result["scenario"]:

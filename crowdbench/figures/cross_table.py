@@ -65,11 +65,12 @@ def _place(run: RunResult, columns: str) -> tuple[str, str]:
     result = run.result
     if columns == SCENARIO:
         return run.label, result["scenario"]["name"]
-    values = {**result["overrides"], **result["options"]}
+    planner, overrides = result["run"]["planner"], result["stated"]["overrides"]
+    values = {**overrides, **planner["options"]}
     if columns not in values:
         raise InputError(f"{run.directory} was made without {columns}: name an option or a key that all runs have set")
-    options = {name: value for name, value in result["options"].items() if name != columns}
-    label = result["planner"] + (f" ({', '.join(f'{k}={v}' for k, v in options.items())})" if options else "")
+    options = {name: value for name, value in planner["options"].items() if name != columns}
+    label = planner["name"] + (f" ({', '.join(f'{k}={v}' for k, v in options.items())})" if options else "")
     return label, f"{columns}={values[columns]}"
 
 

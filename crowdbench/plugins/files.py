@@ -37,15 +37,36 @@ def file_digests(file: Path) -> dict[str, str]:
     return {each.name: sha256(each) for each in ([file, card] if has_card else [file])}
 
 
+def imports_of(file: Path) -> set[str]:
+    """Return the names of the modules of crowdbench that a file, or one that it imports from its folder, imports."""
+    file = file.resolve()
+    return crowdbench_imports(file.parent, (file.stem,)) if file.suffix == ".py" else set()
+
+
 def module_digests(folder: Path, module: Module, package: str = "") -> dict[str, str]:
-    """As `file_digests`, for a module that is imported by its name.
+    """Return the sha256 of the files of a module that is imported by its name, as `file_digests` does.
 
     Args:
         folder: The folder in which its top-level package lies.
         module: Its name.
         package: A top-level package to which the files must belong; all of the folder count where it is empty.
     """
-    found: dict[str, str] = {}
+    found = _reach(folder, module, package)
+    return {name: hashlib.sha256(content).hexdigest() for name, (content, _) in sorted(found.items())}
+
+
+def crowdbench_imports(folder: Path, module: Module, package: str = "") -> set[str]:
+    """Return the names of the modules of crowdbench that a module imports, or a module that it imports.
+
+    The arguments and errors are those of `module_digests`.
+    """
+    imports = (module for _, modules in _reach(folder, module, package).values() for module in modules)
+    return {".".join(module) for module in imports if module[:1] == ("crowdbench",)}
+
+
+def _reach(folder: Path, module: Module, package: str) -> dict[str, tuple[bytes, list[Module]]]:
+    """Return the contents and the imports of each file that a module runs, by the file's path in the folder."""
+    found: dict[str, tuple[bytes, list[Module]]] = {}
     waiting = [module]
     while waiting:
         for path in _files(folder, waiting.pop(), package):
@@ -55,9 +76,19 @@ def module_digests(folder: Path, module: Module, package: str = "") -> dict[str,
                     content = path.read_bytes()
                 except OSError as error:
                     raise InputError(f"{path}, which a plug-in imports, cannot be read: {error.strerror}") from None
-                found[name] = hashlib.sha256(content).hexdigest()
-                waiting += _imports(content, (*path.relative_to(folder).parent.parts,)) if path.suffix == ".py" else []
-    return dict(sorted(found.items()))
+                found[name] = content, _imports(content, path.relative_to(folder).parent.parts, path.suffix)
+                waiting += found[name][1]
+    return found
+
+
+def _imports(content: bytes, package: Module, suffix: str) -> list[Module]:
+    """Return the modules that a file imports; none where it is not Python."""
+    if suffix != ".py":
+        return []
+    try:
+        return imported_modules(ast.parse(content), package)
+    except (SyntaxError, ValueError, RecursionError):
+        return []
 
 
 def joint(digests: Mapping[str, str]) -> str:
@@ -83,23 +114,25 @@ def _files(folder: Path, module: Module, package: str) -> Iterator[Path]:
                     yield candidate
 
 
-def _imports(content: bytes, package: Module) -> list[Module]:
-    """The modules that a Python file may import; a name in `from a import b` may be one.
+def imported_modules(tree: ast.AST, package: Module) -> list[Module]:
+    """Return the modules that a Python file may import; a name in `from a import b` may be one.
 
     Args:
-        content: The file.
+        tree: The file's syntax tree. Imports under `if TYPE_CHECKING` do not count.
         package: The package that it lies in.
     """
-    try:
-        tree = ast.parse(content)
-    except (SyntaxError, ValueError, RecursionError):
-        return []
     found: list[Module] = []
-    for node in ast.walk(tree):
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
         if isinstance(node, ast.Import):
             found += [tuple(alias.name.split(".")) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             above = package[: max(0, len(package) + 1 - node.level)] if node.level else ()
             base = (*above, *(node.module or "").split(".")) if node.module else above
             found += [base, *((*base, alias.name) for alias in node.names)]
+        elif isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            waiting += node.orelse
+        elif not isinstance(node, ast.expr):
+            waiting += ast.iter_child_nodes(node)
     return found

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from crowdbench.plugins.files import file_digests, joint, module_digests
+from crowdbench.plugins.files import crowdbench_imports, file_digests, imports_of, joint, module_digests
 from crowdbench.plugins.options import read_options, takes_any
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, find_named, plugin_errors
@@ -149,18 +149,32 @@ class Kind:
 
         No file is run. crowdbench's own functions do not count.
         """
+        place = self._place(spec)
+        if isinstance(place, Path):
+            return file_digests(place)
+        return module_digests(*place) if place else {}
+
+    def imports(self, spec: str) -> set[str]:
+        """Return the names of the modules of crowdbench that the files of a plug-in import. No file is run."""
+        place = self._place(spec)
+        if isinstance(place, Path):
+            return imports_of(place)
+        return crowdbench_imports(*place) if place else set()
+
+    def _place(self, spec: str) -> Path | tuple[Path, tuple[str, ...], str] | None:
+        """Return the file of a plug-in, or the folder, name and package of its module; None where it has no file."""
         source = file_and_function(spec)[0] or self.built_in().get(spec) or self.sources().get(spec, Path(spec))
         if isinstance(source, Path):
-            return file_digests(source)
+            return source
         if not isinstance(source, EntryPoint):
-            return {}
+            return None
         parts = tuple(source.module.split("."))
         found = _find_module(parts)
         if found is None or found.origin is None:
-            return {}
+            return None
         origin = Path(found.origin).resolve()
         depth = len(parts) if found.submodule_search_locations is not None else len(parts) - 1
-        return module_digests(origin.parents[depth], parts, package=parts[0])
+        return origin.parents[depth], parts, parts[0]
 
 
 def _find_module(module: tuple[str, ...]) -> ModuleSpec | None:

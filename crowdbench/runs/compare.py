@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench.metrics import heading
-from crowdbench.runs.manifest import no_manifest
 from crowdbench.runs.paired import MetricDifference, Paired, compare_metric, holm
 from crowdbench.runs.results import EPISODES
 from crowdbench.runs.store import RunResult
-from crowdbench.scenario.digest import compute_digest
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import flatten, markdown
 
@@ -105,8 +103,7 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
 
 
 def _scenario(run: RunResult) -> str:
-    # Computed again, because results of earlier versions hold digests that were computed otherwise.
-    return compute_digest(run.result["scenario"])
+    return str(run.result["run"]["scenario"])
 
 
 def _group(first: RunResult, rest: Sequence[RunResult]) -> list[list[RunResult]]:
@@ -176,13 +173,12 @@ def _has(shared: Paired, metric: str) -> bool:
 
 
 def _doubts(runs: Sequence[RunResult]) -> list[str]:
-    doubts = [no_manifest(run.directory) for run in runs if not run.manifest]
-    doubts += [
+    doubts = [
         f"{run.directory} was interrupted: only the cases that it finished are compared"
         for run in runs
-        if run.manifest.get("interrupted")
+        if run.result["interrupted"]
     ]
-    if len({run.manifest["code"] for run in runs if run.manifest}) > 1:
+    if len({run.result["run"]["code"] for run in runs}) > 1:
         both = " and ".join(str(run.directory) for run in runs)
         doubts.append(f"{both} were made by different code of crowdbench, which may be what makes them differ")
     return doubts
@@ -195,7 +191,7 @@ def _check_comparable(one: RunResult, two: RunResult) -> None:
     if _scenario(one) != _scenario(two):
         tables = [{key: repr(value) for key, value in flatten(scenario).items()} for scenario in scenarios]
         keys = sorted(tables[0].items() ^ tables[1].items())
-        differ = ", ".join(dict.fromkeys(key for key, _ in keys if key not in ("digest", "description")))
+        differ = ", ".join(dict.fromkeys(key for key, _ in keys if key != "description"))
         raise InputError(f"{a} and {b} are runs of different scenarios, in {differ}: run both planners on the same one")
     splits = one.cases.split, two.cases.split
     if splits[0] != splits[1]:

@@ -10,33 +10,41 @@ from crowdbench import catalog
 from crowdbench.metrics.load import load_metrics
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
-from crowdbench.plugins.load import source_digest
+from crowdbench.runs.identity import PlannerId, id_of_object, new_key
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import plugin_errors
 
 
-def load_run(spec: RunSpec, planner: Planner | None = None, scenario: Scenario | None = None) -> Run:
+def load_run(
+    spec: RunSpec, planner: Planner | None = None, scenario: Scenario | None = None, key: str | None = None
+) -> Run:
     """Load a run with its planner in this process.
 
     Args:
         spec: The run; where a planner is given, the spec only says what it is called.
         planner: The planner where it was made in Python.
         scenario: The scenario that the spec names, where it has been loaded before.
+        key: What the author of a planner that was made in Python calls this version of it; without a key, no run is
+            resumed with it.
 
     Raises:
         InputError: Something that the spec names does not exist, or does not take these options or overrides.
     """
     scenario = scenario or catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
-    name, files = spec.planner, {}
+    name, is_named = spec.planner, planner is None
     if planner is None:
         name, planner = catalog.load_planner(spec.planner, spec.options)
-        files = catalog.planner_files(spec.planner, spec.options)
     if scenario.tracks:
         with plugin_errors(f"planner {name} raised", " in unseen()"):
             planner = planner.unseen(scenario.tracks.scene)
-    return _make_run(spec, Driver(planner, name, spec.decision_limit), scenario, {"planner_files": files})
+    driver = Driver(planner, name, spec.decision_limit)
+    if is_named:
+        identity = identify(spec.planner, spec.options, driver)
+    else:
+        identity = id_of_object(planner, name, driver.facts, key or new_key())
+    return Run(spec, driver, scenario, load_metrics(spec.metrics), identity)
 
 
 @contextlib.contextmanager
@@ -54,16 +62,26 @@ def open_run(spec: RunSpec) -> Iterator[Run]:
     scenario = catalog.load_scenario(spec.scenario, spec.overrides, spec.pedestrians, spec.data)
     limits, scene = Limits(decision=spec.decision_limit), scenario.tracks.scene if scenario.tracks else None
     with contextlib.closing(IsolatedPlanner(spec.planner, spec.options, limits, scene=scene)) as planner:
-        files = catalog.planner_files(spec.planner, spec.options)
-        details = {"planner_files": files, "isolation": planner.usage}
-        yield _make_run(spec, Driver(planner, planner.name, spec.decision_limit), scenario, details)
+        driver = Driver(planner, planner.name, spec.decision_limit)
+        identity = identify(spec.planner, spec.options, driver)
+        yield Run(spec, driver, scenario, load_metrics(spec.metrics), identity, planner.usage)
 
 
-def _make_run(spec: RunSpec, driver: Driver, scenario: Scenario, details: Mapping[str, Any]) -> Run:
-    origin = {
-        "planner": spec.planner,
-        "scenario": spec.scenario,
-        "pedestrians": spec.pedestrians,
-        "own_metrics": {metric: source_digest(metric) for metric in spec.metrics},
-    }
-    return Run(spec, driver, scenario, load_metrics(spec.metrics), origin, details)
+def identify(
+    planner: str, options: Mapping[str, Any], driver: Driver, named: Mapping[str, Any] | None = None
+) -> PlannerId:
+    """Return the identity of a planner that was found by its name or in a file.
+
+    Args:
+        planner: As `catalog.load_planner` takes it.
+        options: The planner's options, as it was loaded with them.
+        driver: Asks the planner for commands.
+        named: The options as a result names them, where files lie somewhere else.
+    """
+    return PlannerId(
+        driver.name,
+        options if named is None else named,
+        catalog.planner_files(planner, options),
+        catalog.planner_code(planner, options),
+        driver.facts,
+    )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from crowdbench.runs.manifest import code
+from crowdbench.runs.identity import code, digest
 from crowdbench.runs.recording import COMMANDS, join_commands, most_failures
 from crowdbench.runs.results import RECORDING, Episodes, to_json
 from crowdbench.runs.store import RunResult, write_run
@@ -15,8 +15,8 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import new_directory
 
-OWN = ("cases", "recorded", "outcomes", "metrics", "blocks", "timing", "isolation", "versions")
-"""What the results of two parts may differ in."""
+TOGETHER = ("timing", "versions", "isolation")
+"""What the parts of a run may state differently."""
 
 
 def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, interrupted: bool = False) -> dict[str, Any]:
@@ -41,25 +41,25 @@ def merge(directories: Sequence[Path], out: Path, overwrite: bool = False, inter
     episodes = Episodes.join([part.episodes for part in parts])
     first, last = parts[0].cases, parts[-1].cases
     cases = Cases(first.split, first.start, last.stop)
-    versions = [part.result["versions"] for part in parts]
+    stated = [part.result["stated"] for part in parts]
     with new_directory(out, overwrite) as directory:
         if (parts[0].directory / COMMANDS).exists():
             join_commands([part.directory / COMMANDS for part in parts], directory / COMMANDS)
+        run = parts[0].result["run"] | {"cases": str(cases)}
         result = parts[0].result | {
-            "cases": str(cases),
+            "id": digest(run),
+            "run": run,
+            "interrupted": interrupted,
             "recorded": _join_recordings(parts, cases, directory / RECORDING),
             "outcomes": episodes.counts(),
             "metrics": to_json(episodes.summary()),
             **episodes.blocks,
-            "timing": _timing(parts),
-            "versions": {name: _list_values(versions, name) for name in versions[0]},
+            "rates": episodes.rates,
+            "stated": {**stated[0], "timing": _timing(parts), "versions": _join_versions(stated)},
         }
-        if "isolation" in result:
-            result["isolation"] = _isolation([part.result["isolation"] for part in parts])
-        about = {key: value for key, value in parts[0].manifest.items() if key not in ("format", "files", "code")}
-        asked = about["asked"] | {"cases": str(cases)}
-        about |= {"asked": asked, "interrupted": interrupted, "versions": result["versions"]}
-        write_run(directory, episodes, result, about)
+        if "isolation" in stated[0]:
+            result["stated"]["isolation"] = _isolation([each["isolation"] for each in stated])
+        write_run(directory, episodes, result)
     return result
 
 
@@ -67,11 +67,11 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
     if not parts:
         raise InputError("there is no run to merge: name the directories of runs")
     for part in parts:
-        if part.manifest.get("code") != code():
+        if part.result["run"]["code"] != code():
             made = f"{part.directory} was not made by this version of crowdbench"
             raise InputError(f"{made}, and cannot be merged: make it again")
     for before, after in itertools.pairwise(parts):
-        one, two = ({key: value for key, value in part.result.items() if key not in OWN} for part in (before, after))
+        one, two = (_shared(part) for part in (before, after))
         if differ := [key for key in dict.fromkeys([*one, *two]) if one.get(key) != two.get(key)]:
             raise InputError(
                 f"{before.directory} and {after.directory} are no parts of one run: they differ in {differ[0]}"
@@ -83,6 +83,12 @@ def _check_fitting(parts: Sequence[RunResult]) -> None:
             )
         if (before.directory / COMMANDS).exists() != (after.directory / COMMANDS).exists():
             raise InputError(f"{before.directory} and {after.directory} do not both have {COMMANDS}: record both alike")
+
+
+def _shared(part: RunResult) -> dict[str, Any]:
+    """Return what the parts of a run have in common, first what the run is."""
+    stated = {key: value for key, value in part.result["stated"].items() if key not in TOGETHER}
+    return {**part.result["run"], "cases": "", "name of the scenario": part.result["scenario"]["name"], **stated}
 
 
 def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> int:
@@ -101,19 +107,26 @@ def _join_recordings(parts: Sequence[RunResult], cases: Cases, path: Path) -> in
     scenario, number = parts[0].result["scenario"], 0
     # Recorded crowds have no number, and are not that many.
     most = most_failures(scenario["pedestrians"].get("number", [0, 0])[1])
-    header = {"planner": parts[0].label, "scenario": scenario["name"], "scenario_digest": scenario["digest"]}
+    digest_of_scenario = parts[0].result["run"]["scenario"]
+    header = {"planner": parts[0].label, "scenario": scenario["name"], "scenario_digest": digest_of_scenario}
     with Recorder(path, **header, cases=len(cases)) as recorder:
         for part in recorded:
-            if number < most or part.manifest["asked"].get("record") == "all":
+            if number < most or part.result["stated"].get("record") == "all":
                 number += recorder.copy(part.directory / RECORDING)
     return number
 
 
 def _timing(parts: Sequence[RunResult]) -> dict[str, float]:
-    timings = [part.result["timing"] for part in parts]
+    timings = [part.result["stated"]["timing"] for part in parts]
     steps = [int(part.episodes.steps.sum()) for part in parts]
     decided = sum(own["decision_ms_per_step"] * count for own, count in zip(timings, steps, strict=True))
     return {"decision_ms_per_step": decided / sum(steps), "seconds": sum(own["seconds"] for own in timings)}
+
+
+def _join_versions(stated: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the versions of all parts."""
+    versions = [each["versions"] for each in stated]
+    return {name: _list_values(versions, name) for name in versions[0]}
 
 
 def _list_values(tables: Sequence[Mapping[str, Any]], name: str) -> str:

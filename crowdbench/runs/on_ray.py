@@ -152,7 +152,7 @@ def _make_part(spec: RunSpec, part: Cases, request: str, folder: str) -> dict[st
 
 def _check_same(run: Run, request: str) -> None:
     """Raise InputError where this machine would make another run."""
-    expected, own = json.loads(request), json.loads(Parts.of(run, Path("run")).request)
+    expected, own = (json.loads(text)["run"] for text in (request, Parts.of(run, Path("run")).request))
     differ = [key for key in ("code", *expected) if expected.get(key) != own.get(key)]
     if differ:
         what = "code of crowdbench" if differ[0] == "code" else differ[0]

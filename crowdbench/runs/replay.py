@@ -19,9 +19,10 @@ from crowdbench.metrics import Metric
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.differences import Difference, Differences
-from crowdbench.runs.manifest import MANIFEST, code
+from crowdbench.runs.identity import code
 from crowdbench.runs.recording import COMMANDS, Commands
-from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, to_json
+from crowdbench.runs.result_file import RESULT
+from crowdbench.runs.results import EPISODES, RECORDING, Episodes, to_json
 from crowdbench.runs.rollout import Progress, rollout
 from crowdbench.runs.run import fit_batch, read_versions
 from crowdbench.runs.store import RunResult
@@ -116,7 +117,7 @@ def replay(
     columns = dict.fromkeys([*run.episodes.columns, *run.result["metrics"]])
     measured = {name: metrics[name] for name in columns if name in metrics}
     found = Differences(run.cases, exact=not changed)
-    found.note(f"checks of {MANIFEST} fail", [run.broken] if run.broken else [], 1)
+    found.note(f"checks of {RESULT} fail", [run.broken] if run.broken else [], 1)
     parts: list[Episodes] = []
     wrong_states: list[str] = []
     for trace in traces(run, scenario, progress=progress):
@@ -209,13 +210,13 @@ def _compare_result(found: Differences, run: RunResult, scenario: Scenario, repl
     """Note what is wrong with `result.json`."""
     result, metrics = run.result, run.result["metrics"]
     again = {
-        "scenario": {"digest": scenario.digest},
+        "run": {"scenario": scenario.digest},
         "outcomes": replayed.counts(),
         "metrics": to_json(replayed.summary()),
         "recorded": _recorded(run),
     }
     recorded = {name: result.get(name) for name in ("outcomes", "recorded")}
-    recorded["scenario"] = {"digest": result["scenario"].get("digest")}
+    recorded["run"] = {"scenario": result["run"]["scenario"]}
     recorded["metrics"] = {name: metrics.get(name) for name in replayed.columns}
     found.note_values(RESULT, recorded, again)
 
@@ -246,13 +247,12 @@ def _kind(trace: Trace) -> dict[str, Any]:
 
 def _changed_versions(run: RunResult) -> list[str]:
     """What the last bits depend on and is not known to be the same as in the run."""
-    recorded = run.result.get("versions")
-    known = recorded if isinstance(recorded, dict) else {}
+    known = run.result["stated"]["versions"]
     changed = [
         f"{name} is {here} here and was {known.get(name, 'another')} in the run"
         for name, here in read_versions().items()
         if known.get(name) != here
     ]
-    if run.manifest and run.manifest["code"] != code():
+    if run.result["run"]["code"] != code():
         changed.append("the code of crowdbench is another than in the run")
     return changed

@@ -1,4 +1,4 @@
-"""A run's results: one row per episode in `episodes.csv`, and what `result.json` says of them together."""
+"""The episodes of a run, a row each in `episodes.csv`, and how a planner and its settings are written."""
 
 from __future__ import annotations
 
@@ -18,14 +18,12 @@ from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics import Metric, is_rate
 from crowdbench.metrics.load import LARGEST, measure
 from crowdbench.metrics.summary import Estimate, summarize
-from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
-from crowdbench.utils.errors import InputError, describe_error, is_integer, is_number
+from crowdbench.utils.errors import InputError, describe_error
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-RESULT = "result.json"
 EPISODES = "episodes.csv"
 RECORDING = "run.rrd"
 BLOCK = "block"
@@ -152,47 +150,6 @@ class Episodes:
             ) from None
 
 
-def read_result(directory: Path) -> dict[str, Any]:
-    """The contents of a run's `result.json`. Raises InputError where it is missing or has other contents."""
-    path = directory / RESULT
-    try:
-        result = files.read_json(path)
-    except OSError as error:
-        raise InputError(
-            f"{directory} is not the directory of a run: {path} cannot be read ({error.strerror})"
-        ) from None
-    except ValueError as error:
-        raise InputError(f"{path} is not valid JSON: {error}") from None
-    if not _is_result(result):
-        raise InputError(f"{path} is not a result of crowdbench: it must hold {', '.join(_KEYS)}, each of its type")
-    try:
-        Cases.parse(result["cases"])
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    return result
-
-
-_KEYS = {"planner": str, "scenario": dict, "cases": str, "outcomes": dict, "metrics": dict, "options": dict}
-"""What every result holds."""
-
-
-def _is_result(result: Any) -> bool:
-    if not isinstance(result, dict) or not all(isinstance(result.get(key), kind) for key, kind in _KEYS.items()):
-        return False
-    scenario, estimates = result["scenario"], result["metrics"].values()
-    return (
-        all(isinstance(scenario.get(key), dict) for key in ("layout", "pedestrians"))
-        and all(is_number(scenario.get(key)) and 0.0 < scenario[key] < 1e9 for key in ("dt", "time_limit"))
-        and all(map(is_integer, result["outcomes"].values()))
-        and all(isinstance(estimate, dict) and is_integer(estimate.get("n")) for estimate in estimates)
-        and all(estimate.get("mean") is None or _is_moderate(estimate["mean"]) for estimate in estimates)
-    )
-
-
-def _is_moderate(value: Any) -> bool:
-    return is_number(value) and abs(value) <= LARGEST
-
-
 def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
     """A planner's name with its options, and when it observes, in brackets: as shown to people and written in TOML.
 
@@ -201,16 +158,10 @@ def planner_label(planner: str, settings: Mapping[str, Any]) -> str:
     return f"{planner} ({_format_table(settings)})" if settings else planner
 
 
-def replanning_of(result: Mapping[str, Any]) -> dict[str, Any]:
-    """When the planner of a run observed, as `Replanning.settings`. Runs of earlier versions have no `look_first`."""
-    if result.get("replan_every", 1) == 1:
-        return {}
-    return {name: result[name] for name in ("replan_every", "look_first") if name in result}
-
-
 def result_label(result: Mapping[str, Any]) -> str:
     """`planner_label` of a run, from the contents of its `result.json`."""
-    return planner_label(result["planner"], {**result["options"], **replanning_of(result)})
+    run = result["run"]
+    return planner_label(run["planner"]["name"], {**run["planner"]["options"], **run["replanning"]})
 
 
 def _format_table(table: Mapping[str, Any]) -> str:

@@ -18,7 +18,15 @@ from crowdbench.scenario.scenario import Scenario
 from crowdbench.sim.episode import StepCheck
 from crowdbench.sim.routes import goals_on_way
 from crowdbench.sim.sensor import ages, observe
-from crowdbench.sim.simulator import crowd_decisions, differ_in_sight, limit_velocities, sees_vehicle, step, walk
+from crowdbench.sim.simulator import (
+    crowd_decisions,
+    differ_in_sight,
+    init_memories,
+    limit_velocities,
+    sees_vehicle,
+    step,
+    walk,
+)
 from crowdbench.utils.errors import InputError
 
 LOG_MEMORY = 256e6
@@ -62,7 +70,7 @@ def rollout(
             called, and the commands are executed in open loop.
         keep_logs: Whether the trace keeps what the planner logs.
         undisturbed: Whether the trace tells where people who see the vehicle would walk without it, which some metrics
-            read (`metrics.UNDISTURBED`), and which takes as long as simulating the crowd once more to the time limit.
+            read (`metrics.UNDISTURBED`), and which takes as long as simulating the crowd once more.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
         watch: Called with the worlds before each step.
 
@@ -77,8 +85,7 @@ def rollout(
     driver.reset(world.case)
     states = _States(world, scenario.renewal is not None, bool(scenario.crowd.groups))
     shares = None if progress is None else _Shares(len(world), progress)
-    alone = _walk_alone(scenario, world) if undisturbed and scenario.rules.visible else None
-    rows = np.arange(len(world))
+    start, rows = world, np.arange(len(world))
     for t in range(scenario.rules.max_steps):
         if watch is not None:
             watch(world)
@@ -100,6 +107,9 @@ def rollout(
         if not len(rows):
             break
         world = after
+    alone = None
+    if undisturbed and scenario.rules.visible:
+        alone = _walk_alone(scenario, start, int(states.steps.max()))
     return states.trace(cases.split, alone, scenario.blocks(cases))
 
 
@@ -107,16 +117,23 @@ _Alone = tuple[Float[np.ndarray, "world time pedestrian 2"], Int[np.ndarray, "wo
 """Where the pedestrians would walk if the vehicle were not there, in metres, and their numbers as persons."""
 
 
-def _walk_alone(scenario: Scenario, world: World) -> _Alone:
-    """Simulate the pedestrians without the vehicle, to the time limit."""
-    world = world.replace(rules=dataclasses.replace(world.rules, visible=False))
-    positions, persons = [world.position[:, 1:]], [world.person]
-    for _ in range(scenario.rules.max_steps):
-        crowd, world = crowd_decisions(world, scenario.policies)
-        world = walk(world, crowd, scenario.renewal)
-        positions.append(world.position[:, 1:])
-        persons.append(world.person)
-    return np.stack(positions, axis=1), np.stack(persons, axis=1)
+def _walk_alone(scenario: Scenario, world: World, steps: int) -> _Alone:
+    """Simulate the pedestrians from their start without the vehicle. What they remember follows from that alone, too.
+
+    Args:
+        scenario: The scenario.
+        world: The worlds at their start.
+        steps: The number of steps; NaN and -1 stand for what comes after them.
+    """
+    world = init_memories(world.replace(rules=dataclasses.replace(world.rules, visible=False)), scenario.policies)
+    shape = len(world), scenario.rules.max_steps + 1, world.person.shape[1]
+    positions, persons = np.full((*shape, 2), np.nan), np.full(shape, -1)
+    for t in range(steps + 1):
+        positions[:, t], persons[:, t] = world.position[:, 1:], world.person
+        if t < steps:
+            crowd, world = crowd_decisions(world, scenario.policies)
+            world = walk(world, crowd, scenario.renewal)
+    return positions, persons
 
 
 class _Shares:

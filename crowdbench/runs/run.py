@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
+import functools
 import importlib.metadata
-import json
 import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from llvmlite.binding import get_host_cpu_name
 
+from crowdbench.catalog import PLANNERS
 from crowdbench.core.types import Trace, World
 from crowdbench.metrics import METRICS, UNDISTURBED, Metric
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.manifest import code
+from crowdbench.runs.identity import PlannerId, RunId, code, source_of
 from crowdbench.runs.recording import open_recorder, units_of
 from crowdbench.runs.results import Episodes, planner_label, to_json
 from crowdbench.runs.rollout import LogsTooLarge, Progress, rollout
@@ -47,8 +47,8 @@ class Run:
         driver: Asks the planner for commands.
         scenario: The scenario of the cases.
         metrics: What is measured, by name.
-        origin: Where planner, scenario and metrics come from, for the manifest.
-        details: What else `result.json` says of the planner: its files, and what an isolated one has used.
+        planner: The identity of the planner.
+        isolation: What an isolated planner has used, which changes while it drives; None where it is not isolated.
         foresee: Called with the worlds before each step, for planners that measure what foresight would be worth.
     """
 
@@ -56,8 +56,8 @@ class Run:
     driver: Driver
     scenario: Scenario
     metrics: Mapping[str, Metric]
-    origin: Mapping[str, Any] = field(default_factory=dict)
-    details: Mapping[str, Any] = field(default_factory=dict)
+    planner: PlannerId
+    isolation: Mapping[str, Any] | None = None
     foresee: Callable[[World], None] | None = None
 
     def drive(self, part: Cases, directory: Path, progress: Progress | None = None) -> None:
@@ -85,7 +85,7 @@ class Run:
                     del trace  # two traces at a time would take twice the memory
             episodes = Episodes.join(measured)
             result = self._result(part, episodes, recorder.number, time.perf_counter() - start)
-            write_run(folder, episodes, result, self._manifest())
+            write_run(folder, episodes, result)
         if interrupts.pending and part != self.spec.cases:
             raise Interrupted
 
@@ -130,57 +130,51 @@ class Run:
             "cases": len(self.spec.cases),
             "options": self.spec.options,
             "units": units_of(self.metrics),
-            "identity": hashlib.sha256(json.dumps(self.depends, sort_keys=True).encode()).hexdigest()[:8],
+            "identity": self.id.digest[:8],
         }
 
-    @property
-    def depends(self) -> dict[str, Any]:
-        """All that the figures depend on."""
-        # What an isolated planner has used differs from run to run.
-        planner = {key: value for key, value in self._describe_planner().items() if key != "isolation"}
-        return {**planner, **self._request(), "scenario": self.scenario.digest, "code": code()}
-
-    def _request(self) -> dict[str, Any]:
-        """What a manifest says of what was asked for."""
-        cases = {"cases": str(self.spec.cases), "metrics": list(self.metrics)}
-        limits = {"record": self.spec.record, "decision_limit": self.driver.decision_limit}
-        changes = {"options": self.spec.options, "overrides": self.spec.changes}
-        return {**cases, **self._observing(), **limits, **self.origin, **changes}
-
-    def _observing(self) -> dict[str, Any]:
-        """When the planner observes, as results say it."""
-        return {"replan_every": self.spec.replanning.every, **self.spec.replanning.settings}
-
-    def _describe_planner(self) -> dict[str, Any]:
-        """What `result.json` says of the planner, and of what is changed for it in the scenario."""
-        driver, spec = self.driver, self.spec
-        planner = {"planner": driver.name, "privileged": driver.privileged, "planner_facts": driver.facts}
-        return {**planner, **self._observing(), "options": spec.options, **self.details, "overrides": spec.changes}
+    @functools.cached_property
+    def id(self) -> RunId:
+        """What the run is."""
+        spec, scenario = self.spec, self.scenario
+        # Only planners that ship, without weights, are known to command the same in batches of any size.
+        is_exact = not self.planner.facts and not self.planner.key and spec.planner in PLANNERS.built_in()
+        return RunId(
+            planner=self.planner,
+            scenario=scenario.digest,
+            cases=str(spec.cases),
+            replanning=spec.replanning.settings,
+            batch=None if is_exact else spec.batch,
+            metrics={name: source_of(metric) for name, metric in self.metrics.items()},
+            decision_limit=self.driver.decision_limit,
+            code=code(),
+        )
 
     def _result(self, cases: Cases, episodes: Episodes, recorded: int, seconds: float) -> dict[str, Any]:
         """The contents of `result.json`."""
-        steps = int(episodes.steps.sum())
+        own = replace(self.id, cases=str(cases))
+        decision_ms = 1e3 * self.driver.seconds / int(episodes.steps.sum())
+        torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
+        stated = {
+            "privileged": self.driver.privileged,
+            "overrides": self.spec.changes,
+            "record": self.spec.record,
+            "timing": {"decision_ms_per_step": decision_ms, "seconds": seconds},
+            "versions": read_versions() | torch,
+        }
+        if self.isolation is not None:
+            stated["isolation"] = dict(self.isolation)
         return {
-            **self._describe_planner(),
-            "scenario": {"name": self.scenario.name, "digest": self.scenario.digest, **self.scenario.table},
-            "cases": str(cases),
+            "id": own.digest,
+            "run": own.parts,
+            "scenario": {"name": self.scenario.name, **self.scenario.table},
+            "interrupted": False,
             "recorded": recorded,
             "outcomes": episodes.counts(),
             "metrics": to_json(episodes.summary()),
             **episodes.blocks,
             "rates": episodes.rates,
-            "timing": {"decision_ms_per_step": 1e3 * self.driver.seconds / steps, "seconds": seconds},
-            "versions": read_versions(),
-        }
-
-    def _manifest(self) -> dict[str, Any]:
-        """What `manifest.json` says beside the digests of the run's files."""
-        torch = {"torch": importlib.metadata.version("torch")} if "torch" in sys.modules else {}
-        return {
-            "interrupted": False,
-            "asked": self._request(),
-            "planner_files": self.details.get("planner_files", {}),
-            "versions": read_versions() | torch,
+            "stated": stated,
         }
 
 

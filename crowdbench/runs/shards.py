@@ -1,8 +1,8 @@
 """A run made part by part: what is finished is kept, and several processes share the work.
 
-The parts of a run `runs/a` lie in `runs/a.parts-<digest of what was asked for>`, a directory each, until they are
-merged into `runs/a`. Whoever makes a part holds its lock, so that nobody makes it twice at a time. The same command,
-given again or somewhere else, makes what is still missing.
+The parts of a run `runs/a` lie in `runs/a.parts-<id of the run>-<what is recorded>`, a directory each, until they are
+merged into `runs/a`. A process holds the lock of a part while it makes the part, so that no part is made twice. The
+same command, given again or on another machine, makes the missing parts.
 """
 
 from __future__ import annotations
@@ -10,21 +10,20 @@ from __future__ import annotations
 import contextlib
 import functools
 import glob
-import hashlib
 import itertools
 import json
 import re
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from filelock import Timeout
 
-from crowdbench.runs.manifest import MANIFEST, check_files
+from crowdbench.runs.result_file import RESULT, check_result
 from crowdbench.runs.rollout import Progress
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
@@ -36,7 +35,7 @@ from crowdbench.utils.files import check_free, new_directory, parent_of
 ENDING = ".parts-"
 
 REQUEST = "request.json"
-"""What the parts of a folder are parts of, with all that their figures depend on."""
+"""The file with the identity of the run whose parts lie in a folder."""
 
 PATIENCE = 0.5
 """Seconds between two looks at parts that other processes are making."""
@@ -89,7 +88,8 @@ class Parts:
         spec: The run, as another process loads it.
         out: The directory of the run.
         folder: The folder that has a directory for each of them until all are there.
-        request: The text of the file that says what they are parts of.
+        request: The text of the file with the identity of the run.
+        is_resumable: Whether another call can go on with them.
         cases: Their cases, in order.
         selected: The cases of those that this process makes.
     """
@@ -98,18 +98,19 @@ class Parts:
     out: Path
     folder: Path
     request: str
+    is_resumable: bool
     cases: Sequence[Cases]
     selected: Sequence[Cases]
 
     @classmethod
     def of(cls, run: Run, out: Path, shard: Shard = WHOLE) -> Parts:
         """The parts of a run that is made in the directory `out`, of which this process makes a shard."""
-        spec = run.spec
-        depends = {**run.depends, "batch": spec.batch}
-        request = json.dumps(depends, indent=2, sort_keys=True) + "\n"
-        folder = out.with_name(f"{out.name}{ENDING}{hashlib.sha256(request.encode()).hexdigest()[:8]}")
+        spec, id_ = run.spec, run.id
+        request = {"id": id_.digest, "run": id_.parts, "record": spec.record, "batch": spec.batch}
+        folder = out.with_name(f"{out.name}{ENDING}{id_.digest[:8]}-{spec.record}")
         cases = tuple(spec.cases.batches(spec.batch))
-        return cls(spec, out, folder, request, cases, shard.select(cases))
+        text = json.dumps(request, indent=2, sort_keys=True) + "\n"
+        return cls(spec, out, folder, text, id_.planner.is_resumable, cases, shard.select(cases))
 
     def directory(self, part: Cases) -> Path:
         """Where a part lies."""
@@ -155,13 +156,14 @@ class Parts:
             if not number:
                 raise
             finished = f"{number} of {len(self.spec.cases)} cases are kept in {self.folder}"
-            goes_on = f"the same command goes on with them, and `crowdbench merge {self.folder} --out DIR`"
-            error.add_note(f"{finished}; {goes_on} makes a run of them")
+            goes_on = "the same command goes on with them, and " if self.is_resumable else ""
+            error.add_note(f"{finished}; {goes_on}`crowdbench merge {self.folder} --out DIR` makes a run of them")
+            if not self.is_resumable:
+                error.add_note("a planner object with a key, `run(..., key=...)`, goes on with what is kept")
             raise
 
     def _close(self) -> None:
-        is_empty = self.folder.exists() and not any(each.is_dir() for each in self.folder.iterdir())
-        if is_empty and _is_idle(self.folder):
+        if self.folder.exists() and _is_abandoned(self.folder):
             shutil.rmtree(self.folder, ignore_errors=True)
 
     @contextlib.contextmanager
@@ -178,7 +180,7 @@ class Parts:
             yield (self.folder / REQUEST).exists() and not self._is_finished(part)
 
     def put_together(self, overwrite: bool) -> None:
-        """Merge them, unless another process has done it, and remove them, and those of earlier tries."""
+        """Merge them, unless another process has done it, and remove them. Parts that other runs have kept stay."""
         directories = [self.directory(part) for part in self.cases]
         lock = self.folder.with_name(f".{self.folder.name}.merging")
         with files.hold_lock(lock):
@@ -190,11 +192,10 @@ class Parts:
                     from crowdbench.runs.merge import merge
 
                     merge(directories, self.out, overwrite)
-                for earlier in self.out.parent.glob(f"{glob.escape(self.out.name)}{ENDING}{'[0-9a-f]' * 8}"):
-                    # What a longer run has kept outlives a shorter one of its name.
-                    is_worthless = len(directories) > 1 or not any(earlier.glob(f"*/{MANIFEST}"))
-                    if earlier == self.folder or (is_worthless and _is_idle(earlier)):
-                        _remove(earlier)
+                _remove(self.folder)
+                for other in self.out.parent.glob(f"{glob.escape(self.out.name)}{ENDING}*"):
+                    if _is_abandoned(other):
+                        _remove(other)
             lock.unlink(missing_ok=True)
 
 
@@ -267,8 +268,10 @@ def _remove(folder: Path) -> None:
     shutil.rmtree(removed, ignore_errors=True)
 
 
-def _is_idle(folder: Path) -> bool:
-    """Whether nobody is making a part in a folder."""
+def _is_abandoned(folder: Path) -> bool:
+    """Return whether a folder has no finished part, and no process is making one."""
+    if any(folder.glob(f"[!.]*/{RESULT}")):
+        return False
     try:
         for lock in folder.glob(".*.making"):
             with files.hold_lock(lock, 0):
@@ -283,9 +286,8 @@ def _name(part: Cases) -> str:
 
 
 def is_finished(directory: Path) -> bool:
-    """Whether a run is there, to its last case. Raises InputError where its manifest is damaged."""
-    manifest = check_files(directory, ())
-    return bool(manifest) and not manifest["interrupted"]
+    """Return whether a run is there, to its last case. Raises InputError where it is damaged."""
+    return (directory / RESULT).exists() and not check_result(directory)["interrupted"]
 
 
 def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
@@ -304,7 +306,7 @@ def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
     for folder, request in zip(folders, requests, strict=True):
         if request != requests[0]:
             raise InputError(f"{folders[0]} and {folder} hold parts of different runs: their {REQUEST} differ")
-    parts = list(Cases.parse(requests[0]["cases"]).batches(requests[0]["batch"]))
+    parts = list(_parts_of(requests[0]))
     directories = [next(filter(is_finished, (folder / _name(part) for folder in folders)), None) for part in parts]
     finished = [directory for directory in itertools.takewhile(bool, directories) if directory]
     return finished, len(finished) == len(parts)
@@ -313,7 +315,12 @@ def find_finished(folders: Sequence[Path]) -> tuple[list[Path], bool]:
 def _read_request(folder: Path) -> dict[str, Any]:
     try:
         request = files.read_json(folder / REQUEST)
-        list(Cases.parse(request["cases"]).batches(request["batch"]))
+        list(_parts_of(request))
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(f"{folder} is no folder with the parts of a run") from None
     return dict(request)
+
+
+def _parts_of(request: Mapping[str, Any]) -> Iterator[Cases]:
+    """Return the cases of the parts of a run, in order."""
+    return Cases.parse(request["run"]["cases"]).batches(request["batch"])

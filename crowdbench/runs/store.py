@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,9 +15,9 @@ from crowdbench.core.types import Outcome, Rules
 from crowdbench.metrics import POOLED, is_rate
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.metrics.summary import weighted_mean
-from crowdbench.runs.manifest import check_files, write_manifest
 from crowdbench.runs.recording import COMMANDS, Commands, read_commands
-from crowdbench.runs.results import EPISODES, RECORDING, RESULT, Episodes, read_result, result_label
+from crowdbench.runs.result_file import RESULT, check_result, read_result, write_result
+from crowdbench.runs.results import EPISODES, RECORDING, Episodes, result_label
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
@@ -26,18 +25,16 @@ if TYPE_CHECKING:
     from crowdbench.record.contents import Recording
 
 
-def write_run(folder: Path, episodes: Episodes, result: Mapping[str, Any], about: Mapping[str, Any]) -> None:
+def write_run(folder: Path, episodes: Episodes, result: Mapping[str, Any]) -> None:
     """Write the files of a run beside its commands and its recording.
 
     Args:
         folder: The folder, which becomes the run's directory.
         episodes: What was measured.
-        result: The contents of `result.json`.
-        about: What the manifest says, see `write_manifest`.
+        result: The contents of `result.json`, without the digests of the files.
     """
     episodes.write(folder / EPISODES)
-    (folder / RESULT).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    write_manifest(folder, about)
+    write_result(folder, result)
 
 
 @dataclass(frozen=True)
@@ -48,14 +45,12 @@ class RunResult:
         directory: Its directory.
         result: The contents of `result.json`.
         episodes: The table in `episodes.csv`.
-        manifest: The contents of its manifest, empty where the run has none, or a damaged one.
         broken: The sentence on the first file that is not as the run wrote it, empty for a run that was checked.
     """
 
     directory: Path
     result: dict[str, Any]
     episodes: Episodes
-    manifest: Mapping[str, Any]
     broken: str = ""
 
     @classmethod
@@ -65,29 +60,28 @@ class RunResult:
         Raises:
             InputError: A file is missing, cannot be read, is not the one that the run wrote, or contradicts another.
         """
-        result = read_result(directory)
-        manifest = check_files(directory, (RESULT, EPISODES))
+        result = check_result(directory, (EPISODES,))
         episodes = Episodes.read(directory / EPISODES)
         for contradiction in _contradictions(result, episodes):
             raise InputError(f"{directory / EPISODES} {contradiction}; make the run again")
-        return cls(directory, result, episodes, manifest)
+        return cls(directory, result, episodes)
 
     @classmethod
     def read_unchecked(cls, directory: Path) -> RunResult:
         """Read a run that a replay checks. Raises InputError where a file is missing or damaged."""
         if not directory.is_dir():
             raise InputError(f"{directory} is not the directory of a run, which --replay needs")
-        result, manifest, broken = read_result(directory), {}, ""
+        result, broken = read_result(directory), ""
         try:
-            manifest = check_files(directory, (RESULT, EPISODES, COMMANDS, RECORDING))
+            check_result(directory, (EPISODES, COMMANDS, RECORDING))
         except InputError as error:
             broken = str(error)  # and the replay says what in the file is wrong
-        return cls(directory, result, Episodes.read(directory / EPISODES), manifest, broken)
+        return cls(directory, result, Episodes.read(directory / EPISODES), broken)
 
     @property
     def cases(self) -> Cases:
         """Its cases."""
-        return Cases.parse(self.result["cases"])
+        return Cases.parse(self.result["run"]["cases"])
 
     @property
     def label(self) -> str:
@@ -111,7 +105,7 @@ class RunResult:
 
 def _contradictions(result: Mapping[str, Any], episodes: Episodes) -> Iterator[str]:
     """In which points a table of episodes contradicts its result or itself."""
-    cases, scenario = Cases.parse(result["cases"]), result["scenario"]
+    cases, scenario = Cases.parse(result["run"]["cases"]), result["scenario"]
     if len(episodes) != len(cases):
         yield f"has {len(episodes)} rows, but {RESULT} says cases {cases}"
     if wrong := np.flatnonzero(episodes.case != cases.indices).tolist():
@@ -130,8 +124,11 @@ def _contradictions(result: Mapping[str, Any], episodes: Episodes) -> Iterator[s
         if wrong := np.flatnonzero(values != np.isin(episodes.outcome, COUNTED[name])).tolist():
             label = Outcome(int(episodes.outcome[wrong[0]])).label
             yield f"has another {name} than the outcome {label} means in case {episodes.case[wrong[0]]}"
-    if differ := sorted(result["metrics"].keys() ^ episodes.columns.keys()):
-        yield f"and {RESULT} have not the same metrics ({', '.join(differ)})"
+    for named in (result["metrics"], result["run"]["metrics"]):
+        if differ := sorted(named.keys() ^ episodes.columns.keys()):
+            yield f"and {RESULT} have not the same metrics ({', '.join(differ)})"
+    if result.get("rates") != episodes.rates:
+        yield f"has other rates than {RESULT}"
     for name in episodes.columns:
         (n, mean), estimate = _mean(name, episodes), result["metrics"][name]
         if n != estimate["n"] or not _is_close(mean, estimate["mean"]):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
-import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from crowdbench.runs.manifest import MANIFEST, code
-from crowdbench.runs.results import EPISODES, RESULT, Episodes
+from crowdbench.runs.result_file import RESULT
+from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.runs.run import Run
 from crowdbench.runs.shards import WHOLE, Shard, make_run
 from crowdbench.runs.spec import directory_name
@@ -17,26 +14,9 @@ from crowdbench.runs.store import RunResult
 
 
 def run_directory(run: Run, out: Path) -> Path:
-    """The directory of a run in the folder `out`: its name has a part for people, and a digest.
-
-    Of what a plug-in's file imports, the files in its folder count.
-    """
-    text = json.dumps(
-        {
-            "planner": run.driver.name,
-            "planner_files": run.details["planner_files"],
-            "planner_facts": run.driver.facts,
-            "options": run.spec.options,
-            "scenario": run.scenario.digest,
-            "cases": str(run.spec.cases),
-            "replanning": run.spec.replanning.settings,
-            "crowdbench": code(),
-            "versions": {name: importlib.metadata.version(name) for name in ("numba", "numpy", "torch")},
-        },
-        sort_keys=True,
-    )
+    """The directory of a run in the folder `out`: its name has a part for people, and the beginning of the run's id."""
     name = directory_name(run.driver.name, run.scenario.name, run.spec)
-    return out / f"{name[:180]}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    return out / f"{name[:180]}-{run.id.digest[:12]}"
 
 
 def describe_run(run: Run) -> str:
@@ -55,10 +35,7 @@ def is_complete(run: Run, out: Path) -> bool:
     Raises InputError where its directory holds something else, or other files than it wrote.
     """
     directory = run_directory(run, out)
-    if not (directory / RESULT).exists() and not (directory / MANIFEST).exists():
-        return False
-    found = RunResult.read(directory)
-    return bool(found.manifest) and found.cases == run.spec.cases
+    return (directory / RESULT).exists() and RunResult.read(directory).result["id"] == run.id.digest
 
 
 def make_in_folder(run: Run, out: Path, progress: Callable[[float], None] | None = None, *, wait: bool = True) -> bool:

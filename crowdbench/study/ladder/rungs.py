@@ -16,7 +16,9 @@ from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.planners.filtered import FilteredPlanner
 from crowdbench.planners.mppi import MPPIPlanner
+from crowdbench.plugins.code import code_digest
 from crowdbench.predict import ConstantVelocity, Predictor
+from crowdbench.runs.identity import PlannerId
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
@@ -98,4 +100,5 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
         if scenario.rules.sensor != PERFECT:
             planner = FilteredPlanner(planner)
     named = dataclasses.replace(spec, planner=rung)
-    return Run(named, Driver(planner, rung, LIMIT), scenario, METRICS, details={"planner_files": {}}, foresee=foresee)
+    identity = PlannerId(rung, code=code_digest([__name__]))
+    return Run(named, Driver(planner, rung, LIMIT), scenario, METRICS, identity, foresee=foresee)

@@ -1,0 +1,111 @@
+"""Digests of code: of syntax trees, so that comments, docstrings and the layout of a file do not count."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from crowdbench.plugins.files import imported_modules
+
+_SILENT = frozenset({"ctx", "kind", "type_comment"})
+"""Fields of syntax trees that do not change what the code does."""
+
+PACKAGE = Path(__file__).parent.parent
+NAME = PACKAGE.name
+
+
+def code_digest(modules: Iterable[str], files: Iterable[Path] = ()) -> str:
+    """Return the sha256 of the code that some modules of crowdbench run.
+
+    It covers every module of crowdbench that they import, directly or not, also in functions. Imports for type
+    checking do not count. A module counts by its syntax tree, without docstrings and comments, and not by its name.
+
+    Args:
+        modules: Names of modules of crowdbench, such as `crowdbench.runs.rollout`.
+        files: Further files, which count with what they import from crowdbench.
+    """
+    trees, imported = [], []
+    for file in files:
+        tree, names = _read(file)
+        trees.append(tree)
+        imported += names
+    trees += [_read(path)[0] for path in _reach([*modules, *imported]).values()]
+    return hashlib.sha256(json.dumps(sorted(trees)).encode()).hexdigest()
+
+
+def reached_modules(modules: Iterable[str]) -> set[str]:
+    """Return the names of the modules of crowdbench that some of them import, directly or not, and their own."""
+    return set(_reach(modules))
+
+
+def _reach(modules: Iterable[str]) -> dict[str, Path]:
+    """Return the files of the modules that some modules of crowdbench import, by name."""
+    found: dict[str, Path] = {}
+    waiting = list(modules)
+    while waiting:
+        name = waiting.pop()
+        name = _public_names().get(name, name)
+        path = _find(name)
+        if path is not None and name not in found:
+            found[name] = path
+            parts = name.split(".")
+            waiting += [".".join(parts[:depth]) for depth in range(2, len(parts))]
+            waiting += _read(path)[1]
+    return found
+
+
+@functools.cache
+def _find(name: str) -> Path | None:
+    """Return the file of a module of crowdbench; None for the package itself, which only names others, and others."""
+    first, *parts = name.split(".")
+    if first != NAME or not parts:
+        return None
+    path = PACKAGE.joinpath(*parts)
+    return next((file for file in (path.with_suffix(".py"), path / "__init__.py") if file.is_file()), None)
+
+
+@functools.cache
+def _public_names() -> dict[str, str]:
+    """Return the module of each public name, such as `crowdbench.Planner`."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_bytes())
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    return {f"{NAME}.{alias.name}": str(node.module) for node in nodes for alias in node.names}
+
+
+@functools.cache
+def _read(path: Path) -> tuple[str, list[str]]:
+    """Return the digest of a file's syntax tree, and the modules of crowdbench that it imports."""
+    tree = ast.parse(path.read_bytes())
+    package = (NAME, *path.relative_to(PACKAGE).parent.parts) if path.is_relative_to(PACKAGE) else ()
+    modules = [".".join(module) for module in imported_modules(tree, package)]
+    return _tree_digest(tree), [module for module in modules if module.startswith(f"{NAME}.")]
+
+
+def _tree_digest(tree: ast.AST) -> str:
+    """Return the sha256 of a syntax tree, which is the same in all versions of Python."""
+    texts: list[str] = []
+    _write(tree, texts)
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+
+
+def _write(node: ast.AST, texts: list[str]) -> None:
+    """Append a syntax tree without docstrings. Empty fields are left out: other versions of Python may lack them."""
+    texts.append(type(node).__name__)
+    for name in node._fields:
+        value = None if name in _SILENT else node.__dict__.get(name)
+        for part in value if isinstance(value, list) else [] if value is None else [value]:
+            if not isinstance(part, ast.AST):
+                texts.append(f"{name} {part!r}")
+            elif not _is_text(part):
+                texts.append(name)
+                _write(part, texts)
+    texts.append("")
+
+
+def _is_text(node: ast.AST) -> bool:
+    """Return whether a statement is nothing but a text, such as a docstring."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

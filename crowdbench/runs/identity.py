@@ -1,0 +1,131 @@
+"""The identity of a run: all that its figures depend on. docs/trust.md lists what changes it, and what does not."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import json
+import secrets
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from crowdbench.plugins.code import code_digest
+from crowdbench.plugins.files import file_digests, imports_of
+from crowdbench.plugins.load import ROOT
+
+SIMULATOR = ("crowdbench.runs.rollout", "crowdbench.scenario.load")
+"""The modules whose code, with all that they import, makes an episode of a scenario and of commands."""
+
+
+UNKNOWN = "unknown-"
+"""What keys of `new_key` begin with."""
+
+
+@functools.cache
+def code() -> str:
+    """Return the digest of the simulator's code, see `plugins.code.code_digest`."""
+    return code_digest(SIMULATOR, sorted((ROOT / "agents" / "pedestrians").glob("*.py")))
+
+
+@dataclass(frozen=True)
+class PlannerId:
+    """What decides the commands of a planner, beside the simulator.
+
+    Attributes:
+        name: The planner's name.
+        options: Its options.
+        files: The sha256 of its files, by path: its own, and those that an option names. See `catalog.planner_files`.
+        code: The digest of the code of crowdbench that it imports.
+        facts: What it says of itself, such as the digest of its weights.
+        key: For objects that were made in Python: what their author calls this version of them. A random one if the
+            author calls it nothing.
+    """
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    code: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    key: str = ""
+
+    @property
+    def is_resumable(self) -> bool:
+        """Whether another process can have the same planner."""
+        return not self.key.startswith(UNKNOWN)
+
+
+@dataclass(frozen=True)
+class RunId:
+    """The only hash of what a run is. What it does not cover (time, versions, isolation, ...) a result only states.
+
+    Attributes:
+        planner: What decides the commands.
+        scenario: The digest of the scenario's contents, see `scenario.digest`.
+        cases: The cases.
+        replanning: When the planner observes, see `Replanning.settings`.
+        batch: Cases in lock-step where this moves the last bits of the planner's values; None elsewhere.
+        metrics: The digest of the source of each metric, by name.
+        decision_limit: Seconds that the planner may take for a decision.
+        code: The digest of the simulator's code.
+    """
+
+    planner: PlannerId
+    scenario: str
+    cases: str
+    replanning: Mapping[str, int]
+    batch: int | None
+    metrics: Mapping[str, str]
+    decision_limit: float
+    code: str
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """All of it, as `result.json` holds it."""
+        return asdict(self)
+
+    @property
+    def digest(self) -> str:
+        """64 hexadecimal digits."""
+        return digest(self.parts)
+
+
+def digest(parts: Mapping[str, Any]) -> str:
+    """Return the digest of the parts of a `RunId`."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def new_key() -> str:
+    """Return a key that no other run has: for objects whose author gives none, so that no run is resumed with them."""
+    return f"{UNKNOWN}{secrets.token_hex(8)}"
+
+
+def source_of(thing: type | Callable[..., Any]) -> str:
+    """Return 16 hexadecimal digits that change with the source of a class or a function.
+
+    The file that defines it counts with what it imports from its folder and from crowdbench. Of what was typed into an
+    interpreter, the text counts, if it is known; otherwise the digits are new each time.
+    """
+    module = str(getattr(thing, "__module__", ""))
+    if module.startswith("crowdbench."):
+        return code_digest([module])[:16]
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if file is not None:
+        own = [file_digests(Path(file)), code_digest(imports_of(Path(file)))]
+        return digest({"files": own})[:16]
+    try:
+        return hashlib.sha256(inspect.getsource(thing).encode()).hexdigest()[:16]
+    except (OSError, TypeError):
+        return secrets.token_hex(8)
+
+
+def id_of_object(planner: object, name: str, facts: Mapping[str, str], key: str) -> PlannerId:
+    """Return the identity of a planner that was made in Python: the sources of its classes, and a key."""
+    classes = [
+        kind for kind in type(planner).__mro__ if kind.__module__.partition(".")[0] not in sys.stdlib_module_names
+    ]
+    sources = {f"{kind.__module__}.{kind.__qualname__}": source_of(kind) for kind in classes}
+    return PlannerId(name, files={"classes": sources}, facts=facts, key=key)

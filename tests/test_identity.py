@@ -1,0 +1,196 @@
+"""What makes two runs the same: F14 and F16 of the reviews, and edits that count or do not."""
+
+import dataclasses
+import shutil
+
+import numpy as np
+import pytest
+from helpers import Still
+
+import crowdbench
+from crowdbench.plugins import code as source
+from crowdbench.runs import identity
+from crowdbench.runs.load import load_run
+from crowdbench.runs.result_file import read_result
+from crowdbench.runs.spec import Replanning, RunSpec
+from crowdbench.scenario.cases import Cases
+from crowdbench.utils.errors import Interrupted
+
+FILE = """
+import numpy as np
+from crowdbench import Planner
+import helper
+
+class Mine(Planner):
+    def __init__(self, pace): self.pace = pace
+    def plan(self, obs):
+        return np.zeros((len(obs), 2)) + helper.ZERO
+
+def planner(pace: float = 1.0): return Mine(pace)
+"""
+
+
+class Mine(Still):
+    """Drives to the goal at its own pace; interrupts its run in the second batch, if it is to."""
+
+    def __init__(self, pace, stops=False):
+        self.pace, self.batches = pace, 1 if stops else 99
+
+    def reset(self, rows):
+        self.batches -= 1
+        if self.batches < 0:
+            raise Interrupted
+
+    def plan(self, obs):
+        way = obs.vehicle.goal - obs.vehicle.position
+        return self.pace * way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1.0)
+
+
+def interrupted(out, planner, **settings):
+    with pytest.raises(KeyboardInterrupt) as stop:
+        crowdbench.run(planner, cases=502, out=out, record="none", **settings)
+    return "\n".join(stop.value.__notes__)
+
+
+@pytest.mark.parametrize("key", [None, "mine 1"])
+def test_a_planner_object_is_resumed_by_its_key_alone(tmp_path, key):
+    notes = interrupted(tmp_path / "a", Mine(1.0, stops=True), key=key)
+    assert ("the same command goes on" in notes) == (key is not None)
+    assert ("run(..., key=...)" in notes) == (key is None)
+    told = []
+    other = crowdbench.run(
+        Mine(0.5), cases=502, out=tmp_path / "a", record="none", key=key and "mine 2", progress=told.append
+    )
+    assert sum(told) == pytest.approx(502.0)
+    pace = other.episodes.columns["path_length"] / (0.25 * other.episodes.steps)
+    assert pace == pytest.approx(0.5, rel=0.1)
+    [kept] = tmp_path.glob("a.parts-*")
+    if key:
+        steps = []
+        result = crowdbench.run(
+            Mine(1.0), cases=502, out=tmp_path / "a", record="none", key=key, overwrite=True, progress=steps.append
+        )
+        assert len(steps) < 100  # the first 500 cases come at once
+        assert len(result.episodes) == 502
+        assert not kept.exists()
+
+
+def test_a_finished_run_leaves_the_kept_parts_of_others(tmp_path):
+    interrupted(tmp_path / "a", Mine(1.0, stops=True), key="mine")
+    crowdbench.run("orca", cases=501, out=tmp_path / "a", record="none")
+    [kept] = tmp_path.glob("a.parts-*")
+    assert read_result(kept / "test-0-500")["run"]["planner"]["key"] == "mine"
+
+
+def test_a_key_without_an_object_is_refused():
+    with pytest.raises(crowdbench.InputError, match=r"^key is for what was made in Python"):
+        crowdbench.run("orca", cases=1, key="mine")
+
+
+def test_metrics_that_are_functions_are_not_resumed_either():
+    runs = [crowdbench.notebook.load_run(RunSpec("orca", "circle_crossing_5", Cases.parse("2"))) for _ in range(2)]
+    assert runs[0].id == runs[1].id
+    limits = [dataclasses.replace(runs[0], metrics={"near": lambda trace, d=d: trace.gap.min(1) < d}) for d in (1, 2)]
+    assert limits[0].id.metrics == limits[1].id.metrics  # a closure's values have no source
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(FILE)
+    (tmp_path / "helper.py").write_text("ZERO = 0.0\n")
+    (tmp_path / "near.py").write_text("def metric(trace):\n    return trace.gap.min(axis=1)\n")
+    return RunSpec("./mine.py", "circle_crossing_5", Cases.parse("8"), metrics=("./near.py",))
+
+
+CHANGES = {
+    "an option": {"options": {"pace": 0.5}},
+    "a radius": {"overrides": {"vehicle.radius": 0.2}},
+    "the rule of collisions": {"overrides": {"collision": "crowdnav"}},
+    "cases": {"cases": Cases.parse("9")},
+    "replanning": {"replanning": Replanning(8)},
+    "the batch of a planner of one's own": {"batch": 4},
+    "the decision limit": {"decision_limit": 30.0},
+    "another metric": {"metrics": ()},
+    "pedestrians": {"pedestrians": "social_force"},
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_changes_a_figure_makes_another_run(mine, change):
+    assert load_run(dataclasses.replace(mine, **CHANGES[change])).id.digest != load_run(mine).id.digest
+
+
+@pytest.mark.parametrize("change", [{"record": "none"}, {"overrides": {"vehicle.radius": 0.3}}, {"isolated": True}])
+def test_what_changes_no_figure_makes_no_other_run(mine, change):
+    assert load_run(dataclasses.replace(mine, **change)).id == load_run(mine).id
+
+
+@pytest.mark.parametrize("file", ["mine.py", "helper.py", "near.py"])
+def test_every_file_of_a_plug_in_counts(mine, tmp_path, file):
+    before = load_run(mine).id
+    (tmp_path / file).write_text((tmp_path / file).read_text() + "CONSTANT = 1\n")
+    assert load_run(mine).id != before
+
+
+def test_batches_count_only_where_they_move_the_last_bits():
+    orca, learned = (RunSpec(name, "circle_crossing_5", Cases.parse("8")) for name in ("orca", "sarl_cvm"))
+    assert [load_run(dataclasses.replace(each, batch=4)).id == load_run(each).id for each in (orca, learned)] == [
+        True,
+        False,
+    ]
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A copy of the package whose code can be edited; returns the digests of simulator and planner after an edit."""
+    shutil.copytree(source.PACKAGE, tmp_path / "crowdbench", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(source, "PACKAGE", tmp_path / "crowdbench")
+    caches = (source._read, source._find, source._public_names)
+
+    def digests(file="", old="", new=""):
+        if file:
+            path = tmp_path / "crowdbench" / file
+            text = path.read_text()
+            assert old in text
+            path.write_text(text.replace(old, new, 1))
+        for cache in caches:
+            cache.cache_clear()
+        return source.code_digest(identity.SIMULATOR), source.code_digest(["crowdbench.ValuePlanner"])
+
+    yield digests
+    for cache in caches:
+        cache.cache_clear()
+
+
+EDITS = {
+    "a comment": ("sim/episode.py", "\ndef ", "\n# A comment.\ndef ", (True, True)),
+    "a docstring": ("sim/episode.py", '"""', '"""Better: ', (True, True)),
+    "a kernel": ("sim/swept.py", "2.0", "2.5", (False, False)),
+    "the rule of an episode": ("sim/episode.py", "Outcome.SUCCESS", "Outcome.TIMEOUT", (False, False)),
+    "what the scenario's reader imports": ("scenario/groups.py", "import", "import math, ", (False, True)),
+    "a planner's code": ("planners/lookahead.py", "class Value", "class Other(int): ...\nclass Value", (True, False)),
+    "a command": ("cli/run.py", "NAMED = 10", "NAMED = 11", (True, True)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_code_counts_by_what_it_does(package, edit):
+    *change, same = EDITS[edit]
+    before = package()
+    assert tuple(a == b for a, b in zip(before, package(*change), strict=True)) == same
+
+
+def test_the_digest_of_code_covers_what_a_rollout_runs():
+    reached = source.reached_modules(identity.SIMULATOR)
+    assert {"crowdbench.sim.simulator", "crowdbench.core.rng", "crowdbench.scenario.respawn"} <= reached
+    for part in ("cli", "boards", "record", "envs", "train", "study", "networks", "figures", "metrics"):
+        assert not [name for name in reached if name.startswith(f"crowdbench.{part}")]
+
+
+def test_a_renamed_module_has_the_same_digest(tmp_path):
+    (tmp_path / "one.py").write_text('"""One."""\nx = [1, None]  # a comment\n')
+    (tmp_path / "two.py").write_text("x = [1,\n     None]\n")
+    (tmp_path / "three.py").write_text("x = [1]\n")
+    one, two, three = (source.code_digest([], [tmp_path / f"{name}.py"]) for name in ("one", "two", "three"))
+    assert one == two != three
