@@ -59,7 +59,7 @@ def test_a_scenario_is_started_and_driven(tmp_path):
     points = {point.name: point for point in check_scenario(load_scenario("circle_crossing_5"), Cases.parse("val:2"))}
     assert points["episodes"].seen.startswith("driven by ORCA: ")
     assert points["batch"].kept
-    text = Path("scenarios/corridor_8_v2.toml").read_text()
+    text = Path("scenarios/corridor_8.toml").read_text()
     (tmp_path / "full.toml").write_text(text.replace("number = 8", "number = 40"))
     found = CliRunner().invoke(app, ["check", str(tmp_path / "full.toml"), "--cases", "val:2"])
     assert found.exit_code == 1
