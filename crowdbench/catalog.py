@@ -248,7 +248,8 @@ def scenarios() -> list[tuple[str, str]]:
 
 
 def _scenario_files() -> list[Path]:
-    return sorted(SCENARIOS.glob("*.toml"))
+    """The files of all built-in scenarios, sorted by folder. Dials and certificates lie beside them."""
+    return sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
 
 
 def _resolve_files(policy: Any) -> Any:

@@ -141,11 +141,11 @@ def test_whose_goal_is_walled_in_has_no_certificate_and_others_of_the_scenario_h
         ("circle_crossing_5_visible", {}),
         ("circle_crossing_10", {}),
         ("circle_crossing_10", {"collision": "crowdnav"}),
-        ("circle_crossing_5_unicycle", {}),
+        ("circle_crossing_5", {"vehicle.dynamics": "unicycle"}),
         ("circle_crossing_10", {"vehicle.max_acceleration": 1.0}),
         ("circle_crossing_5_gaussian", {"dt": 0.1}),
         ("crowdnav_plus_20", {"pedestrians.number": 8}),
-        ("circle_crossing_5_car", {"layout.circle_radius": 7.0, "vehicle.length": 3.0, "vehicle.wheelbase": 1.8}),
+        ("car_12", {"pedestrians.number": 5}),
     ],
 )
 def test_what_a_search_finds_replays_with_the_margin(name, overrides):

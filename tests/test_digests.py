@@ -85,61 +85,71 @@ def test_a_results_table_has_the_digest_of_its_scenario_whatever_it_says_of_it()
 
 
 SCENARIOS = {
-    "blind_corner": "c037ed08131e",
-    "blind_corner_3": "6e63caff4d9b",
-    "blocks_12": "0978c361837f",
-    "blocks_12_perfect_sight": "32c7dd08d514",
-    "car_12": "a94b74653774",
     "circle_crossing_10": "99db7ad6d68a",
-    "circle_crossing_20_far": "e6a7a4baf971",
-    "circle_crossing_20_seen": "29faad8776ee",
-    "circle_crossing_20": "7ef6ce5a66ce",
     "circle_crossing_5": "62b37e5ddf61",
-    "circle_crossing_5_car": "b047cd55b71e",
     "circle_crossing_5_gaussian": "158d2409960c",
     "circle_crossing_5_social_force": "bb7bd7ef9d67",
-    "circle_crossing_5_unicycle": "87916ba303c1",
     "circle_crossing_5_visible": "95bdfee2e846",
-    "circle_crossing_6_near": "374634a73e3c",
-    "circle_crossing_limited_sight": "dba52d1a2617",
-    "circle_crossing_mixed": "ba5dc8813c51",
-    "companions": "6eab92864111",
-    "corridor": "593019e6d69a",
-    "corridor_8": "b996e5e9479b",
     "crowdnav_plus_20": "2f87b295e48b",
     "crowdnav_plus_20_random": "a2c4d2eaa318",
-    "doorway": "117ab1cf4b4f",
-    "doorway_8": "05c961226fb1",
+    "square_crossing_5": "53f7c8ebd351",
+    "circle_crossing_20_far": "e6a7a4baf971",
+    "circle_crossing_6_near": "374634a73e3c",
+    "power_law_16": "bde89d0bb688",
+    "sizes_speeds_12": "79886f7b9cf7",
+    "office_8": "583946043f2c",
+    "shop_10": "b3138229799e",
     "dut_reactive": "06d9b7aea276",
     "dut_recorded": "598d0df1efcd",
     "eth_reactive": "916015641165",
     "eth_recorded": "d0a2398f0b72",
-    "groups_12": "5f38bbc05cbe",
-    "half_half_20": "bd2ad987c705",
     "hotel_reactive": "4aa4fa621557",
     "hotel_recorded": "22b48a28b1b6",
-    "intersection": "a6c6c1a6c0a8",
-    "intersection_16_seen": "4b2af4009150",
-    "intersection_16": "579ec4e6a5a1",
-    "noisy_10": "e975b4dc20c9",
-    "office_8": "583946043f2c",
-    "shop_10": "b3138229799e",
-    "power_law_10": "f51afeb816b3",
-    "power_law_16": "bde89d0bb688",
-    "restless": "990aab580523",
-    "restless_20": "7f450e91e165",
-    "room": "c10cd0679e5e",
-    "sizes_speeds_12": "79886f7b9cf7",
-    "square_crossing_5": "53f7c8ebd351",
-    "thousand": "c3a456a54a8b",
-    "traffic": "5c3615765887",
-    "unicycle_10": "b3d24b1baf79",
     "univ_reactive": "0e75aedc15a2",
     "univ_recorded": "7e065089a0e2",
     "zara1_reactive": "f966496675c2",
     "zara1_recorded": "e932bb521f07",
     "zara2_reactive": "91df46104631",
     "zara2_recorded": "2573d9f6e021",
+    "blind_corner_3": "6e63caff4d9b",
+    "blocks_12": "0978c361837f",
+    "blocks_12_perfect_sight": "32c7dd08d514",
+    "car_12": "a94b74653774",
+    "circle_crossing_20": "7ef6ce5a66ce",
+    "circle_crossing_20_seen": "29faad8776ee",
+    "corridor_8": "b996e5e9479b",
+    "doorway_8": "05c961226fb1",
+    "groups_12": "5f38bbc05cbe",
+    "half_half_20": "bd2ad987c705",
+    "intersection_16": "579ec4e6a5a1",
+    "intersection_16_seen": "4b2af4009150",
+    "noisy_10": "e975b4dc20c9",
+    "restless_20": "7f450e91e165",
+    "unicycle_10": "b3d24b1baf79",
+    "thousand": "c3a456a54a8b",
+    "car": "273572b68c17",
+    "circle_crossing_mixed": "ba5dc8813c51",
+    "corner": "1325cc79920d",
+    "corridor": "d8a646f1aad3",
+    "distracted": "8c319ae32ef6",
+    "door": "0f5ac85bca73",
+    "door_narrow": "6a914a6f1f41",
+    "far": "28017f5bd912",
+    "groups": "932687619594",
+    "mixed": "0ed3e3484c8f",
+    "near": "3984be0dff7b",
+    "noise": "dbf6d541f90f",
+    "noise_late": "5e9496d6f8c0",
+    "replaced": "550a8ddbf6eb",
+    "room": "858c6594570b",
+    "room_open": "006aa3e68bd5",
+    "streams": "c62a398fcf0a",
+    "streams_busy": "c9b748ce07ed",
+    "streams_narrow": "c69c2789c0b4",
+    "street": "deffc12467b7",
+    "street_narrow": "e2f51726dd1c",
+    "unicycle": "e97ef2050376",
+    "unicycle_slow": "275eb8729187",
 }
 """Those of the scenarios that ship; results and entries have them."""
 
@@ -193,7 +203,7 @@ def test_the_digests_of_the_simulated_scenarios_stay():
     """Where this fails because a default is another one, `crowdbench.scenario.digest.VERSION` must be raised."""
     digests = {name: load_scenario(name).digest for name in simulated_scenarios()}
     assert digests.items() <= SCENARIOS.items()
-    assert len(digests) == 43
+    assert len(digests) == 53
 
 
 @pytest.mark.slow
@@ -244,7 +254,7 @@ def test_a_new_key_with_a_default_changes_no_digest_of_a_scenario(monkeypatch):
     new = {"sight", "vehicle.mass", "pedestrians.hurry", "layout.walls", "pedestrians.orca.patience"}
     assert new < set(flat(after["circle_crossing_5"].table))
     assert {name: scenario.digest for name, scenario in after.items()}.items() <= SCENARIOS.items()
-    assert "pedestrians.goal_change.jump" in flat(after["restless"].table)
+    assert "pedestrians.goal_change.jump" in flat(after["restless_20"].table)
     # The tables of results that are there already.
     assert {name: compute_digest(scenario.table) for name, scenario in before.items()}.items() <= SCENARIOS.items()
     for key in sorted(new):
