@@ -107,8 +107,6 @@ def load_scenario(
     overrides: Mapping[str, Any] | None = None,
     pedestrians: str | None = None,
     data: Path | None = None,
-    *,
-    all_cases: bool = False,
 ) -> Scenario:
     """Find a scenario and read it.
 
@@ -117,7 +115,6 @@ def load_scenario(
         overrides: Values for dotted keys of the file, such as `{"vehicle.visible": True}`.
         pedestrians: A policy that moves all pedestrians instead of the scenario's own, without its parameters.
         data: The folder with the recorded tracks that the scenario's `[tracks]` needs.
-        all_cases: Whether it has those cases too that are known to have no certificate.
 
     Returns:
         The scenario.
@@ -141,9 +138,7 @@ def load_scenario(
         data,
     )
     scenario = scenario_file.parse(table, path.stem, str(path) if spec.endswith(".toml") else path.name, load)
-    if all_cases:
-        return scenario
-    return scenario_file.leave_out_uncertified(scenario, spec, path.parent / FOLDER / path.name)
+    return scenario_file.with_certificates(scenario, spec, path.parent / FOLDER / path.name)
 
 
 def _read_map(layout: Any, folder: Path) -> None:
