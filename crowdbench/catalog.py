@@ -127,8 +127,6 @@ def load_scenario(
     overrides: Mapping[str, Any] | None = None,
     pedestrians: str | None = None,
     data: Path | None = None,
-    *,
-    all_cases: bool = False,
 ) -> Scenario:
     """Find a scenario and read it.
 
@@ -137,7 +135,6 @@ def load_scenario(
         overrides: Values for dotted keys of the file, such as `{"vehicle.visible": True}`.
         pedestrians: A policy that moves all pedestrians instead of the scenario's own, without its parameters.
         data: The folder with the recorded tracks that the scenario's `[tracks]` needs.
-        all_cases: Whether it has those cases too that are known to have no certificate.
 
     Returns:
         The scenario.
@@ -161,9 +158,7 @@ def load_scenario(
         data,
     )
     scenario = scenario_file.parse(table, path.stem, str(path) if spec.endswith(".toml") else path.name, load)
-    if all_cases:
-        return scenario
-    return scenario_file.leave_out_uncertified(scenario, spec, path.parent / FOLDER / path.name)
+    return scenario_file.with_certificates(scenario, spec, path.parent / FOLDER / path.name)
 
 
 def _read_map(layout: Any, folder: Path) -> None:
@@ -268,7 +263,8 @@ def scenarios() -> list[tuple[str, str]]:
 
 
 def _scenario_files() -> list[Path]:
-    return sorted(SCENARIOS.glob("*.toml"))
+    """The files of all built-in scenarios, sorted by folder. Dials and certificates lie beside them."""
+    return sorted(path for path in SCENARIOS.rglob("*.toml") if path.parent.name not in ("dials", FOLDER))
 
 
 def _resolve_files(policy: Any) -> Any:

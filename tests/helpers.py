@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +22,11 @@ from crowdbench.sim import episode
 from crowdbench.sim.pedestrians import ORCA
 from crowdbench.sim.pedestrians.forces import Walkers, to_walkers
 from crowdbench.sim.simulator import After, Before, move
+
+
+def fixture(name):
+    """The file of a scenario that tests alone need."""
+    return str(Path(__file__).parent / "scenarios" / f"{name}.toml")
 
 
 def world(position, velocity=None, goal=None, *, radius=0.3, step=0, rules=Rules()):  # noqa: B008 (immutable)

@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from helpers import Still, drive, same
+from helpers import Still, drive, fixture, same
 from helpers import trace as trace_of
 
 from crowdbench.catalog import load_scenario
@@ -60,9 +60,9 @@ def test_a_case_is_the_same_alone_and_in_a_batch(arrival):
 
 @pytest.mark.parametrize("arrival", ["new_goal", "respawn", "back_and_forth"])
 def test_a_case_among_walls_is_the_same_alone_and_in_a_batch(arrival):
-    together = restless(arrival, "4", "corridor", planner="straight", pedestrians__goal_change=MINDS)
+    together = restless(arrival, "4", fixture("corridor"), planner="straight", pedestrians__goal_change=MINDS)
     assert (np.diff(together.goal[:, :, 1:], axis=1) != 0.0).any()
-    alone = restless(arrival, "2:3", "corridor", planner="straight", pedestrians__goal_change=MINDS)
+    alone = restless(arrival, "2:3", fixture("corridor"), planner="straight", pedestrians__goal_change=MINDS)
     assert np.array_equal(alone.position[0], together.position[2], equal_nan=True)
 
 

@@ -359,5 +359,5 @@ def test_the_command_prints_median_and_late_decisions_of_a_planner(monkeypatch):
     both = CliRunner().invoke(app, ["bench", "--planner", "straight", "--lookahead"])
     assert isinstance(both.exception, InputError)
     assert "give one of them" in str(both.exception)
-    nobody = CliRunner().invoke(app, ["bench", "--scenario", "doorway"])
+    nobody = CliRunner().invoke(app, ["bench", "--scenario", "doorway_8"])
     assert "need --planner" in str(nobody.exception)

@@ -1,4 +1,4 @@
-"""Certificates: what is solvable is solved, what is walled in is not, and runs leave out the cases that have none."""
+"""Certificates: what is solvable is solved, what is walled in is not, and runs print how many cases have one."""
 
 import dataclasses
 from pathlib import Path
@@ -17,7 +17,7 @@ from crowdbench.planners.driver import Driver
 from crowdbench.runs.replay import Playback
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import Certified, Examined, skip_left_out
+from crowdbench.scenario.certified import Certified, Examined
 from crowdbench.scenario.starts import Vehicle
 from crowdbench.utils.errors import InputError
 
@@ -141,11 +141,11 @@ def test_whose_goal_is_walled_in_has_no_certificate_and_others_of_the_scenario_h
         ("circle_crossing_5_visible", {}),
         ("circle_crossing_10", {}),
         ("circle_crossing_10", {"collision": "crowdnav"}),
-        ("circle_crossing_5_unicycle", {}),
+        ("circle_crossing_5", {"vehicle.dynamics": "unicycle"}),
         ("circle_crossing_10", {"vehicle.max_acceleration": 1.0}),
         ("circle_crossing_5_gaussian", {"dt": 0.1}),
         ("crowdnav_plus_20", {"pedestrians.number": 8}),
-        ("circle_crossing_5_car", {"layout.circle_radius": 7.0, "vehicle.length": 3.0, "vehicle.wheelbase": 1.8}),
+        ("car_12", {"pedestrians.number": 5}),
     ],
 )
 def test_what_a_search_finds_replays_with_the_margin(name, overrides):
@@ -185,21 +185,6 @@ def test_the_margin_is_that_of_walls_too(made):
     assert 0.0 <= found.gap < 0.1
 
 
-def test_cases_that_are_left_out_shift_the_others():
-    assert skip_left_out([1, 2, 5], np.arange(5)).tolist() == [0, 3, 4, 6, 7]
-    scenario = load_scenario("circle_crossing_10")
-    fewer = scenario.leave_out({"val": [0, 2]})
-    np.testing.assert_array_equal(
-        fewer.draw("val", np.arange(3)).position, scenario.draw("val", np.array([1, 3, 4])).position
-    )
-    np.testing.assert_array_equal(
-        fewer.draw("test", np.arange(3)).position, scenario.draw("test", np.arange(3)).position
-    )
-    assert fewer.raw_numbers("val", np.arange(3)).tolist() == [1, 3, 4]
-    assert fewer.digest != scenario.digest
-    assert scenario.leave_out({"val": []}).digest == scenario.digest
-
-
 def test_certify_and_run_of_a_scenario_of_ones_own(made):
     scenario = made("ring", 12)
     result = certify("mine.toml", "--cases", "test:4", "--out", "certified")
@@ -209,15 +194,15 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     assert "Traceback" not in result.output
     replay = CliRunner().invoke(app, ["score", "certified/test", "--replay", "--layout", "mine.py:ring"])
     assert "All agree" in replay.output, replay.output
-    # In the folder that the last line names, the file keeps these cases out of runs.
-    assert Certified.read(Path("certified/mine.toml")).test.left_out == without_one
+    # It lies in the folder that the last line names.
+    assert Certified.read(Path("certified/mine.toml")).test.uncertified == without_one
     there = 4 - len(without_one)
     run = ["run", "--planner", "orca_margin", "--scenario", "mine.toml", "--record", "commands", "--cases"]
-    driven = CliRunner().invoke(app, [*run, str(there), "--out", "some"])
+    driven = CliRunner().invoke(app, [*run, "4", "--out", "some"])
     assert f"crowdbench: {there} of 4 examined test cases ({there / 4:.1%}) of mine have a certificate" in driven.stderr
     again = CliRunner().invoke(app, ["score", "some", "--replay", "--layout", "mine.py:ring"])
     assert "All agree" in again.output, again.output
-    beyond = CliRunner().invoke(app, [*run, str(there + 1), "--out", "more"])
+    beyond = CliRunner().invoke(app, [*run, "5", "--out", "more"])
     assert "`crowdbench certify mine.toml --cases test:5` makes them" in beyond.stderr
 
 
@@ -263,10 +248,10 @@ def test_nearly_all_cases_of_a_dense_crowd_are_certified(planners):
     assert sum(each.margin == 0.1 for each in found) >= 47
 
 
-def test_a_stale_file_is_told_and_leaves_nothing_out(made):
+def test_a_stale_file_is_told(made):
     scenario = made("ring", 12)
     Path("certified").mkdir()
-    file = Certified(scenario="0" * 12, margin=0.1, test=Examined(examined=4, left_out=[1]))
+    file = Certified(scenario="0" * 12, margin=0.1, test=Examined(examined=4, uncertified=[1]))
     Path("certified/mine.toml").write_text(file.text())
     loaded = load_scenario("mine.toml")
     assert loaded.digest == scenario.digest
@@ -277,7 +262,7 @@ def test_a_stale_file_is_told_and_leaves_nothing_out(made):
     ("text", "sentence"),
     [
         ("margin = 0.1", "scenario is missing"),
-        ('scenario = "a"\nmargin = 0.1\n[test]\nexamined = 4\nleft_out = [2, 1]', "each larger than the one before"),
+        ('scenario = "a"\nmargin = 0.1\n[test]\nexamined = 4\nuncertified = [2, 1]', "each larger than the one before"),
         ('scenario = "a"\nmargin = 0.1\n[tests]\nexamined = 4', "unknown key tests"),
     ],
 )

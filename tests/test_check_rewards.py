@@ -59,7 +59,7 @@ def test_a_scenario_is_started_and_driven(tmp_path):
     points = {point.name: point for point in check_scenario(load_scenario("circle_crossing_5"), Cases.parse("val:2"))}
     assert points["episodes"].seen.startswith("driven by ORCA: ")
     assert points["batch"].kept
-    text = Path("scenarios/corridor_8_v2.toml").read_text()
+    text = Path("scenarios/suite/corridor_8.toml").read_text()
     (tmp_path / "full.toml").write_text(text.replace("number = 8", "number = 40"))
     found = CliRunner().invoke(app, ["check", str(tmp_path / "full.toml"), "--cases", "val:2"])
     assert found.exit_code == 1
@@ -67,7 +67,7 @@ def test_a_scenario_is_started_and_driven(tmp_path):
 
 
 def test_a_scenario_is_checked_as_its_file_says(tmp_path):
-    failed = CliRunner().invoke(app, ["check", "./mine.toml", "--scenario", "doorway"])
+    failed = CliRunner().invoke(app, ["check", "./mine.toml", "--scenario", "doorway_8"])
     assert "leave out --option and --scenario" in str(failed.exception)
     missing = CliRunner().invoke(app, ["check", str(tmp_path / "mine.toml")])
     assert "mine.toml" in str(missing.exception)

@@ -21,7 +21,7 @@ def gaps(world):
 @pytest.mark.parametrize("name", ["circle_crossing_20", "intersection_16", "groups_12", "doorway_8", "blocks_12"])
 def test_nobody_starts_in_it(name):
     cases = np.arange(15)
-    without, there = (load_scenario(name, changes).draw("test", cases) for changes in ({}, {KEY: SPACE}))
+    without, there = (load_scenario(name, changes).draw("test", cases) for changes in ({KEY: None}, {KEY: SPACE}))
     assert gaps(without).min() < 1.0
     assert gaps(there).min() >= 1.5
     np.testing.assert_array_equal(there.radius, without.radius)
@@ -37,8 +37,8 @@ def test_nobody_comes_in_near_the_vehicle():
     """Who has come in was not there in the state before."""
     least = {}
     for clear in (None, SPACE):
-        changes = {"pedestrians__clear_space": clear} if clear else {}
-        trace = drive("orca_margin", "10", "intersection_16", vehicle__radius=0.05, **changes)
+        changes = {"vehicle__radius": 0.05, "pedestrians__clear_space": clear}
+        trace = drive("orca_margin", "10", "intersection_16", **changes)
         row, before, pedestrian = np.nonzero(np.diff(trace.person, axis=1) > 0)
         after = before + 1
         way = trace.position[row, after, pedestrian + 1] - trace.position[row, after, 0]

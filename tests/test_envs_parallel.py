@@ -274,7 +274,7 @@ def test_a_vehicle_may_be_alone():
 
 
 def test_a_scenario_may_be_a_path_a_name_or_itself(tmp_path):
-    source = SCENARIOS_FOLDER / "circle_crossing_5.toml"
+    source = SCENARIOS_FOLDER / "crowdnav" / "circle_crossing_5.toml"
     path = tmp_path / "mine.toml"
     path.write_text(source.read_text())
     scenario = load_scenario("circle_crossing_5")

@@ -126,7 +126,7 @@ def test_a_planner_in_its_own_process_drives_every_vehicle_in_every_world_as_in_
     spec = mine(name) if name == NATIVE else name
     here = Driver(load_planner(spec)[1], "here")
     with driven(spec) as apart:
-        for scenario in ("circle_crossing_5_unicycle", "circle_crossing_5_car", "doorway"):
+        for scenario in ("unicycle_10", "car_12", "doorway_8"):
             one, two = (drive(driver, "val:2", scenario=scenario) for driver in (here, apart))
             for array in ("command", "position", "heading", "outcome", "steps"):
                 np.testing.assert_array_equal(getattr(one, array), getattr(two, array), scenario)
@@ -153,7 +153,7 @@ def test_native_commands_beyond_the_limits_get_the_same_sentences_as_in_this_pro
         found = []
         for _ in range(3):
             with pytest.raises(InputError) as error:
-                drive(driver, scenario="circle_crossing_5_unicycle")
+                drive(driver, scenario="unicycle_10")
             found.append(str(error.value))
         with pytest.raises(InputError, match="has native = 'unicycle', but the vehicle of the scenario is holonomic"):
             drive(driver)

@@ -115,11 +115,11 @@ def test_the_middle_of_a_group_is_within_it():
 
 
 def test_groups_are_in_traces_and_recordings_where_there_are_some(tmp_path):
-    episode = drive("orca", "val:3", "companions", time_limit=6.0)
+    episode = drive("orca", "val:3", "groups_12", time_limit=6.0)
     assert episode.group is not None
     assert (episode.group >= 0).any()
     assert episode.group.shape == episode.person.shape
-    with Recorder(tmp_path / "run.rrd", planner="orca", scenario="companions", scenario_digest="", cases=3) as recorder:
+    with Recorder(tmp_path / "run.rrd", planner="orca", scenario="groups_12", scenario_digest="", cases=3) as recorder:
         recorder.add(episode, np.arange(3), {})
     assert same(read(tmp_path / "run.rrd").trace, episode)
     assert drive("orca", "val:2").group is None

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import Still, drive, same
+from helpers import Still, drive, fixture, same
 from test_check_kinds import verdicts
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
@@ -70,7 +70,7 @@ def test_nobody_in_a_crowd_without_groups_is_placed_otherwise():
 
 
 def test_groups_walk_among_walls():
-    place = load_scenario("traffic", {"pedestrians.groups": {"2": 1.0}, "layout.width": 8.0})
+    place = load_scenario(fixture("traffic"), {"pedestrians.groups": {"2": 1.0}, "layout.width": 8.0})
     world = place.worlds(Cases("val", 0, 5))
     assert (world.group >= 0).any()
     assert np.isfinite(world.route[:, 1:, 0]).any()
@@ -239,7 +239,7 @@ def test_a_group_fits_into_its_disc():
             assert place.mean(axis=0) == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("scenario", ["restless", "companions"])
+@pytest.mark.parametrize("scenario", ["restless_20", fixture("companions")])
 def test_scenarios_of_people_are_the_same_again(scenario):
     trace = drive("orca_margin", "3", scenario)
     assert same(trace, drive("orca_margin", "3", scenario))

@@ -158,7 +158,8 @@ def test_threads_do_not_change_it(monkeypatch):
 
 
 def test_the_circle_is_crossed():
-    trace = drive(Still(), "val:10", "power_law_10", vehicle__radius=0.01, time_limit=30.0)
+    crowd = {"pedestrians__policy": "power_law", "vehicle__radius": 0.01}
+    trace = drive(Still(), "val:10", "circle_crossing_10", time_limit=30.0, **crowd)
     ended = trace.steps > 100
     assert ended.sum() >= 5
     remaining = norm(trace.goal[:, :, 1:] - trace.position[:, :, 1:])[ended]
@@ -167,7 +168,7 @@ def test_the_circle_is_crossed():
 
 
 def test_a_case_does_not_depend_on_its_batch():
-    scenario = load_scenario("power_law_10")
+    scenario = load_scenario("circle_crossing_10", pedestrians="power_law")
     many, one = (scenario.worlds(Cases("val", *bounds)) for bounds in ((0, 4), (2, 3)))
     policy, names = scenario.policies["power_law"], many.parameters["power_law"]
     got = policy.velocities(many, names)[2]

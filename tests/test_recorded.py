@@ -399,7 +399,7 @@ def test_every_scene_of_eth_ucy_and_dut_can_be_driven_in(shared):
     world = place.draw("test", np.arange(21))
     assert (norm(world.goal[:, 0] - world.position[:, 0]) >= LEAST_WAY - 1e-9).all()
     reactive = load_scenario("dut_reactive", data=shared / "data" / "dut").draw("test", np.arange(21))
-    assert list(reactive.parameters) == ["social_force", "recorded"]
+    assert list(reactive.parameters) == ["orca", "recorded"]
     assert set(reactive.policy[reactive.present[:, 1:]]) == {0, 1}, "some are people, some are cars"
     assert [place.tracks.most_cases(split) for split in ("train", "val", "test")] == [None, 3, 21]
 

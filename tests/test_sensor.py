@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import drive, same, world
+from helpers import drive, fixture, same, world
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
@@ -29,7 +29,7 @@ from crowdbench.sim.simulator import crowd_velocities, step
 
 DT = 0.25
 FIELDS = ("position", "velocity", "radius", "seen", "history", "observed", "age")
-LIMITED = "circle_crossing_limited_sight"
+LIMITED = fixture("limited_sight")
 EVERYTHING = {"sensor.range": 1e5, "sensor.remember": 1.0}
 """A sensor that measures everybody, and so keeps tracks of them."""
 
@@ -185,7 +185,9 @@ def test_noise_follows_the_person_and_is_not_the_planners():
 
 
 def test_some_are_missed_each_for_itself():
-    seen = np.stack([observe(now).pedestrians.seen for now in worlds_of({"sensor.missed": 0.3}, 40, 20, "room")])
+    seen = np.stack(
+        [observe(now).pedestrians.seen for now in worlds_of({"sensor.missed": 0.3}, 40, 20, fixture("room"))]
+    )
     assert seen.mean() == pytest.approx(0.7, abs=0.02)
     assert seen.all(axis=2).mean() == pytest.approx(0.7**5, abs=0.04)
 
@@ -477,7 +479,7 @@ def test_pictures_show_whom_the_vehicle_does_not_see():
 
 
 def test_a_recording_keeps_and_shows_what_was_perceived(tmp_path):
-    trace = drive("straight", "2", "room", **{f"sensor__{key}": value for key, value in SHOWN.items()})
+    trace = drive("straight", "2", fixture("room"), **{f"sensor__{key}": value for key, value in SHOWN.items()})
     with Recorder(tmp_path / "run.rrd", planner="p", scenario="s", scenario_digest="d", cases=2) as recorder:
         recorder.add(trace, np.arange(2), {})
     found = read(tmp_path / "run.rrd").trace
@@ -485,7 +487,7 @@ def test_a_recording_keeps_and_shows_what_was_perceived(tmp_path):
     assert found.rules == trace.rules
     chunks = list(draw_episode(trace, 0, "title", {}))
     assert {"/world/sight", "/world/view", "/world/lidar"} <= {chunk.entity_path for chunk in chunks}
-    perfect = list(draw_episode(drive("straight", "1", "room"), 0, "title", {}))
+    perfect = list(draw_episode(drive("straight", "1", fixture("room")), 0, "title", {}))
     assert not {"/world/sight", "/world/view", "/world/lidar"} & {chunk.entity_path for chunk in perfect}
 
 

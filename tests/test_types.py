@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import advance, drive, trace
+from helpers import advance, drive, fixture, trace
 
 from crowdbench import load_scenario
 from crowdbench.core.reward import COLLISION, WALL_COLLISION, reward
@@ -40,7 +40,7 @@ def test_rows_are_put_into_memories_however_deep():
 
 
 def test_a_world_is_put_among_worlds_with_other_routes():
-    place = load_scenario("room")
+    place = load_scenario(fixture("room"))
     alone = [place.worlds(Cases("val", case, case + 1)) for case in range(6)]
     longest = [world.route.shape[2] for world in alone]
     short, long = alone[int(np.argmin(longest))], alone[int(np.argmax(longest))]

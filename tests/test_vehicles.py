@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import advance, check_step, drive, same, world
+from helpers import advance, check_step, drive, fixture, same, world
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.dynamics import Bicycle, State, Unicycle, chain, hull
@@ -287,7 +287,7 @@ def test_the_planner_of_the_page_about_vehicles_commands_unicycles_only(tmp_path
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     (tmp_path / "turning.py").write_text(code)
     _, planner = load_planner(str(tmp_path / "turning.py"))
-    trace = drive(planner, "5", "blind_corner", vehicle__dynamics="unicycle", pedestrians__number=0)
+    trace = drive(planner, "5", fixture("blind_corner"), vehicle__dynamics="unicycle", pedestrians__number=0)
     assert (trace.outcome == Outcome.SUCCESS).all()
     with pytest.raises(InputError, match="has native = 'unicycle', but the vehicle of the scenario is holonomic"):
         drive(planner, "1")

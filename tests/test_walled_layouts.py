@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+from helpers import fixture
 
 from crowdbench.catalog import load_scenario
 from crowdbench.scenario.cases import Cases
@@ -27,7 +28,7 @@ def gaps(points, radius):
 
 @pytest.mark.parametrize("name", WALLED)
 def test_everybody_has_room_at_the_start_and_at_the_goal(name):
-    start = load_scenario(name, {"pedestrians.number": 6}).worlds(CASES)
+    start = load_scenario(fixture(name), {"pedestrians.number": 6}).worlds(CASES)
     for case in range(len(start)):
         around = walls(start.obstacles[case])
         for points in (start.position[case], start.goal[case]):
@@ -37,7 +38,7 @@ def test_everybody_has_room_at_the_start_and_at_the_goal(name):
 
 @pytest.mark.parametrize("name", WALLED)
 def test_the_vehicles_way_is_some_eight_metres(name):
-    start = load_scenario(name).worlds(CASES)
+    start = load_scenario(fixture(name)).worlds(CASES)
     for case in range(len(start)):
         waypoints = start.route[case, 0][np.isfinite(start.route[case, 0, :, 0])]
         way = shapely.LineString([start.position[case, 0], *waypoints, start.goal[case, 0]])
@@ -47,19 +48,19 @@ def test_the_vehicles_way_is_some_eight_metres(name):
 
 def test_in_a_doorway_and_around_a_corner_people_come_from_both_sides():
     for name, axis in (("doorway", 1), ("blind_corner", 0), ("corridor", 1)):
-        start = load_scenario(name).worlds(CASES)
+        start = load_scenario(fixture(name)).worlds(CASES)
         ahead = (start.goal - start.position)[:, 1:, axis] > 0
         assert 0.2 < ahead.mean() < 0.8
 
 
 @pytest.mark.parametrize("against", [0.0, 1.0])
 def test_the_share_of_people_against_the_vehicle_is_an_option(against):
-    start = load_scenario("traffic", {"layout.against": against}).worlds(CASES)
+    start = load_scenario(fixture("traffic"), {"layout.against": against}).worlds(CASES)
     assert ((start.goal[:, 1:, 1] < start.position[:, 1:, 1]) == bool(against)).all()
 
 
 def test_two_streams_cross_in_the_intersection():
-    start = load_scenario("intersection").worlds(CASES)
+    start = load_scenario(fixture("intersection")).worlds(CASES)
     way = (start.goal - start.position)[:, 1:]
     across = np.abs(way[..., 0]) > np.abs(way[..., 1])
     assert 0.3 < across.mean() < 0.7
@@ -67,7 +68,7 @@ def test_two_streams_cross_in_the_intersection():
 
 
 def test_a_room_has_as_many_blocks_as_asked_and_others_in_every_case():
-    obstacles = load_scenario("room", {"layout.blocks": 3}).worlds(CASES).obstacles
+    obstacles = load_scenario(fixture("room"), {"layout.blocks": 3}).worlds(CASES).obstacles
     assert obstacles.shape[1] == 4 + 3
     assert len(np.unique(obstacles[:, 4, 0, 0])) == len(obstacles)
 
@@ -86,14 +87,14 @@ def test_a_room_has_as_many_blocks_as_asked_and_others_in_every_case():
     ],
 )
 def test_options_that_leave_no_room_are_told_with_the_case(name, options, sentence):
-    place = load_scenario(name, {f"layout.{option}": value for option, value in options.items()})
-    with pytest.raises(InputError, match=f"^{name}.toml: in case test:0, {sentence}"):
+    place = load_scenario(fixture(name), {f"layout.{option}": value for option, value in options.items()})
+    with pytest.raises(InputError, match=f"{name}.toml: in case test:0, {sentence}"):
         place.worlds(Cases.parse("1"))
 
 
 def test_a_way_has_a_waypoint_at_least_every_metre():
     for name in ("doorway", "blind_corner"):
-        start = load_scenario(name).worlds(Cases.parse("3"))
+        start = load_scenario(fixture(name)).worlds(Cases.parse("3"))
         for w, agent in np.ndindex(start.route.shape[:2]):
             way = np.concatenate([start.position[w, agent, None], start.route[w, agent], start.goal[w, agent, None]])
             legs = np.diff(way[np.isfinite(way[:, 0])], axis=0)

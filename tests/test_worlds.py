@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from helpers import drive
+from helpers import drive, fixture
 
-from crowdbench.catalog import load_scenario, simulated_scenarios
+from crowdbench.catalog import load_scenario
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Outcome
 from crowdbench.metrics import sct, spl
@@ -13,13 +13,6 @@ from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.simulator import crowd_velocities, step
 
 WALLED = ["doorway", "corridor", "blind_corner", "intersection", "room", "traffic"]
-
-
-@pytest.mark.slow
-def test_there_is_a_walled_world_of_each_layout_with_walls():
-    shipped = {each.table["layout"]["generator"]: each for each in map(load_scenario, simulated_scenarios())}
-    walled = {name for name, each in shipped.items() if each.worlds(Cases.parse("1")).obstacles.shape[1]}
-    assert walled == {*WALLED, "floor_plan"}
 
 
 def assert_only_the_vehicle_meets_walls_and_ends_there(trace):
@@ -36,18 +29,18 @@ def assert_only_the_vehicle_meets_walls_and_ends_there(trace):
 @pytest.mark.parametrize("scenario", WALLED)
 @pytest.mark.parametrize("planner", ["straight", "orca", "social_force", "ppo"])
 def test_planners_drive_among_walls(planner, scenario):
-    assert_only_the_vehicle_meets_walls_and_ends_there(drive(planner, "5", scenario))
+    assert_only_the_vehicle_meets_walls_and_ends_there(drive(planner, "5", fixture(scenario)))
 
 
 @pytest.mark.parametrize("planner", ["lstm_rl", "sarl_lin", pytest.param("sarl_sgan_seq", marks=pytest.mark.slow)])
 def test_learned_planners_drive_among_walls(planner):
-    assert_only_the_vehicle_meets_walls_and_ends_there(drive(planner, "1", "blind_corner"))
+    assert_only_the_vehicle_meets_walls_and_ends_there(drive(planner, "1", fixture("blind_corner")))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pedestrians", ["orca", "social_force"])
 def test_pedestrians_reach_their_goals_among_walls(pedestrians):
-    scenario = load_scenario("room", {"time_limit": 60.0}, pedestrians=pedestrians)
+    scenario = load_scenario(fixture("room"), {"time_limit": 60.0}, pedestrians=pedestrians)
     world = scenario.worlds(Cases.parse("20"))
     for _ in range(200):
         world, _ = step(world, np.zeros((20, 2)), crowd_velocities(world, scenario.policies))
@@ -56,13 +49,13 @@ def test_pedestrians_reach_their_goals_among_walls(pedestrians):
 
 
 def test_straight_never_slows_down():
-    trace = drive("straight", "5", "blind_corner")
+    trace = drive("straight", "5", fixture("blind_corner"))
     for row, steps in enumerate(trace.steps):
         assert norm(trace.velocity[row, 1 : steps + 1, 0]) == pytest.approx(1.0)
 
 
 def test_spl_and_sct_take_the_way_round_walls():
-    trace = drive("straight", "30", "blind_corner", pedestrians__number=0)
+    trace = drive("straight", "30", fixture("blind_corner"), pedestrians__number=0)
     assert (trace.outcome == Outcome.SUCCESS).all()
     assert ((spl(trace) > 0.97) & (spl(trace) <= 1.0)).all()
     assert (sct(trace) > 0.9).all()
@@ -71,7 +64,7 @@ def test_spl_and_sct_take_the_way_round_walls():
 
 
 def test_a_door_without_people_can_be_driven_through():
-    trace = drive("straight", "3", "doorway_8_v2", pedestrians__number=0)
+    trace = drive("straight", "3", "doorway_8", pedestrians__number=0)
     assert (trace.outcome == Outcome.SUCCESS).all()
     assert trace.sees_vehicle.shape[2] == 0
 
@@ -79,13 +72,13 @@ def test_a_door_without_people_can_be_driven_through():
 @pytest.mark.slow
 @pytest.mark.parametrize("planner", ["orca", "social_force", "ppo"])
 def test_a_unicycle_that_follows_velocities_stops_in_front_of_walls(planner):
-    trace = drive(planner, "10", "doorway", vehicle__dynamics="unicycle")
+    trace = drive(planner, "10", fixture("doorway"), vehicle__dynamics="unicycle")
     assert_only_the_vehicle_meets_walls_and_ends_there(trace)
     assert not (trace.outcome == Outcome.WALL_COLLISION).any()
 
 
 @pytest.mark.slow
 def test_a_lookahead_of_a_unicycle_foresees_where_it_could_not_stop():
-    trace = drive("sarl_lin", "10", "doorway", vehicle__dynamics="unicycle")
+    trace = drive("sarl_lin", "10", fixture("doorway"), vehicle__dynamics="unicycle")
     assert_only_the_vehicle_meets_walls_and_ends_there(trace)
     assert (trace.outcome == Outcome.WALL_COLLISION).mean() <= 0.2

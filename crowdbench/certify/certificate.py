@@ -209,7 +209,7 @@ def make(
     is from, and `NAME.toml` which cases have none, if the first ones are among the cases.
 
     Args:
-        scenario: The scenario, with all its cases.
+        scenario: The scenario.
         cases: The cases.
         margin: The wider of the margins that are tried, in metres; the other one is 0.
         out: The directory to write.
@@ -284,8 +284,8 @@ def _list_without(scenario: Scenario, split: str, margin: float, found: Sequence
     """
     before = Certified.read(path)
     splits = before.splits if before and (before.scenario, before.margin) == (scenario.digest, margin) else {}
-    left_out = [each.case for each in found if not each.means]
+    uncertified = [each.case for each in found if not each.means]
     narrow = [each.case for each in found if each.margin < margin]
-    splits[split] = Examined(examined=len(found), left_out=left_out, narrow=narrow)
+    splits[split] = Examined(examined=len(found), uncertified=uncertified, narrow=narrow)
     with files.whole(path) as partial:
         partial.write_text(Certified(scenario=scenario.digest, margin=margin, **splits).text(), encoding="utf-8")

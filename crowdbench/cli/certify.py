@@ -48,7 +48,7 @@ def certify(
     from crowdbench.scenario.certified import FOLDER
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
-    loaded = catalog.load_scenario(scenario, changes, data=data, all_cases=True)
+    loaded = catalog.load_scenario(scenario, changes, data=data)
     loaded.check_data(data)
     directory = out or Path("runs") / f"certified-{loaded.name}"
     announce_compilation()
@@ -62,7 +62,7 @@ def certify(
     if examined.start == 0:
         folder = catalog.scenario_path(scenario).parent
         listed, place = directory / f"{loaded.name}.toml", folder / FOLDER / f"{loaded.name}.toml"
-        print(f"{listed} lists the cases without certificate: as {place} it keeps them out of runs.")
+        print(f"{listed} lists the cases without certificate: copy it to {place}, and runs print their share.")
 
 
 def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Certificate], seconds: float) -> list[str]:

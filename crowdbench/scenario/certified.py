@@ -1,19 +1,17 @@
 """Which cases of a scenario have a certificate: commands by which the vehicle succeeds in them.
 
-The others are left out when cases are drawn: case 37 is then the one with that number among those that have one. The
-file `certified/NAME.toml` beside the scenario's own file says which these are; `crowdbench certify` makes it.
+The file `certified/NAME.toml` beside the scenario's file lists the cases without one. `crowdbench certify` writes it.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool
 from pydantic import AfterValidator, Field
 
 from crowdbench.core.rng import SPLITS
@@ -25,9 +23,6 @@ FOLDER = "certified"
 
 LARGEST = 100.0
 """Margins are below this, in metres."""
-
-LEFT_OUT = "left_out"
-"""The key of a scenario's table in results that has the numbers of the cases without a certificate, by split."""
 
 
 def _rising(numbers: list[int]) -> list[int]:
@@ -48,12 +43,12 @@ class Examined(TomlTable):
 
     Attributes:
         examined: How many were.
-        left_out: Those of them without a certificate.
+        uncertified: Those of them without a certificate.
         narrow: Those with a certificate that comes nearer to people or obstacles than the margin.
     """
 
     examined: int = integer(least=1, most=LAST)
-    left_out: Numbers = Field(default=[])
+    uncertified: Numbers = Field(default=[])
     narrow: Numbers = Field(default=[])
 
 
@@ -90,16 +85,8 @@ class Certified(TomlTable):
         lines = [f'scenario = "{self.scenario}"', f"margin = {float(self.margin)!r}"]
         for split, found in self.splits.items():
             lines += ["", f"[{split}]", f"examined = {found.examined}"]
-            lines += [f"left_out = {found.left_out}", f"narrow = {found.narrow}"]
+            lines += [f"uncertified = {found.uncertified}", f"narrow = {found.narrow}"]
         return "\n".join(lines) + "\n"
-
-
-class CasesBySplit(TomlTable):
-    """Numbers of cases by split."""
-
-    train: Numbers = Field(default=[])
-    val: Numbers = Field(default=[])
-    test: Numbers = Field(default=[])
 
 
 @dataclass(frozen=True)
@@ -109,7 +96,7 @@ class CertificateStatus:
     Attributes:
         spec: The name or the file of the scenario, as a user gives it.
         name: The scenario's name.
-        digest: Its digest with all cases.
+        digest: Its digest.
         file: The file with the certified cases.
         certified: What it says.
     """
@@ -120,44 +107,27 @@ class CertificateStatus:
     file: Path
     certified: Certified
 
-    @property
-    def left_out(self) -> dict[str, list[int]]:
-        """By split, the cases without a certificate; none where the file is for the scenario before a change."""
-        is_stale = self.certified.scenario != self.digest
-        return {} if is_stale else {split: each.left_out for split, each in self.certified.splits.items()}
-
     def certify(self, cases: Cases) -> Bool[np.ndarray, "case"] | None:
-        """Which of some cases, counted among all, have a certificate; None where it is not known of each."""
+        """Return which of some cases have a certificate; None where some were not examined."""
         examined = self.certified.splits.get(cases.split)
         if self.certified.scenario != self.digest or examined is None or examined.examined < cases.stop:
             return None
-        return ~np.isin(cases.indices, examined.left_out)
+        return ~np.isin(cases.indices, examined.uncertified)
 
     def sentence(self, cases: Cases) -> str:
         """The share of the cases that have a certificate, or what must be done to know it for those of a run."""
         split, by = cases.split, f"`crowdbench certify {self.spec}"
         if self.certified.scenario != self.digest:
             found = f"{self.file} is for the digest {self.certified.scenario}, but {self.name} has "
-            return f"{found}{self.digest} now: no case is left out; {by}` makes it again"
+            return f"{found}{self.digest} now: {by}` makes it again"
         examined = self.certified.splits.get(split)
-        last = int(skip_left_out(self.left_out.get(split, ()), np.array([cases.stop - 1]))[0]) + 1
         number = 0 if examined is None else examined.examined
-        if examined is None or last > number:
-            which = f"from {split}:{number} on " if number else f"of {split} "
-            return f"the cases {which}of {self.name} have no certificates: {by} --cases {split}:{last}` makes them"
-        without = len(examined.left_out)
-        share = f"{number - without} of {number} examined {split} cases ({1 - without / number:.1%})"
-        left_out = ": the others are left out" if without else ""
-        return f"{share} of {self.name} have a certificate that they can be solved{left_out}"
-
-
-def skip_left_out(left_out: Iterable[int], cases: Int[np.ndarray, "case"]) -> Int[np.ndarray, "case"]:
-    """The numbers by which cases are drawn.
-
-    Args:
-        left_out: The numbers that are left out, rising.
-        cases: Which of the others, counted from 0.
-    """
-    skipped = np.array([*left_out], np.int64)
-    before = skipped - np.arange(len(skipped))
-    return cases + np.searchsorted(before, cases, side="right")
+        if examined is None or cases.stop > number:
+            which = f"from {split}:{number} on" if number else f"of {split}"
+            command = f"{by} --cases {split}:{cases.stop}`"
+            return f"the cases {which} of {self.name} have no certificates: {command} makes them"
+        share = 1 - len(examined.uncertified) / number
+        return (
+            f"{number - len(examined.uncertified)} of {number} examined {split} cases ({share:.1%}) of {self.name} "
+            "have a certificate that they can be solved"
+        )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crowdbench.core.dynamics import DISC, DYNAMICS, Bicycle, Body, Dynamics, Holonomic, Unicycle, chain
 from crowdbench.core.types import Rules, Sensor
-from crowdbench.scenario.certified import LEFT_OUT, CasesBySplit, CertificateStatus, Certified
+from crowdbench.scenario.certified import CertificateStatus, Certified
 from crowdbench.scenario.clear_space import ClearSpace
 from crowdbench.scenario.layouts.crossings import crowdnav_plus
 from crowdbench.scenario.placement import Layout, LayoutCall
@@ -249,15 +249,13 @@ def restore(table: Mapping[str, Any], source: str, load: Loaders) -> Scenario:
         load: Finds what the table names.
 
     Raises:
-        InputError: As `parse` does, or what is left out are no rising numbers of cases by split.
+        InputError: As `parse` does.
     """
     crowd = {key: value for key, value in table["pedestrians"].items() if key != "policy_files"}
-    keys = {key: value for key, value in table.items() if key not in ("name", "digest", LEFT_OUT)}
+    keys = {key: value for key, value in table.items() if key not in ("name", "digest")}
     layout = {key: value for key, value in table.get("layout", {}).items() if key != "generator_file"}
     keys |= {"layout": layout, "pedestrians": crowd}
     scenario = parse(keys, str(table.get("name", "")), source, load)
-    left_out = parse_table(CasesBySplit, table.get(LEFT_OUT, {}), Location(source, LEFT_OUT))
-    scenario = scenario.leave_out(left_out.complete())
     shares = crowd.get("policy")
     if isinstance(shares, Mapping) and len(shares) > 1 and math.isclose(sum(shares.values()), 1.0, abs_tol=1e-12):
         # They have been divided by their sum: once more could change their last bits.
@@ -267,11 +265,11 @@ def restore(table: Mapping[str, Any], source: str, load: Loaders) -> Scenario:
     return scenario
 
 
-def leave_out_uncertified(scenario: Scenario, spec: str, file: Path) -> Scenario:
-    """A scenario without the cases that have no certificate.
+def with_certificates(scenario: Scenario, spec: str, file: Path) -> Scenario:
+    """Return a scenario with what a file says of its certificates.
 
     Args:
-        scenario: With all cases.
+        scenario: The scenario.
         spec: Its name or its file, as a user gives it.
         file: The file with the certified cases, for this digest or another one; there may be none.
 
@@ -282,7 +280,7 @@ def leave_out_uncertified(scenario: Scenario, spec: str, file: Path) -> Scenario
     if certified is None:
         return scenario
     status = CertificateStatus(spec, scenario.name, scenario.digest, file, certified)
-    return dataclasses.replace(scenario.leave_out(status.left_out), certificates=status)
+    return dataclasses.replace(scenario, certificates=status)
 
 
 class _Policy(NamedTuple):

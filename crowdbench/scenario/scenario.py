@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from crowdbench.core import rng
 from crowdbench.core.dynamics import Holonomic
 from crowdbench.core.types import HISTORY, Rules, World
 from crowdbench.scenario.cases import Cases
-from crowdbench.scenario.certified import LEFT_OUT, CertificateStatus, skip_left_out
+from crowdbench.scenario.certified import CertificateStatus
 from crowdbench.scenario.digest import compute_digest
 from crowdbench.scenario.placement import LayoutCall
 from crowdbench.scenario.population import Crowd
@@ -45,7 +44,6 @@ class Scenario:
         starts: How cases start: by a layout, as in CrowdNav++, or as people were recorded.
         policies: The pedestrian policies by name.
         table: The scenario in full, as it is written into results.
-        left_out: By split, the numbers of the cases that are left out, rising: see `crowdbench.scenario.certified`.
         certificates: What there is to say of its certificates; None where there are none.
     """
 
@@ -58,7 +56,6 @@ class Scenario:
     starts: LayoutStarts | TrackedCrowd
     policies: Mapping[str, PedestrianPolicy]
     table: Mapping[str, Any]
-    left_out: Mapping[str, Sequence[int]] = dataclasses.field(default_factory=dict)
     certificates: CertificateStatus | None = None
 
     @functools.cached_property
@@ -98,15 +95,6 @@ class Scenario:
         if data is not None and self.tracks is None:
             raise InputError(f"--data does not go with {self.name}, which has no table [tracks]: leave out one of them")
 
-    def leave_out(self, cases: Mapping[str, list[int]]) -> Scenario:
-        """The scenario without some of its cases, which has another digest.
-
-        Args:
-            cases: The numbers of these cases by split, rising.
-        """
-        those = {split: list(numbers) for split, numbers in cases.items() if numbers}
-        return dataclasses.replace(self, left_out=those, table={**self.table, LEFT_OUT: those}) if those else self
-
     def worlds(self, cases: Cases) -> World:
         """The starts of a range of cases."""
         return self.draw(cases.split, cases.indices)
@@ -124,11 +112,10 @@ class Scenario:
         Raises:
             InputError: A layout has no room for a crowd, fails, or places what cannot be, or a policy makes no memory.
         """
-        numbers = self.raw_numbers(split, cases)
-        keys = rng.case_keys(self.seed, split, numbers)
+        keys = rng.case_keys(self.seed, split, cases)
         drawn = [
             Case(Location(self.source, f"case {split}:{case}"), split, case, key)
-            for case, key in zip(numbers.tolist(), keys, strict=True)
+            for case, key in zip(cases.tolist(), keys, strict=True)
         ]
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
         traits, placements = [start.traits for start in starts], [start.placement for start in starts]
@@ -185,16 +172,7 @@ class Scenario:
         """The block of recorded time of each case; None where nobody is recorded, so that cases are independent."""
         if self.tracks is None:
             return None
-        return self.tracks.blocks(cases.split, self.raw_numbers(cases.split, cases.indices))
-
-    def raw_numbers(self, split: str, cases: Int[np.ndarray, "world"]) -> Int[np.ndarray, "world"]:
-        """The numbers of cases among all, those without a certificate included: by these they are drawn.
-
-        Args:
-            split: `train`, `val` or `test`.
-            cases: Numbers among those that are not left out.
-        """
-        return skip_left_out(self.left_out.get(split, ()), cases)
+        return self.tracks.blocks(cases.split, cases.indices)
 
 
 _NOTHING = np.empty((0, 0, 2))

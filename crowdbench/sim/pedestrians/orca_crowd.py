@@ -23,7 +23,8 @@ ORCA_MARGIN = 0.01
 
 TIME_HORIZON_OBST = 1.0
 """How far ahead ORCA avoids obstacles, in seconds. With 5 s, as in the examples of RVO2, agents keep so far away from
-walls that they go past goals beside them: the planner `orca` takes 13.0 s in `room` then, and 9.1 s with 1 s."""
+walls that they go past goals beside them: in a room with blocks the planner `orca` takes 13.0 s
+then, and 9.1 s with 1 s."""
 
 
 ORDER = operator.itemgetter("neighbor_distance", "max_neighbors", "time_horizon", "time_horizon_obst", "line_of_sight")

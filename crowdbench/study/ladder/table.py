@@ -53,7 +53,7 @@ class Ladder:
     """A scenario with the runs of its rungs, and those that choose the best planner.
 
     Attributes:
-        scenario: The scenario with all its cases, also those without a certificate.
+        scenario: The scenario.
         rungs: The runs by the names of their rungs. Where the vehicle sees everything exactly, P0 is P1.
         choices: Runs of the planners on `CHOICE`.
         certified: Which of the cases have a certificate; None where it is not known of each.
@@ -67,7 +67,7 @@ class Ladder:
     @classmethod
     def of(cls, name: str, spec: LaddersSpec) -> Ladder:
         """Plan the runs in a scenario; raises InputError where it or a planner cannot be loaded."""
-        certificates, sensed = load_scenario(name).certificates, load_scenario(name, all_cases=True)
+        sensed = load_scenario(name)
         base = RunSpec("", name, spec.cases, record="none")
         rungs = {rung: load_rung(rung, base, sensed) for rung in ("P0", "P1", "P2", "P3")}
         if sensed.rules.sensor == PERFECT:
@@ -76,8 +76,8 @@ class Ladder:
             dataclasses.replace(base, planner=each.planner, options=each.options, cases=CHOICE)
             for each in spec.planners
         ]
-        certified = certificates.certify(spec.cases) if certificates else None
-        return cls(sensed, rungs, [_load_with_all_cases(each, sensed) for each in choices], certified)
+        certified = sensed.certificates.certify(spec.cases) if sensed.certificates else None
+        return cls(sensed, rungs, list(map(load_run, choices)), certified)
 
     @property
     def runs(self) -> list[Run]:
@@ -88,12 +88,7 @@ class Ladder:
         """The run of the planner that is best on `CHOICE`; raises InputError where a run is not in the folder `out`."""
         successes = [read_successes(run, out).mean() for run in self.choices]
         spec = self.choices[int(np.argmax(successes))].spec
-        return _load_with_all_cases(dataclasses.replace(spec, cases=self.rungs["P0"].spec.cases), self.scenario)
-
-
-def _load_with_all_cases(spec: RunSpec, scenario: Scenario) -> Run:
-    """A run on cases that are counted among all."""
-    return dataclasses.replace(load_run(spec), scenario=scenario)
+        return load_run(dataclasses.replace(spec, cases=self.rungs["P0"].spec.cases))
 
 
 @dataclasses.dataclass(frozen=True)
