@@ -24,7 +24,7 @@ from crowdbench.core.types import Rules, Trace
 from crowdbench.record import rrd
 from crowdbench.utils.errors import InputError
 
-FORMAT = 4
+FORMAT = 1
 """Version of what is under `/exact`."""
 
 
