@@ -97,29 +97,33 @@ class Result:
         """
         return compare(self._kept(), other._kept())
 
-    def view(self, case: int, *, web: bool = False) -> None:
+    def view(self, case: int | str, *, web: bool = False) -> None:
         """Open a recorded case in the Rerun viewer, and wait until it is closed.
 
         Args:
-            case: The number of the case.
+            case: The number of the case, or its name: "val/37".
             web: Whether to open it in a browser instead of a window.
 
         Raises:
             InputError: The run was not kept, the case is not recorded, or the viewer does not start.
         """
         from crowdbench.record import viewer
+        from crowdbench.record.cases import find_case
 
-        viewer.view([self._kept() / RECORDING], case, web=web)
+        recording = self._kept() / RECORDING
+        viewer.view([recording], find_case(recording, str(case)), web=web)
 
-    def render(self, case: int) -> Picture:
+    def render(self, case: int | str) -> Picture:
         """Draw a recorded case from above; a notebook shows the picture.
 
         Raises InputError where the run was not kept, or the case is not recorded.
         """
         from crowdbench.figures.episode import draw_case
+        from crowdbench.record.cases import find_case
 
         with tempfile.TemporaryDirectory() as folder:
-            draw_case(self._kept() / RECORDING, case, Path(folder) / "case.png")
+            recording = self._kept() / RECORDING
+            draw_case(recording, find_case(recording, str(case)), Path(folder) / "case.png")
             return Picture((Path(folder) / "case.png").read_bytes())
 
     def _kept(self) -> Path:

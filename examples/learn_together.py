@@ -50,7 +50,7 @@ def drive(model, scenario, cases=50):
     world = everybody(scenario)
     arrived, clean = [], []
     for case in range(cases):
-        seen, _ = world.reset(options={"case": f"val:{case}"})
+        seen, _ = world.reset(options={"case": f"val/{case}"})
         touched = dict.fromkeys(world.agents, False)
         while world.agents:
             agents = world.agents

@@ -171,7 +171,7 @@ def test_a_crowd_moved_by_another_policy_keeps_its_habits():
 def test_the_goal_of_an_agent_of_pettingzoo_that_goes_on_does_not_terminate_it():
     place = {"pedestrians.arrival": "respawn", "pedestrians.preferred_speed": 2.0, "time_limit": 12.0}
     env = parallel_env(load_scenario("circle_crossing_5", place), reward="progress", observation="goal_frame")
-    env.reset(options={"case": "test:3"})
+    env.reset(options={"case": "test/3"})
     outcomes, paid = [], []
     while env.agents:
         _, rewards, _, _, infos = env.step({"vehicle": np.zeros(2)})
@@ -186,7 +186,7 @@ def test_the_goal_of_an_agent_of_pettingzoo_that_goes_on_does_not_terminate_it()
 def test_an_agent_of_pettingzoo_that_has_arrived_for_good_never_comes_back(arrival):
     place = {"pedestrians.arrival": arrival, "pedestrians.preferred_speed": 2.0, "time_limit": 12.0}
     env = parallel_env(load_scenario("circle_crossing_5", place))
-    env.reset(options={"case": "test:3"})
+    env.reset(options={"case": "test/3"})
     seen = [set(env.agents)]
     while env.agents:
         env.step({"vehicle": np.zeros(2)})
@@ -199,7 +199,7 @@ def test_vehicle_environments_have_the_people_of_a_rollout():
     trace = restless("respawn", "3")
     place = {"layout.circle_radius": 6.0, "time_limit": 15.0, "pedestrians.preferred_speed": FAST}
     envs = VehicleVectorEnv(3, load_scenario("circle_crossing_5", {**place, "pedestrians.arrival": "respawn"}))
-    envs.reset(options={"case": [f"test:{case}" for case in range(3)]})
+    envs.reset(options={"case": [f"test/{case}" for case in range(3)]})
     for t in range(1, 30):
         envs.step(np.zeros((3, 2)))
         running = trace.steps > t

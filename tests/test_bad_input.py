@@ -72,7 +72,7 @@ def test_cases_are_ascii_digits_of_a_number_that_there_can_be(text):
     with pytest.raises(InputError, match="not a range of cases"):
         Cases.parse(text)
     with pytest.raises(InputError, match="not the name of a case"):
-        parse_case(f"test:{text}")
+        parse_case(f"test/{text}")
 
 
 def test_a_step_too_short_to_divide_by_is_refused(crowdbench):

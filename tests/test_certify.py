@@ -190,7 +190,8 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     result = certify("mine.toml", "--cases", "test:4", "--out", "certified")
     assert result.exit_code == 0, result.output
     without_one = [each.case for each in found_in(scenario, "4") if not each.means]
-    assert f"no certificate exists on the grid of the search: test {', '.join(map(str, without_one))}" in result.output
+    named = ", ".join(f"test/{case}" for case in without_one)
+    assert f"no certificate exists on the grid of the search: {named}" in result.output
     assert "Traceback" not in result.output
     replay = CliRunner().invoke(app, ["score", "certified/test", "--replay", "--layout", "mine.py:ring"])
     assert "All agree" in replay.output, replay.output

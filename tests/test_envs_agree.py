@@ -53,7 +53,7 @@ def test_gymnasium_gives_the_episode_of_a_rollout(recorded):
     scenario, trace, seen = recorded
     env = VehicleEnv(scenario)
     for row, case in enumerate(trace.case.tolist()):
-        obs, _ = env.reset(options={"case": f"test:{case}"})
+        obs, _ = env.reset(options={"case": f"test/{case}"})
         rewards = []
         for step in range(trace.steps[row]):
             assert np.array_equal(obs, seen[case][step])
@@ -62,13 +62,13 @@ def test_gymnasium_gives_the_episode_of_a_rollout(recorded):
             assert (terminated or truncated) == (step == trace.steps[row] - 1)
         expected, outcome, gap = ending(trace, row)
         assert rewards == expected.tolist()
-        assert info == {"outcome": outcome, "gap": gap, "case": f"test:{case}"}
+        assert info == {"outcome": outcome, "gap": gap, "case": f"test/{case}"}
 
 
 def test_the_vector_environment_gives_the_episodes_of_a_rollout(recorded):
     scenario, trace, seen = recorded
     env = VehicleVectorEnv(CASES, scenario)
-    obs, _ = env.reset(options={"case": [f"test:{case}" for case in trace.case.tolist()]})
+    obs, _ = env.reset(options={"case": [f"test/{case}" for case in trace.case.tolist()]})
     returns = np.zeros(CASES)
     for step in range(trace.steps.max()):
         running = step < trace.steps
@@ -90,7 +90,7 @@ def test_pettingzoo_gives_the_episode_of_a_rollout_whoever_is_commanded(recorded
     env = parallel_env(scenario)
     names = env.possible_agents
     for row, case in enumerate(trace.case.tolist()):
-        observations, _ = env.reset(options={"case": f"test:{case}"})
+        observations, _ = env.reset(options={"case": f"test/{case}"})
         for step in range(trace.steps[row]):
             assert np.array_equal(observations["vehicle"], seen[case][step])
             commands = {names[agent]: trace.velocity[row, step + 1, agent] for agent in (0, *given)}
@@ -100,7 +100,7 @@ def test_pettingzoo_gives_the_episode_of_a_rollout_whoever_is_commanded(recorded
             assert np.array_equal(env._world.position[0], trace.position[row, step + 1])
         expected, outcome, gap = ending(trace, row)
         assert rewards["vehicle"] == expected[-1]
-        assert infos["vehicle"] == {"outcome": outcome, "gap": gap, "case": f"test:{case}"}
+        assert infos["vehicle"] == {"outcome": outcome, "gap": gap, "case": f"test/{case}"}
         assert env.agents == []
         assert set(truncated.values()) == {outcome == "timeout"}
         assert terminated["vehicle"] == (outcome != "timeout")

@@ -36,11 +36,11 @@ def drive(env, case, steps=120):
 @pytest.mark.parametrize(("name", "changes"), USUAL)
 def test_episodes_are_those_of_the_composed_step(name, changes, monkeypatch):
     env = VehicleEnv(load_scenario(name, changes))
-    fast = [drive(env, f"val:{case}") for case in range(4)]
+    fast = [drive(env, f"val/{case}") for case in range(4)]
     assert env._compiled is not None
     world = env._world
     monkeypatch.setattr(CompiledStep, "fits", lambda *_: False)
-    slow = [drive(env, f"val:{case}") for case in range(4)]
+    slow = [drive(env, f"val/{case}") for case in range(4)]
     assert env._compiled is None
     for one, other in zip(fast, slow, strict=True):
         assert len(one) == len(other)
@@ -69,10 +69,10 @@ def drive_everybody(env, case, acting, steps=60):
 @pytest.mark.parametrize("acting", [0.0, 0.5, 1.0])
 def test_episodes_of_all_agents_are_those_of_the_composed_step(name, changes, acting, monkeypatch):
     env = parallel_env(load_scenario(name, changes))
-    fast = [drive_everybody(env, f"val:{case}", acting) for case in range(3)]
+    fast = [drive_everybody(env, f"val/{case}", acting) for case in range(3)]
     assert env._compiled is not None
     monkeypatch.setattr(CompiledStep, "fits", lambda *_: False)
-    slow = [drive_everybody(env, f"val:{case}", acting) for case in range(3)]
+    slow = [drive_everybody(env, f"val/{case}", acting) for case in range(3)]
     assert env._compiled is None
     for one, other in zip(fast, slow, strict=True):
         assert len(one) == len(other)
@@ -85,7 +85,7 @@ def test_episodes_of_all_agents_are_those_of_the_composed_step(name, changes, ac
 
 def test_a_copy_of_an_environment_goes_on_by_itself():
     env = VehicleEnv()
-    env.reset(options={"case": "val:1"})
+    env.reset(options={"case": "val/1"})
     env.step(np.array([0.3, 0.4]))
     for copied in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
         ahead = [copied.step(np.array([0.0, 1.0]))[0] for _ in range(5)]
@@ -95,7 +95,7 @@ def test_a_copy_of_an_environment_goes_on_by_itself():
 
 def test_what_was_observed_stays_as_it_was():
     env = VehicleEnv()
-    env.reset(options={"case": "val:1"})
+    env.reset(options={"case": "val/1"})
     observed = [env.step(np.array([0.3, 0.4]))[0] for _ in range(4)]
     kept = [each.copy() for each in observed]
     env.step(np.array([0.0, 1.0]))
@@ -118,5 +118,5 @@ def test_what_was_observed_stays_as_it_was():
 )
 def test_what_needs_more_is_composed(name, changes, options):
     env = VehicleEnv(load_scenario(name, changes), **options)
-    env.reset(options={"case": "val:0"})
+    env.reset(options={"case": "val/0"})
     assert env._compiled is None

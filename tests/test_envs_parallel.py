@@ -48,7 +48,7 @@ def test_it_renders_as_pettingzoo_expects(monkeypatch):
 
 def test_the_picture_shows_vehicle_and_pedestrians_where_they_are():
     env = parallel_env(render_mode="rgb_array")
-    env.reset(options={"case": "test:0"})
+    env.reset(options={"case": "test/0"})
     picture = env.render()
     # The vehicle starts 4 m below the middle of a picture that shows about 5 m in each direction.
     below = picture[300:, 250:350].reshape(-1, 3).tolist()
@@ -70,7 +70,7 @@ def test_observations_lie_in_their_finite_space(name):
     space = env.observation_space("vehicle")
     assert np.isfinite(space.low).all()
     assert np.isfinite(space.high).all()
-    observations, _ = env.reset(options={"case": "val:3"})
+    observations, _ = env.reset(options={"case": "val/3"})
     rng = np.random.default_rng(0)
     away = {agent: rng.normal(size=2) * 10 for agent in env.agents}
     while env.agents:
@@ -131,8 +131,8 @@ def test_what_the_vehicle_sees_is_what_flatten_gives_a_planner(name):
 
 def test_a_case_can_be_chosen_and_is_told():
     env = parallel_env()
-    observations, infos = env.reset(options={"case": "test:37"})
-    assert {info["case"] for info in infos.values()} == {"test:37"}
+    observations, infos = env.reset(options={"case": "test/37"})
+    assert {info["case"] for info in infos.values()} == {"test/37"}
     start = load_scenario("circle_crossing_5").draw("test", np.array([37]))
     assert np.array_equal(observations["vehicle"], flatten(observe(start))[0])
     with pytest.raises(InputError, match="not the name of a case"):
@@ -146,16 +146,16 @@ def test_a_seed_draws_the_same_training_cases_again():
 
     assert cases(5) == cases(5)
     assert len({*cases(5), *cases(6)}) == 6
-    assert all(case.startswith("train:") for case in cases(5))
+    assert all(case.startswith("train/") for case in cases(5))
 
 
 def test_a_timeout_is_a_truncation_of_all():
-    *_, (env, (_, rewards, terminations, truncations, infos)) = standing("circle_crossing_5", options={"case": "val:0"})
+    *_, (env, (_, rewards, terminations, truncations, infos)) = standing("circle_crossing_5", options={"case": "val/0"})
     assert "vehicle" in truncations
     assert all(truncations.values())
     assert not any(terminations.values())
     assert rewards["vehicle"] == 0.0
-    assert infos["vehicle"] | {"gap": None} == {"outcome": "timeout", "gap": None, "case": "val:0"}
+    assert infos["vehicle"] | {"gap": None} == {"outcome": "timeout", "gap": None, "case": "val/0"}
     assert env.agents == []
     assert env.step({}) == ({}, {}, {}, {}, {})
     with pytest.raises(InputError, match="the episode is over"):
@@ -165,7 +165,7 @@ def test_a_timeout_is_a_truncation_of_all():
 def test_a_pedestrian_that_arrives_terminates_and_its_body_walks_on():
     arrived = {}
     for env, (observations, rewards, terminations, _, infos) in standing(
-        "circle_crossing_5", options={"case": "val:0"}
+        "circle_crossing_5", options={"case": "val/0"}
     ):
         assert set(observations) == set(rewards) == set(terminations) == set(infos)
         assert not arrived.keys() & observations.keys()
@@ -185,7 +185,7 @@ def test_a_pedestrian_that_arrives_terminates_and_its_body_walks_on():
 
 def test_the_vehicles_collision_terminates_all():
     env = parallel_env()
-    env.reset(options={"case": "val:0"})
+    env.reset(options={"case": "val/0"})
     while env.agents:
         views = flatten_everybody(env._world)[0]
         toward = {f"pedestrian_{p}": -views[0, 6 + 6 * p : 8 + 6 * p] for p in range(5)}
@@ -225,7 +225,7 @@ def test_a_pedestrian_that_cannot_see_the_vehicle_does_not_pay_for_touching_it(v
 
 def test_whoever_is_given_no_velocity_follows_its_policy():
     env = parallel_env()
-    env.reset(options={"case": "val:0"})
+    env.reset(options={"case": "val/0"})
     scenario = env.scenario
     policy = crowd_velocities(env._world, scenario.policies)[0]
     env.step({"vehicle": STILL, "pedestrian_1": np.array([0.3, -0.4]), "pedestrian_2": None})

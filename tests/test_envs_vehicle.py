@@ -51,7 +51,7 @@ def test_make_vec_makes_every_kind(mode):
 
 def test_a_timeout_is_a_truncation_and_never_a_termination():
     env = VehicleEnv()
-    env.reset(options={"case": "val:0"})
+    env.reset(options={"case": "val/0"})
     steps = [env.step(np.zeros(2)) for _ in range(env.scenario.rules.max_steps)]
     assert not any(terminated for _, _, terminated, _, _ in steps)
     assert [truncated for _, _, _, truncated, _ in steps] == [False] * (len(steps) - 1) + [True]
@@ -106,12 +106,12 @@ def test_the_autoreset_modes_do_what_gymnasiums_own_vector_environment_does(mode
 def test_cases_are_chosen_for_all_worlds_or_for_each():
     envs = VehicleVectorEnv(3)
     single = VehicleEnv()
-    obs, infos = envs.reset(options={"case": ["test:4", "val:2", "test:3"]})
-    assert infos["case"].tolist() == ["test:4", "val:2", "test:3"]
+    obs, infos = envs.reset(options={"case": ["test/4", "val/2", "test/3"]})
+    assert infos["case"].tolist() == ["test/4", "val/2", "test/3"]
     for row, case in enumerate(infos["case"]):
         assert np.array_equal(obs[row], single.reset(options={"case": case})[0])
-    obs, infos = envs.reset(options={"case": "test:9"})
-    assert infos["case"].tolist() == ["test:9"] * 3
+    obs, infos = envs.reset(options={"case": "test/9"})
+    assert infos["case"].tolist() == ["test/9"] * 3
     assert (obs == obs[0]).all()
 
 
@@ -120,7 +120,7 @@ def test_options_that_do_not_fit_are_refused():
     with pytest.raises(gymnasium.error.ResetNeeded):
         envs.step(np.zeros((3, 2)))
     for options, said in [
-        ({"case": ["test:1"]}, "1 values, but there are 3"),
+        ({"case": ["test/1"]}, "1 values, but there are 3"),
         ({"case": "37"}, "not the name of a case"),
         ({"reset_mask": np.array([True, False, False])}, "never reset"),
         ({"reset_mask": np.zeros(3, bool)}, "one of them True"),
@@ -170,7 +170,7 @@ def has(picture, color):
 
 def test_a_picture_shows_trails_numbers_and_contact():
     env = VehicleEnv("circle_crossing_5", render_mode="rgb_array")
-    env.reset(options={"case": "val:2"})
+    env.reset(options={"case": "val/2"})
     first = env.render()
     assert has(first, LIGHT.background)
     done = False
@@ -183,5 +183,5 @@ def test_a_picture_shows_trails_numbers_and_contact():
     middle = env.render()[430, 296:306]
     assert (np.abs(middle.astype(int) - LIGHT.vehicle).sum(axis=1) < 60).any()
     assert not (np.abs(first[430, 296:306].astype(int) - LIGHT.vehicle).sum(axis=1) < 60).any()
-    env.reset(options={"case": "val:2"})
+    env.reset(options={"case": "val/2"})
     np.testing.assert_array_equal(env.render(), first)

@@ -299,8 +299,8 @@ def test_agents_of_pettingzoo_are_paid_as_the_vehicle_is():
     """With the vehicle's actions alone, its observations and rewards are those of the Gymnasium environment."""
     options = {"reward": "progress", "observation": "goal_frame", "action": "goal_frame", "nearest": 3}
     everybody, alone = parallel_env(**options), gymnasium.make(ID, **options).unwrapped
-    one, _ = everybody.reset(options={"case": "val:2"})
-    other, _ = alone.reset(options={"case": "val:2"})
+    one, _ = everybody.reset(options={"case": "val/2"})
+    other, _ = alone.reset(options={"case": "val/2"})
     for _ in range(20):
         np.testing.assert_array_equal(one["vehicle"], other)
         one, paid_to, *_ = everybody.step({"vehicle": np.array([0.7, 0.2])})

@@ -36,7 +36,7 @@ def test_steps_are_what_the_environment_shows_and_pays(tmp_path, scenario):
     for row in table:
         if row["case"] != case:
             case = row["case"]
-            observation, _ = env.reset(options={"case": f"test:{case}"})
+            observation, _ = env.reset(options={"case": f"test/{case}"})
             assert row["step"] == 0
         assert row["observation"] == observation.tolist()
         observation, reward, *ends, _ = env.step(np.array(row["action"]))

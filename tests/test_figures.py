@@ -333,7 +333,7 @@ def test_a_film_has_a_picture_for_each_state_and_stays_at_the_end(driven, tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--case", "7"], "case 7 is not recorded in"),
+        (["--case", "7"], "case test/7 is not recorded in"),
         (["--case", "1", "--strip", "3", "--out", "a.gif"], "--strip draws a figure"),
         (["--case", "1", "--out", "a.avi"], "with the ending .pdf, .png or .svg, not a.avi"),
         (

@@ -160,7 +160,7 @@ def test_what_cannot_be_is_told_with_the_file_and_the_case(name, door):
     (door / "door.py").write_text(text)
     with pytest.raises(InputError) as error:
         scenario().worlds(Cases.parse("3:5"))
-    assert str(error.value).startswith("mine.toml: in case test:3, ")
+    assert str(error.value).startswith("mine.toml: in case test/3, ")
     assert sentence in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -176,7 +176,7 @@ def test_what_cannot_be_is_told_with_the_file_and_the_case(name, door):
 def test_a_layout_that_fails_is_told_with_the_file_and_the_case(body, sentence, door):
     head = "from crowdbench import InputError\ndef layout(rng, radius, preferred_speed, *, width=1.0): "
     (door / "door.py").write_text(head + body)
-    with pytest.raises(InputError, match=f"^mine.toml: in case test:0, {sentence}"):
+    with pytest.raises(InputError, match=f"^mine.toml: in case test/0, {sentence}"):
         scenario().worlds(Cases.parse("1"))
 
 

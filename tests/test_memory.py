@@ -85,8 +85,8 @@ def test_environments_carry_memories(tired):
     place = load_scenario("circle_crossing_5", pedestrians=tired)
     world = place.worlds(Cases.parse("1"))
     many, one = VehicleVectorEnv(2, place), parallel_env(place)
-    many.reset(options={"case": ["test:0", "test:0"]})
-    one.reset(options={"case": "test:0"})
+    many.reset(options={"case": ["test/0", "test/0"]})
+    one.reset(options={"case": "test/0"})
     for _ in range(6):
         crowd, world = crowd_decisions(world, place.policies)
         world, _ = step(world, np.zeros((1, 2)), crowd)

@@ -105,9 +105,9 @@ def test_a_kept_run_shows_its_failures_and_what_differs(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "crowdbench.record.viewer.show", lambda file, seconds, *, web: opened.append((file.suffix, web))
     )
-    orca.view(3, web=True)
+    orca.view("test/3", web=True)
     assert opened == [(".rrd", True)]
-    with pytest.raises(InputError, match="case 40 is not recorded"):
+    with pytest.raises(InputError, match="case test/40 is not recorded"):
         orca.render(40)
 
 

@@ -49,7 +49,7 @@ def test_the_environments_of_the_readme_start():
 
     names = {}
     exec(blocks("README.md")[2], names)
-    assert names["info"]["case"] == "test:37"
+    assert names["info"]["case"] == "test/37"
     assert names["many"].num_envs == 64
     assert isinstance(names["vehicle"], gymnasium.Env)
 

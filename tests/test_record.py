@@ -243,7 +243,7 @@ def test_one_case_is_shown_alone(recorded, tmp_path, monkeypatch):
 
 def test_a_case_that_is_not_recorded_is_named_beside_those_that_are(driven, tmp_path):
     path = write(tmp_path / "run.rrd", driven, rows=np.array([0, 1, 2, 5]))
-    with pytest.raises(InputError, match=r"case 3 is not recorded in .*: recorded near it are 0-2, 5 "):
+    with pytest.raises(InputError, match=r"case test/3 is not recorded in .*: recorded near it are 0-2, 5 "):
         viewer.view([path], 3)
 
 

@@ -204,7 +204,7 @@ def test_nothing_is_recorded_after_the_last_step(place):
         ({"crowdnav_cases": 500}, "crowdnav_cases is given, but must be left out"),
         ({"tracks__scene": "yours"}, "in tracks, .* has no file yours.txt, which the scene yours needs"),
         ({"tracks__scene": "eth"}, "in tracks, .* has no file biwi_eth.txt, which the scene eth needs"),
-        ({"tracks__distance": 90.0}, "in case test:0, there is no room for the vehicle .* lower tracks.distance"),
+        ({"tracks__distance": 90.0}, "in case test/0, there is no room for the vehicle .* lower tracks.distance"),
         ({"tracks__files": {"mine.txt": "0" * 64}}, r"mine.txt is damaged or another version: its sha256 is .* 0000"),
     ],
 )
@@ -245,7 +245,7 @@ def test_a_run_says_its_blocks_and_can_be_replayed_with_the_same_files_alone(tmp
     rows = (tmp_path / "one" / "episodes.csv").read_text()
     (tmp_path / "one" / "episodes.csv").write_text(rows.replace(",6,", ",7,", 1))
     assert run(monkeypatch, "score", "one", "--replay", "--data", tmp_path) == 1
-    assert "1 of 12 cases are of another block of time in episodes.csv: test:0 (block)" in capsys.readouterr().out
+    assert "1 of 12 cases are of another block of time in episodes.csv: test/0 (block)" in capsys.readouterr().out
     (tmp_path / "one" / "episodes.csv").write_text(rows)
     assert run(monkeypatch, "score", "one", "--replay") != 0
     assert "--data DIR" in capsys.readouterr().err
@@ -302,7 +302,7 @@ def test_the_vehicle_takes_the_place_of_a_recorded_car(crossing, tmp_path):
     # Somebody who stands, and three discs that lie along the parked car.
     assert np.allclose(window.track[0], [[10.0, 5.0], [10.0, -5.2], [10.0, -4.0], [10.0, -2.8]])
     assert np.allclose(window.radius[1:], 0.8)
-    with pytest.raises(InputError, match="there is no case test:2: the scene clip has no more windows of time than"):
+    with pytest.raises(InputError, match="there is no case test/2: the scene clip has no more windows of time than"):
         crowd.window("test", 2)
 
 

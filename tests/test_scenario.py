@@ -195,7 +195,12 @@ def test_cases_that_are_none_are_refused(text):
 
 
 def test_a_case_is_named_by_split_and_number():
-    assert parse_case("test:37") == ("test", 37)
-    for text in ("37", "test:-1", "dev:1", "test:1:2"):
-        with pytest.raises(InputError, match="test:37"):
+    assert parse_case("val/37") == ("val", 37)
+    assert parse_case("37", "val") == ("val", 37)
+    assert Cases.parse("val/37") == Cases("val", 37, 38)
+    assert Cases.parse("test:37") == Cases("test", 0, 37)
+    for text in ("37", "test/-1", "dev/1", "test/1/2", "test/"):
+        with pytest.raises(InputError, match="write test/37"):
             parse_case(text)
+    with pytest.raises(InputError, match="case 'val:3' is not the name of a case: write val/3 "):
+        parse_case("val:3")

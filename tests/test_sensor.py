@@ -427,8 +427,8 @@ def vehicle_env(observation, cls=VehicleEnv, **options):
 def test_environments_see_through_the_sensor(observation):
     env, place = vehicle_env(observation), load_scenario(LIMITED, SEEN_BY_LIDAR)
     many = vehicle_env(observation, VehicleVectorEnv, num_envs=2)
-    shown, _ = env.reset(options={"case": "val:1"})
-    both, _ = many.reset(options={"case": ["val:0", "val:1"]})
+    shown, _ = env.reset(options={"case": "val/1"})
+    both, _ = many.reset(options={"case": ["val/0", "val/1"]})
     view, now = View(place, observation), place.worlds(Cases("val", 1, 2))
     for _ in range(20):
         expected = row_of(view.encode(observe(now)), 0)
@@ -452,7 +452,7 @@ def test_in_pettingzoo_the_sensor_is_the_vehicles_alone(observation):
         parallel_env(load_scenario(LIMITED, changes), observation=observation)
         for changes in ({"vehicle.visible": True}, {"vehicle.visible": True, "sensor": {}})
     )
-    one, two = (env.reset(options={"case": "val:0"})[0] for env in (limited, perfect))
+    one, two = (env.reset(options={"case": "val/0"})[0] for env in (limited, perfect))
     for _ in range(12):
         vehicle, other = one.pop("vehicle"), two.pop("vehicle")
         assert not np.array_equal(vehicle, other)
@@ -464,7 +464,7 @@ def test_in_pettingzoo_the_sensor_is_the_vehicles_alone(observation):
 def test_the_space_of_noisy_observations_holds_them():
     noisy = load_scenario("circle_crossing_5", {"sensor.noise": {"position": 30.0, "velocity": 9.0}})
     env = VehicleEnv(scenario=noisy)
-    shown, _ = env.reset(options={"case": "val:0"})
+    shown, _ = env.reset(options={"case": "val/0"})
     for _ in range(5):
         assert env.observation_space.contains(shown)
         shown, *_ = env.step(np.zeros(2))
@@ -472,7 +472,7 @@ def test_the_space_of_noisy_observations_holds_them():
 
 def test_pictures_show_whom_the_vehicle_does_not_see():
     env = vehicle_env("flat", render_mode="rgb_array")
-    env.reset(options={"case": "val:0"})
+    env.reset(options={"case": "val/0"})
     before = env.render()
     env._world = env._world.replace(sight={**env._world.sight, "unseen": env._world.sight["unseen"] * 0})
     assert not np.array_equal(env.render(), before)

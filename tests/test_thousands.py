@@ -112,7 +112,7 @@ def test_thousands_are_placed_apart():
 @pytest.mark.parametrize("observation", ["flat", "goal_frame", "dict"])
 def test_environments_of_thousands_show_the_nearest(observation):
     env = VehicleEnv(scenario(), observation=observation)
-    seen, _ = env.reset(options={"case": "test:0"})
+    seen, _ = env.reset(options={"case": "test/0"})
     assert env.observation_space.contains(seen)
     assert env.observation_space.contains(env.step(np.array([0.0, 0.5]))[0])
 
@@ -121,7 +121,7 @@ def test_environments_of_thousands_show_the_nearest(observation):
 def test_agents_of_thousands_observe_the_nearest(number):
     loaded = scenario(**{"pedestrians.number": number, "vehicle.visible": False})
     env = parallel_env(loaded)
-    seen, _ = env.reset(options={"case": "test:0"})
+    seen, _ = env.reset(options={"case": "test/0"})
     assert all(env.observation_space(agent).contains(view) for agent, view in seen.items())
     world = loaded.worlds(Cases("test", 0, 1))
     views = flatten_everybody(world)[0]

@@ -251,7 +251,7 @@ def test_actions_of_environments_are_velocities_or_commands():
     ends = []
     for action, value in actions.items():
         env = VehicleEnv(load_scenario("circle_crossing_5", {"vehicle.dynamics": "unicycle"}), action=action)
-        env.reset(options={"case": "test:0"})
+        env.reset(options={"case": "test/0"})
         env.step(np.array(value))
         ends.append(env._world.position[0, 0])
     # The vehicle faces its goal, which is at the top: its velocity upwards is a command straight on.

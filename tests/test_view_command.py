@@ -108,7 +108,7 @@ def test_runs_that_are_not_of_one_case_are_not_shown_side_by_side(run, other, tm
     for arguments, sentence in (
         ([run, other], "give --case 37 or --worst METRIC"),
         ([run, elsewhere, "--case", "1"], r"case 1 starts otherwise in .* give runs of one scenario"),
-        ([run, other, "--case", "300"], "case 300 is not recorded"),
+        ([run, other, "--case", "300"], "case test/300 is not recorded"),
     ):
         with pytest.raises(InputError, match=sentence):
             raise CliRunner().invoke(app, ["view", *map(str, arguments)]).exception

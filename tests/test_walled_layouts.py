@@ -88,7 +88,7 @@ def test_a_room_has_as_many_blocks_as_asked_and_others_in_every_case():
 )
 def test_options_that_leave_no_room_are_told_with_the_case(name, options, sentence):
     place = load_scenario(fixture(name), {f"layout.{option}": value for option, value in options.items()})
-    with pytest.raises(InputError, match=f"{name}.toml: in case test:0, {sentence}"):
+    with pytest.raises(InputError, match=f"{name}.toml: in case test/0, {sentence}"):
         place.worlds(Cases.parse("1"))
 
 

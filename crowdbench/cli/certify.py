@@ -36,7 +36,7 @@ def certify(
 
     Args:
         scenario: Name of a scenario, or a file of your own: ./mine.toml.
-        cases: test:500 (the first 500 test cases), val:100, 37:38 (case 37 alone).
+        cases: test:500 (the first 500 test cases), val:100, test/37 (one case).
         margin: Smallest gap to people and obstacles in metres that is tried first; then 0.
         out: Directory for the certificates.
         overwrite: Replace earlier certificates.
@@ -76,7 +76,7 @@ def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Cert
     lines.append("by " + (", ".join(f"{means}: {number}" for means, number in by.most_common()) or "nothing"))
     without = [row for row in rows if not row.means]
     for exhausted, what in ((False, "no certificate found"), (True, "no certificate exists on the grid of the search")):
-        those = [str(row.case) for row in without if row.is_exhausted == exhausted]
+        those = [f"{cases.split}/{row.case}" for row in without if row.is_exhausted == exhausted]
         if those:
-            lines.append(f"{what}: {cases.split} {', '.join(those)}")
+            lines.append(f"{what}: {', '.join(those)}")
     return lines

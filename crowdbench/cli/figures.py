@@ -103,7 +103,7 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
 @help_from_docstring
 def render(
     what: str,
-    case: Annotated[int, typer.Option(min=0)],
+    case: Annotated[str, typer.Option()],
     strip: Annotated[int | None, typer.Option(min=1, max=12)] = None,
     zoom: Annotated[float | None, typer.Option(min=1.0, max=100.0)] = None,
     out: Path = Path("case.png"),
@@ -113,20 +113,23 @@ def render(
 
     Args:
         what: Directory of a run, an .rrd file, or a scenario: a name, or ./mine.toml.
-        case: The recorded case, or the number of a test case.
+        case: The recorded case or, of a scenario, any case: val/37, or a number (of a scenario: of a test case).
         strip: Draw so many moments side by side instead of the whole way.
         zoom: Show so many metres around the vehicle; a film and moments follow it.
         out: A figure (.pdf, .svg or .png) or a film (.gif, or .mp4 with ffmpeg).
     """
     from crowdbench.cli.results import recording_of
     from crowdbench.figures import episode
+    from crowdbench.record.cases import find_case
+    from crowdbench.scenario.cases import parse_case
 
     if strip is not None and out.suffix in episode.FILMS:
         raise InputError("--strip draws a figure: leave it out, or give a .pdf, .svg or .png file with --out")
     if Path(what).is_dir() or what.endswith(".rrd"):
         if data is not None:
             raise InputError("--data is for a scenario: a recording says where everybody walked")
-        episode.draw_case(recording_of(Path(what)), case, out, strip, zoom)
+        recording = recording_of(Path(what))
+        episode.draw_case(recording, find_case(recording, case), out, strip, zoom)
     else:
         for name, given in (("strip", strip), ("zoom", zoom)):
             if given is not None:
@@ -135,5 +138,5 @@ def render(
 
         scenario = load_scenario(what, data=data)
         scenario.check_data(data)
-        episode.draw_start(scenario, "test", case, out)
+        episode.draw_start(scenario, *parse_case(case, "test"), out)
     say(f"wrote {out}")

@@ -92,7 +92,7 @@ def changed_cases(found: Comparison) -> list[str]:
 @help_from_docstring
 def view(
     runs: list[Path],
-    case: int | None = None,
+    case: str | None = None,
     worst: str | None = None,
     time: Annotated[float | None, typer.Option(min=0.0)] = None,
     screenshot: Path | None = None,
@@ -102,7 +102,7 @@ def view(
 
     Args:
         runs: Directory of a run, or an .rrd file; several show one case of each, side by side.
-        case: Show only this case.
+        case: Show only this case: val/37, or its number.
         worst: Show the recorded case in which this metric, such as jerk, is worst in the (first) run.
         time: Show this moment of the case first, in seconds, not its end.
         screenshot: Write a picture of the case to this .png file; no window opens. Where the viewer cannot draw, it is
@@ -110,24 +110,25 @@ def view(
         web: Open it in a browser.
     """
     from crowdbench.record import viewer
-    from crowdbench.record.cases import recorded_cases
+    from crowdbench.record.cases import find_case, recorded_cases
 
     paths = [recording_of(run) for run in runs]
+    number = None if case is None else find_case(paths[0], case)
     if worst is not None:
         if case is not None:
             raise InputError("--worst chooses the case: leave out --case or --worst")
         shared = set.intersection(*(set(recorded_cases(path)) for path in paths))
-        case = _worst(runs[0], worst, sorted(shared))
-        print(f"case {case}")
+        number = _worst(runs[0], worst, sorted(shared))
+        print(f"case {number}")
     try:
-        viewer.view(paths, case, screenshot, seconds=time, web=web)
+        viewer.view(paths, number, screenshot, seconds=time, web=web)
     except viewer.NoViewer as error:
-        if screenshot is None or case is None or len(paths) > 1:
+        if screenshot is None or number is None or len(paths) > 1:
             raise
         from crowdbench.figures.episode import draw_case
 
         say(f"crowdbench: {error}. This picture is one of `crowdbench render`")
-        draw_case(paths[0], case, screenshot)
+        draw_case(paths[0], number, screenshot)
     if screenshot is not None:
         say(f"wrote {screenshot}")
 

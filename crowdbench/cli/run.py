@@ -62,7 +62,7 @@ def run(
     """Drive a planner through the cases of a scenario, and score it.
 
     Args:
-        cases: 500 (the first 500 test cases), 2000:2500, 37:38 (case 37 alone), val:100 (validation cases).
+        cases: 500 (the first 500 test cases), 2000:2500, test/37 (one case), val:100 (validation cases).
         pedestrians: Move all pedestrians by one policy: a name or ./mine.py.
         replan_every: Commands per observation; above 1 the planner drives open loop.
         look_first: With --replan-every, decide at every step until so many positions of the pedestrians are seen; 1

@@ -79,7 +79,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
       or are replaced on arrival, the agent goes on with the new goal or as the new person. All agents terminate when
       the vehicle reaches its goal or collides.
     - Truncations: all agents, at the scenario's time limit.
-    - Infos: `case`, its name such as `test:37`; after a step also `outcome`, the name of the agent's `Outcome`, and
+    - Infos: `case`, its name such as `test/37`; after a step also `outcome`, the name of the agent's `Outcome`, and
       `gap`, the smallest distance in metres between the rims of the agent and another one during the step.
 
     Args:
@@ -141,7 +141,7 @@ class CrowdParallelEnv(stepping.OneWorld, ParallelEnv[str, np.ndarray, np.ndarra
 
         Args:
             seed: Seeds the generator that draws training cases. None continues with the same generator.
-            options: `{"case": "test:37"}` starts this case instead of a drawn one.
+            options: `{"case": "test/37"}` starts this case instead of a drawn one.
 
         Returns:
             Observations and infos by agent.

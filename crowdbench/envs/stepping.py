@@ -47,8 +47,8 @@ def check_options(options: Mapping[str, Any] | None, *names: str) -> Mapping[str
 
 
 def choose_case(case: object, generator: np.random.Generator) -> str:
-    """The case of a new episode: the one that `reset` was asked for, such as `test:37`, or else a training case."""
-    return f"train:{generator.integers(TRAINING_CASES)}" if case is None else str(case)
+    """The case of a new episode: the one that `reset` was asked for, such as `test/37`, or else a training case."""
+    return f"train/{generator.integers(TRAINING_CASES)}" if case is None else str(case)
 
 
 def start(scenario: Scenario, cases: Sequence[str]) -> World:
@@ -56,7 +56,7 @@ def start(scenario: Scenario, cases: Sequence[str]) -> World:
 
     Args:
         scenario: Their scenario.
-        cases: Names such as `test:37`; splits may differ.
+        cases: Names such as `test/37`; splits may differ.
 
     Returns:
         A world per case, in the given order.

@@ -26,7 +26,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
     - Starting state: the case that `reset` is asked for, or else a training case drawn from the seed.
     - Termination: success or collision.
     - Truncation: the scenario's time limit.
-    - Info: `case`, its name such as `test:37`; after a step also `outcome`, the name of its `Outcome`, and `gap`, the
+    - Info: `case`, its name such as `test/37`; after a step also `outcome`, the name of its `Outcome`, and `gap`, the
       smallest distance in metres between the rims of the vehicle and a pedestrian during the step.
 
     Args:
@@ -64,7 +64,7 @@ class VehicleEnv(stepping.OneWorld, gymnasium.Env[Observed, np.ndarray]):
 
         Args:
             seed: Seeds the generator that draws training cases. None continues with the same generator.
-            options: `{"case": "test:37"}` starts this case instead of a drawn one.
+            options: `{"case": "test/37"}` starts this case instead of a drawn one.
 
         Returns:
             The observation and the info.

@@ -9,35 +9,48 @@ from pathlib import Path
 from rerun.chunk import RrdReader, StoreEntry
 
 from crowdbench.record import contents, rrd
+from crowdbench.scenario.cases import parse_case
 from crowdbench.utils.errors import InputError
 
-NAME = re.compile(r"[a-z]+-(\d+)-[a-z_]+(-[0-9a-f]+)?")
+NAME = re.compile(r"([a-z]+)-(\d+)-[a-z_]+(-[0-9a-f]+)?")
 """The name of an episode's recording in the viewer: split, case, outcome, and what tells the run from others."""
 
 
 def recorded_cases(path: Path) -> list[int]:
     """The numbers of the cases in a recording. Raises InputError where it cannot be read, or is none of crowdbench."""
-    return sorted(_entries(path)[1])
+    return sorted(_entries(path)[2])
 
 
-def _entries(path: Path) -> tuple[RrdReader, dict[int, StoreEntry]]:
-    """A recording, and the recording of each case in it."""
+def find_case(path: Path, case: str) -> int:
+    """Return the number of a case, which is given by its name or its number. Raises InputError for another split."""
+    own = _entries(path)[1]
+    split, number = parse_case(case, own)
+    if split != own:
+        raise InputError(f"case {case} is not recorded in {path}, which has {own} cases")
+    return number
+
+
+def _entries(path: Path) -> tuple[RrdReader, str, dict[int, StoreEntry]]:
+    """Return a recording, its split, and the recording of each case in it."""
     with rrd.opening(path):
         reader = RrdReader(path)
         named = [(NAME.fullmatch(entry.recording_id), entry) for entry in reader.recordings()]
-    entries = {int(match[1]): entry for match, entry in named if match}
-    if not entries:
+    entries = {(match[1], int(match[2])): entry for match, entry in named if match}
+    splits = {split for split, _ in entries}
+    if len(splits) != 1:
         raise rrd.foreign(path)
-    return reader, entries
+    (split,) = splits
+    return reader, split, {case: entry for (_, case), entry in entries.items()}
 
 
 def read_case(path: Path, case: int) -> contents.RecordedEpisode:
     """One case of a recording. Raises InputError where it cannot be read, or has no such case."""
-    reader, entries = _entries(path)
+    reader, split, entries = _entries(path)
     if case not in entries:
         near = sorted(sorted(entries, key=lambda other: abs(other - case))[:10])
         raise InputError(
-            f"case {case} is not recorded in {path}: recorded near it are {_ranges(near)} (all are with --record all)"
+            f"case {split}/{case} is not recorded in {path}: recorded near it are {_ranges(near)} "
+            "(all are with --record all)"
         )
     return contents.read_episode(path, reader, entries[case])
 

@@ -71,7 +71,7 @@ def summary_text(trace: Trace, row: int, title: str, sentence: str) -> str:
     hit = trace.outcome[row] == Outcome.COLLISION
     keys = [KEY, APPROACH_KEY, SHARES_KEY * bool(hit), SENSOR_KEY * (trace.perceived is not None)]
     keys.append(decisions.key_text(trace))
-    lines += [f"{trace.split} case {trace.case[row]} · {title}", "", " · ".join(filter(None, keys))]
+    lines += [f"case {trace.split}/{trace.case[row]} · {title}", "", " · ".join(filter(None, keys))]
     return "\n".join(lines)
 
 

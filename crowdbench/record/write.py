@@ -107,7 +107,7 @@ class Recorder:
     def _properties(self, trace: Trace, row: int, measured: Mapping[str, float | bool]) -> Iterator[Chunk]:
         """What tables of many recordings show of one episode."""
         case, outcome = int(trace.case[row]), Outcome(int(trace.outcome[row])).label
-        yield still("__properties", rr.archetypes.RecordingInfo(name=f"case {case} · {outcome}"))
+        yield still("__properties", rr.archetypes.RecordingInfo(name=f"case {trace.split}/{case} · {outcome}"))
         # In one column, because each column needs one or two kilobytes in the file's index.
         metrics = pa.StructArray.from_arrays([pa.array([value]) for value in measured.values()], names=[*measured])
         about = {name: value for name, value in self._run.items() if name != "cases"}

@@ -75,7 +75,7 @@ class Differences(list[Difference]):
 
     def name(self, case: int) -> str:
         """A case as sentences name it."""
-        return f"{self.cases.split}:{case}"
+        return f"{self.cases.split}/{case}"
 
     def note_rows(self, file: str, found: Int[np.ndarray, "row"], *, some_missing: bool = False) -> None:
         """Note where a file has not one row of each case.

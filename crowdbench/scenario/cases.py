@@ -1,4 +1,4 @@
-"""Ranges of cases, written as `500`, `2000:2500` or `val:100`, and single cases, written as `test:37`."""
+"""Ranges of cases, written as `500`, `20:60`, `val:60` or `val:20:60`, and single cases, written as `val/37`."""
 
 from __future__ import annotations
 
@@ -34,18 +34,21 @@ class Cases:
 
     @classmethod
     def parse(cls, text: str) -> Cases:
-        """Read `[split:]count` or `[split:]start:stop`, without a split for test cases.
+        """Read `[split:]count`, `[split:]start:stop` or the name of a single case; without a split they are test cases.
 
         Raises InputError where the text has another form or the range is empty.
         """
+        if "/" in text:
+            split, number = parse_case(text)
+            return cls(split, number, number + 1)
         match = re.fullmatch(rf"(?:([a-z]+):)?(?:({_NUMBER}):)?({_NUMBER})", text)
         if match and (match[1] or "test") in SPLITS:
             cases = cls(match[1] or "test", int(match[2] or 0), int(match[3]))
             if cases.start < cases.stop <= LAST:
                 return cases
         raise InputError(
-            f"cases {text!r} are not a range of cases: write 500 (the first 500 test cases), 2000:2500 or val:100 "
-            f"(splits: {', '.join(SPLITS)})"
+            f"cases {text!r} are not a range of cases: write 500 (the first 500 test cases), 2000:2500, val:100 or "
+            f"val/37 (one case; splits: {', '.join(SPLITS)})"
         )
 
     def __str__(self) -> str:
@@ -65,9 +68,14 @@ class Cases:
             yield Cases(self.split, start, min(start + size, self.stop))
 
 
-def parse_case(text: str) -> tuple[str, int]:
-    """Read the name of a case, `split:number`. Raises InputError where the text has another form."""
-    match = re.fullmatch(rf"([a-z]+):({_NUMBER})", text)
-    if match and match[1] in SPLITS and int(match[2]) < LAST:
-        return match[1], int(match[2])
-    raise InputError(f"case {text!r} is not the name of a case: write test:37 (splits: {', '.join(SPLITS)})")
+def parse_case(text: str, split: str | None = None) -> tuple[str, int]:
+    """Read the name of a case, `split/number`, or its number alone where the split is known.
+
+    Raises InputError where the text has another form.
+    """
+    match = re.fullmatch(rf"(?:([a-z]+)/)?({_NUMBER})", text)
+    if match and (match[1] or split) in SPLITS and int(match[2]) < LAST:
+        return match[1] or str(split), int(match[2])
+    looks_like_range = re.fullmatch(rf"([a-z]+):({_NUMBER})", text)
+    right = f"{looks_like_range[1]}/{looks_like_range[2]}" if looks_like_range else "test/37"
+    raise InputError(f"case {text!r} is not the name of a case: write {right} (splits: {', '.join(SPLITS)})")

@@ -197,7 +197,7 @@ class TrackedCrowd:
         if not windows or (most is not None and case >= most):
             numbers = ", ".join(f"{name}:{len(each)}" for name, each in self.windows.items())
             raise InputError(
-                f"there is no case {split}:{case}: the scene {self.scene} has no more windows of time than {numbers}"
+                f"there is no case {split}/{case}: the scene {self.scene} has no more windows of time than {numbers}"
             )
         return windows[case % len(windows)]
 

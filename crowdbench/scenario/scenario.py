@@ -114,7 +114,7 @@ class Scenario:
         """
         keys = rng.case_keys(self.seed, split, cases)
         drawn = [
-            Case(Location(self.source, f"case {split}:{case}"), split, case, key)
+            Case(Location(self.source, f"case {split}/{case}"), split, case, key)
             for case, key in zip(cases.tolist(), keys, strict=True)
         ]
         starts = [self.starts.start(case, self.crowd, self.vehicle, self.rules) for case in drawn]
