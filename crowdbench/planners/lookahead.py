@@ -89,7 +89,7 @@ class ValuePlanner(Planner):
         if self.shortlist is not None:
             require_count("shortlist", self.shortlist)
         self.value.eval()
-        self.privileged = self.predictor.privileged
+        self.privileged, self.trained_dt = self.predictor.privileged, self.value.trained_dt
         self.facts = {"network": self.value.name, "weights": digest(self.value), **self.predictor.facts}
 
     def unseen(self, scene: str) -> ValuePlanner:
