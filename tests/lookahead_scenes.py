@@ -150,7 +150,7 @@ def slow_step(scene, w, mode, command):
     return outcome, reward, joint
 
 
-def slow_values(scene, commands, network, aggregate=np.mean):
+def slow_values(scene, commands, network):
     """The values and the outcomes `[world, action, mode]`, one command in one future at a time."""
     vehicle, crowd = scene.vehicle, scene.crowd
     worlds, actions, modes = *commands.shape[:2], crowd.position.shape[1]
@@ -162,7 +162,7 @@ def slow_values(scene, commands, network, aggregate=np.mean):
         later = 0.9 ** (scene.dt * vehicle.preferred_speed[w]) * network(joint, present).detach().numpy()
         total = [r + (v if o == Outcome.RUNNING else 0.0) for (o, r, _), v in zip(steps, later, strict=True)]
         outcomes[w] = np.array([o for o, _, _ in steps]).reshape(actions, modes)
-        values[w] = [aggregate(each) for each in np.array(total).reshape(actions, modes)]
+        values[w] = [np.mean(each) for each in np.array(total).reshape(actions, modes)]
     return values, outcomes
 
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from crowdbench.catalog import PEDESTRIANS, load_scenario
 from crowdbench.check import check_layout, check_metric, check_policy, check_predictor
 from crowdbench.check.examination import EXACT, NETWORKS
-from crowdbench.check.kinds import LIMITED_SIGHT
+from crowdbench.check.kinds import limited_sight
 from crowdbench.cli import app
 from crowdbench.metrics import METRICS
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Oracle, Prediction, Predictor
@@ -24,7 +24,7 @@ from crowdbench.sim.pedestrians import PedestrianPolicy
 
 # Crowds of several sizes, so that there is padding, in short episodes.
 PLACE = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5})
-LIMITED = load_scenario("circle_crossing_mixed", {"time_limit": 3.5, **LIMITED_SIGHT})
+LIMITED = load_scenario("circle_crossing_mixed", {"time_limit": 3.5, **limited_sight(0.25)})
 CASES = Cases.parse("val:5")
 KEYS = PLACE.worlds(CASES).noise_key.tolist()
 """By these a plug-in here knows its cases."""

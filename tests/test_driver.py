@@ -11,7 +11,7 @@ import pytest
 from helpers import Still, drive, same
 
 from crowdbench.catalog import load_scenario
-from crowdbench.cli.run import say_of_training
+from crowdbench.cli.run import warn_if_trained_otherwise
 from crowdbench.core import rng
 from crowdbench.planners.base import OneWorldPlanner, Planner
 from crowdbench.runs.load import load_run
@@ -279,7 +279,24 @@ def test_a_log_has_a_plain_name():
 @pytest.mark.parametrize(("number", "said"), [(10, ""), (12, "was trained with 10 pedestrians at most, but")])
 def test_a_run_says_where_there_are_more_pedestrians_than_in_training(number, said, capsys):
     spec = RunSpec("ppo", "circle_crossing_5", Cases.parse("1"), {}, {"pedestrians.number": number})
-    say_of_training(load_run(spec))
+    warn_if_trained_otherwise(load_run(spec))
     told = capsys.readouterr().err
     assert told.endswith(f"circle_crossing_5 has {number}: its figures may be worse for that\n") if said else not told
     assert said in told
+
+
+@pytest.mark.parametrize(
+    ("planner", "dt", "said"),
+    [
+        ("ppo", 0.25, ""),
+        ("ppo", 0.2, "crowdbench: planner ppo was trained with steps of 0.25 s, but circle_crossing_5 has dt = 0.2 s"),
+        ("sarl_cvm", 0.5, "crowdbench: planner sarl_cvm was trained with steps of 0.25 s, but"),
+        ("orca", 0.1, ""),
+    ],
+)
+@pytest.mark.parametrize("options", [{}, {"filter": "kalman"}])
+def test_a_run_says_where_steps_are_longer_or_shorter_than_in_training(planner, dt, said, options, capsys):
+    warn_if_trained_otherwise(load_run(RunSpec(planner, "circle_crossing_5", Cases.parse("1"), options, {"dt": dt})))
+    told = capsys.readouterr().err
+    assert told.startswith(said)
+    assert bool(told) == bool(said)

@@ -27,7 +27,7 @@ def seen_at(step, position, velocity, sensor, seen=True, observed=None):
         seen=np.array([[seen]]),
         history=(position + back * velocity)[None, :, None],
         observed=np.array([[min(step + 1, HISTORY) if observed is None else observed]]),
-        age=np.array([[sensor.delay * DT if seen else np.inf]]),
+        age=np.array([[sensor.delay if seen else np.inf]]),
     )
     return dataclasses.replace(obs, pedestrians=crowd, step=np.array([step]), sensor=sensor)
 
@@ -72,7 +72,7 @@ def test_what_is_seen_exactly_stays():
 
 
 def test_a_late_measurement_is_moved_on_to_now():
-    shown = KalmanFilter().filter(seen_at(4, [1.0, 2.0], [0.5, -1.0], Sensor(delay=2))).pedestrians
+    shown = KalmanFilter().filter(seen_at(4, [1.0, 2.0], [0.5, -1.0], Sensor(delay=2 * DT))).pedestrians
     np.testing.assert_allclose(shown.position[0, 0], [1.0 + 0.5 * 2 * DT, 2.0 - 2 * DT])
     assert (shown.deviation[0, 0] > EXACT).all()
 
@@ -112,7 +112,7 @@ class Shown(Planner):
 def test_a_vehicle_stands_until_the_first_measurements_can_arrive():
     planner = FilteredPlanner(Shown())
     planner.reset(np.arange(1))
-    sensor = Sensor(delay=2)
+    sensor = Sensor(delay=2 * DT)
     first = [planner.plan(seen_at(step, [1.0, 2.0], [0.0, 0.0], sensor))[0, 0] for step in range(4)]
     assert first == [0.0, 0.0, 1.0, 1.0]
     assert planner.planner.obs.pedestrians.deviation is not None

@@ -18,11 +18,11 @@ CHANGES = {
     "sarl": [{"predictor": "constant_velocity"}],
     "sarl_lin": [{"predictor": "constant_velocity"}],
     "sarl_cvm": [{"weights": "sarl-seed0"}, {"predictor": "linear"}],
-    "sarl_sgan": [{"modes": 10}, {"aggregate": "crowd"}, {"shortlist": 1}],
+    "sarl_sgan": [{"modes": 10}, {"modes": 5}, {"shortlist": 1}],
     "sarl_sgan_kce": [
         {"predictor": "sgan_simulated"},
         {"modes": 10},
-        {"aggregate": "crowd"},
+        {"modes": 5},
         {"shortlist": 1},
         {"limits": False},
         {"limits": {"max_velocity_change": 1.0}},

@@ -262,7 +262,6 @@ def test_of_the_papers_method_each_part_can_be_changed_or_left_out():
         ({"shaping": {"cost": 1, "threshold": 1}}, "but must be false or a table with cost or a table with threshold"),
         ({"limits": {"max_velocity_change": -1.0}}, "in limits, max_velocity_change is -1.0, but must be a number abo"),
         ({"limits": {"max_speed": 1.0}}, "limits is {'max_speed': 1.0}, but must be false or a table with max_accele"),
-        ({"aggregate": "median"}, "aggregate is 'median', but must be one of crowd, mean, worst"),
         ({"shortlist": 0}, "shortlist is 0, but must be a whole number, 1 or more"),
         ({"modes": 5}, "constant_velocity has no option 'modes'"),
     ],

@@ -26,6 +26,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.sim.sight import look
 from crowdbench.sim.simulator import crowd_velocities, step
+from crowdbench.utils.errors import InputError
 
 DT = 0.25
 FIELDS = ("position", "velocity", "radius", "seen", "history", "observed", "age")
@@ -194,7 +195,7 @@ def test_some_are_missed_each_for_itself():
 
 @pytest.mark.parametrize("delay", [1, 3])
 def test_measurements_arrive_late(delay):
-    now = list(worlds_of({"sensor.delay": delay}, scenario="circle_crossing_5"))
+    now = list(worlds_of({"sensor.delay": delay * DT}, scenario="circle_crossing_5"))
     perfect = [observe(each).pedestrians for each in worlds_of({}, scenario="circle_crossing_5")]
     for t, each in enumerate(now):
         crowd = observe(each).pedestrians
@@ -245,7 +246,7 @@ def test_a_long_gap_leaves_only_filled_positions_in_the_history():
 
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_new_person_in_an_old_place_has_a_history_of_its_own(delay):
-    sensor, now, found = Sensor(range=99.0, remember=9.0, delay=delay), None, []
+    sensor, now, found = Sensor(range=99.0, remember=9.0, delay=delay * DT), None, []
     for t, person in enumerate([0, 0, 7, 7, 7, 7, 7]):
         hidden = t == 2
         place = [900, 0] if hidden else [3 + person, t]
@@ -491,7 +492,7 @@ def test_a_recording_keeps_and_shows_what_was_perceived(tmp_path):
     assert not {"/world/sight", "/world/view", "/world/lidar"} & {chunk.entity_path for chunk in perfect}
 
 
-SHOWN = {"range": 3.0, "occlusion": True, "delay": 1, "remember": 0.5, "lidar": {"beams": 200, "range": 3.0}}
+SHOWN = {"range": 3.0, "occlusion": True, "delay": 0.25, "remember": 0.5, "lidar": {"beams": 200, "range": 3.0}}
 
 
 def test_a_replay_sees_again_what_was_seen_and_finds_what_was_not(tmp_path):
@@ -512,3 +513,24 @@ def test_a_replay_sees_again_what_was_seen_and_finds_what_was_not(tmp_path):
     assert replay(files, scenario, {}).differences == []
     files.recording.trace.perceived[1, 9] += 0.5
     assert "perceived at step 9" in str(replay(files, scenario, {}).differences[0])
+
+
+@pytest.mark.parametrize(
+    ("delay", "dt", "sentence"),
+    [
+        (0.3, 0.25, r"^circle_crossing_5.toml: sensor.delay is 0.3, but must be a multiple of dt, 0.25 s$"),
+        (0.25, 0.2, r"^circle_crossing_5.toml: sensor.delay is 0.25, but must be a multiple of dt, 0.2 s$"),
+        (1.5, 1e-3, "sensor.delay is 1.5, but must be 1 s or less, 1000 steps"),
+        (-0.25, 0.25, "sensor.delay is -0.25, but must be a number of at least 0"),
+        (0.25, 5e-324, "dt is 5e-324"),
+    ],
+)
+def test_a_delay_is_a_whole_number_of_steps(delay, dt, sentence):
+    with pytest.raises(InputError, match=sentence):
+        load_scenario("circle_crossing_5", {"sensor.delay": delay, "dt": dt})
+
+
+def test_a_delay_is_the_same_time_whatever_the_step():
+    for dt, steps in ((0.25, 2), (0.1, 5), (0.05, 10)):
+        sensor = load_scenario("circle_crossing_5", {"sensor.delay": 0.5, "dt": dt}).rules.sensor
+        assert (sensor.delay, sensor.steps_delayed(dt)) == (0.5, steps)

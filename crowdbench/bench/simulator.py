@@ -53,7 +53,7 @@ LIMITED_SIGHT: Mapping[str, Any] = {
     "occlusion": True,
     "noise": {"position": 0.05, "velocity": 0.1},
     "missed": 0.1,
-    "delay": 1,
+    "delay": 0.25,
     "remember": 2.0,
 }
 

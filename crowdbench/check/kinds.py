@@ -30,11 +30,11 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
-_NOISE = {"position": 0.05, "velocity": 0.1}
-LIMITED_SIGHT = {
-    "sensor": {"range": 3.0, "occlusion": True, "noise": _NOISE, "missed": 0.1, "delay": 1, "remember": 1.0}
-}
-"""What changes in the scenario where a planner or a predictor is checked without seeing everybody."""
+
+def limited_sight(dt: float) -> dict[str, Any]:
+    """Return what changes in a scenario with steps of `dt` seconds so that the vehicle does not see everybody."""
+    noise = {"position": 0.05, "velocity": 0.1}
+    return {"sensor": {"range": 3.0, "occlusion": True, "noise": noise, "missed": 0.1, "delay": dt, "remember": 1.0}}
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,11 @@ class CheckRequest:
         scenario.check_data(self.data)
         return scenario
 
+    def load_with_limited_sight(self) -> tuple[Scenario, Scenario]:
+        """Return the scenario, and the same with limited sight."""
+        scenario = self.load_scenario()
+        return scenario, self.load_scenario(limited_sight(scenario.rules.dt))
+
     def load(self, kind: Kind, **more: Any) -> tuple[str, Callable[[], Any]]:
         """The plug-in's name, and what makes a new one, with more options if any."""
         load = functools.partial(kind.load, self.plugin, {**self.options, **more})
@@ -98,7 +103,7 @@ class PluginKind:
 
 def _check_planner(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     request = dataclasses.replace(request, scenario=request.scenario or "circle_crossing_5")
-    scenario, limited = map(request.load_scenario, ({}, LIMITED_SIGHT))
+    scenario, limited = request.load_with_limited_sight()
     load = functools.partial(catalog.load_planner, request.plugin, request.options)
     name, _ = load()
     return name, check_planner(lambda: load()[1], name, scenario, request.cases, request.limit, limited)
@@ -115,7 +120,7 @@ def _check_predictor(request: CheckRequest) -> tuple[str, list[CheckResult]]:
     name, make = request.load(PREDICTORS)
     has_modes = any(option.name == "modes" for option in read_options(PREDICTORS.find(request.plugin)[1]))
     with_modes = (lambda modes: request.load(PREDICTORS, modes=modes)[1]()) if has_modes else None
-    scenario, limited = map(request.load_scenario, ({}, LIMITED_SIGHT))
+    scenario, limited = request.load_with_limited_sight()
     return name, check_predictor(make, name, scenario, request.cases, request.limit, with_modes, _tolerance(), limited)
 
 

@@ -100,7 +100,7 @@ def run(
     own = Shard.parse(shard)
     with exit_on_interrupt(), open_run(spec) as loaded, progress(len(spec.cases)) as tell:
         loaded.scenario.check_data(data)
-        say_of_training(loaded)
+        warn_if_trained_otherwise(loaded)
         if loaded.scenario.certificates is not None:
             say(f"crowdbench: {loaded.scenario.certificates.sentence(spec.cases)}")
         directory = out or Path("runs") / directory_name(loaded.driver.name, loaded.scenario.name, spec)
@@ -119,12 +119,17 @@ def run(
     print_result(title, read_result(directory), loaded.metrics, directory, as_json, all_metrics)
 
 
-def say_of_training(run: Run) -> None:
-    """Says where a scenario has more pedestrians than its planner was trained with."""
-    trained, most = run.driver.planner.trained_pedestrians, run.scenario.max_agents - 1
+def warn_if_trained_otherwise(run: Run) -> None:
+    """Print a warning where a scenario has more pedestrians or another dt than its planner was trained with."""
+    planner, name, dt = run.driver.planner, run.scenario.name, run.scenario.rules.dt
+    trained, most = planner.trained_pedestrians, run.scenario.max_agents - 1
+    differences = []
     if trained is not None and most > trained:
-        numbers = f"{trained} pedestrian{'s'[: trained != 1]} at most, but {run.scenario.name} has {most}"
-        say(f"crowdbench: planner {run.driver.name} was trained with {numbers}: its figures may be worse for that")
+        differences.append(f"{trained} pedestrian{'s'[: trained != 1]} at most, but {name} has {most}")
+    if planner.trained_dt is not None and planner.trained_dt != dt:
+        differences.append(f"steps of {planner.trained_dt:g} s, but {name} has dt = {dt:g} s")
+    for difference in differences:
+        say(f"crowdbench: planner {run.driver.name} was trained with {difference}: its figures may be worse for that")
 
 
 @help_from_docstring

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from crowdbench.core.reward import DISCOUNT, SUCCESS
 from crowdbench.networks.joint_state import DISTANCE, SIZE, VEHICLE
-from crowdbench.networks.weights import load_into, weights_file
+from crowdbench.networks.weights import load_into, read_card, training_dt, weights_file
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.memory import keep_freed_memory
 
@@ -84,6 +84,9 @@ class ValueNetwork(nn.Module, abc.ABC):
 
     name: str
     """The name of the network on the cards of its weights."""
+
+    trained_dt: float | None = None
+    """The length of a step in seconds that its weights were trained with; None where they are not trained."""
 
     def forward(self, joint: Joint, present: Present) -> Values:
         """The value of each state.
@@ -238,7 +241,10 @@ def load_network(network: str, weights: str, device: str = "cpu") -> ValueNetwor
             that their card describes.
     """
     kind = find_named("value network", network, NETWORKS)
-    return load_into(kind(), network, weights_file(weights), device)
+    path = weights_file(weights)
+    loaded = load_into(kind(), network, path, device)
+    loaded.trained_dt = training_dt(read_card(path))
+    return loaded
 
 
 @torch.inference_mode()

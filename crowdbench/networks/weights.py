@@ -18,7 +18,7 @@ from safetensors.torch import load, save
 from torch import nn
 
 from crowdbench.plugins.load import ROOT
-from crowdbench.utils.errors import InputError, describe_error
+from crowdbench.utils.errors import InputError, describe_error, is_number
 from crowdbench.utils.files import read_json, read_regular, whole
 
 WEIGHTS = ROOT / "agents" / "weights"
@@ -87,6 +87,13 @@ def read_card(path: Path) -> dict[str, Any]:
     if not isinstance(table.get("training", {}), dict):
         raise InputError(f"{card} is not a card of weights: its training must be a table")
     return table
+
+
+def training_dt(card: Mapping[str, Any]) -> float:
+    """Return the length of a step in seconds in the scenario that a card names; 0.25 where it names none."""
+    scenario = card.get("training", {}).get("scenario")
+    dt = scenario.get("dt") if isinstance(scenario, dict) else None
+    return dt if is_number(dt) else 0.25
 
 
 def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> Network:

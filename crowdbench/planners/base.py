@@ -32,6 +32,9 @@ class Planner(abc.ABC):
     trained_pedestrians: int | None = None
     """The largest number of pedestrians that it was trained with. `crowdbench run` says where there are more."""
 
+    trained_dt: float | None = None
+    """The length of a step in seconds that it was trained with. `crowdbench run` says where the scenario's differs."""
+
     facts: Mapping[str, str] = MappingProxyType({})
     """What results say of it beyond its name and options, such as the digest of its weights."""
 

@@ -62,7 +62,7 @@ class KalmanFilter:
         """What the planner is shown instead of an observation: estimates of the present, with their deviation."""
         if self.tracks is None:
             self.tracks = _Tracks(max(self.worlds, int(obs.row.max(initial=-1)) + 1), obs.pedestrians.seen.shape[1])
-        tracks, row, delay = self.tracks, obs.row, obs.sensor.delay * obs.dt
+        tracks, row, delay = self.tracks, obs.row, obs.sensor.steps_delayed(obs.dt) * obs.dt
         elapsed = obs.time - tracks.time[row]
         tracks.time[row] = obs.time
         mean, covariance = _move_on(tracks.mean[row], tracks.covariance[row], elapsed[:, None])
@@ -170,7 +170,7 @@ class FilteredPlanner(Planner):
     def __init__(self, planner: Planner) -> None:
         self.planner, self.filter = planner, KalmanFilter()
         self.privileged, self.native = planner.privileged, planner.native
-        self.trained_pedestrians = planner.trained_pedestrians
+        self.trained_pedestrians, self.trained_dt = planner.trained_pedestrians, planner.trained_dt
         self.facts: Mapping[str, str] = planner.facts
 
     def unseen(self, scene: str) -> FilteredPlanner:
@@ -190,4 +190,4 @@ class FilteredPlanner(Planner):
         """See `Planner`. Until the first measurements can have arrived, the vehicle stands."""
         shown = obs if obs.sensor.sees_all else self.filter.filter(obs)
         commands = self.planner.plan_ahead(shown, steps) if steps > 1 else self.planner.plan(shown)[:, None]
-        return np.where((obs.step < obs.sensor.delay)[:, None, None], 0.0, commands)
+        return np.where((obs.step < obs.sensor.steps_delayed(obs.dt))[:, None, None], 0.0, commands)

@@ -17,10 +17,9 @@ from crowdbench.core.reward import discount, reward
 from crowdbench.core.types import Observation, Outcome, Vehicle
 from crowdbench.networks.value import ValueNetwork, evaluate
 from crowdbench.networks.weights import digest
-from crowdbench.planners.aggregate import MEAN, Aggregate, mean_future
 from crowdbench.planners.base import Planner
 from crowdbench.planners.kce import Limits, Shaping
-from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, scene_of
+from crowdbench.planners.scene import Commands, Scene, Sequence, Velocities, mean_future, scene_of
 from crowdbench.planners.trials import propagate_vehicle, try_commands
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
@@ -60,7 +59,6 @@ class ValuePlanner(Planner):
             commands of its dynamics instead.
         reward: The reward of a step, called like `crowdbench.core.reward.reward`.
         shaping: What a change of velocity adds to the reward, called like `kce.ChangeCost`; None for nothing.
-        aggregate: Makes one value of a command's values under all predicted futures.
         limits: Which changes of velocity are allowed; None for all. With limits, braking as hard as they allow is one
             more command, so that a holonomic vehicle always has one that they allow.
         explore: Makes further commands around the best one, called like `kce.Exploration`; None for no more. The best
@@ -78,7 +76,6 @@ class ValuePlanner(Planner):
     actions: Actions = speeds_and_headings
     reward: Reward = reward
     shaping: Shaping | None = None
-    aggregate: Aggregate = MEAN
     limits: Limits | None = None
     explore: Explore | None = None
     shortlist: int | None = None
@@ -89,7 +86,7 @@ class ValuePlanner(Planner):
         if self.shortlist is not None:
             require_count("shortlist", self.shortlist)
         self.value.eval()
-        self.privileged = self.predictor.privileged
+        self.privileged, self.trained_dt = self.predictor.privileged, self.value.trained_dt
         self.facts = {"network": self.value.name, "weights": digest(self.value), **self.predictor.facts}
 
     def unseen(self, scene: str) -> ValuePlanner:
@@ -176,7 +173,6 @@ class ValuePlanner(Planner):
             scene: The state before the step, and the predicted crowd.
             commands: The commands.
         """
-        arranged = self.aggregate.arrange(scene)
         allowed = np.ones(commands.shape[:2], bool)
         if self.limits is not None:
             allowed = self.limits.allow(scene.vehicle.velocity, scene.velocities(commands), scene.dt)
@@ -184,9 +180,9 @@ class ValuePlanner(Planner):
         flat_values = np.empty(len(flat))
 
         def fill(rows: slice) -> None:
-            flat_values[rows] = self._chunk_values(arranged, flat[rows], world[rows])
+            flat_values[rows] = self._chunk_values(scene, flat[rows], world[rows])
 
-        in_chunks(fill, len(flat), _chunk(arranged))
+        in_chunks(fill, len(flat), _chunk(scene))
         values = np.full(allowed.shape, -np.inf)
         values[allowed] = flat_values
         return values
@@ -202,27 +198,24 @@ class ValuePlanner(Planner):
         factor = discount(scene.vehicle.preferred_speed, scene.dt)[world, None]
         later = evaluate(self.value, result.joint, _present(scene, world))[0]
         values = now + np.where(result.outcome == Outcome.RUNNING, factor * later, 0.0)
-        return self.aggregate.combine(values, axis=1)
+        return values.mean(axis=1)
 
     def _log(self, obs: Observation, prediction: Prediction, scored: ScoredActions) -> None:
         """Log the predicted crowd, all commands, the value of the state after the chosen one, and the attention."""
         scene = scene_of(obs, prediction, 0, obs.vehicle)
         obs.log("commands", np.dstack([scene.velocities(scored.commands), scored.values]))
-        world, arranged = np.arange(len(obs)), self.aggregate.arrange(scene)
-        joint, present = try_commands(arranged, scored.best(), world).joint, _present(arranged, world)
+        world = np.arange(len(obs))
+        joint, present = try_commands(scene, scored.best(), world).joint, _present(scene, world)
         value, attention = np.empty(present.shape[:2]), np.empty(present.shape)
 
         def fill(rows: slice) -> None:
             value[rows], attention[rows] = evaluate(self.value, joint[rows], present[rows])
 
-        in_chunks(fill, len(obs), _chunk(arranged))
-        # A pedestrian's attention: the sum over its copies in one crowd, or the mean over separate futures.
-        pedestrians = arranged.crowd.present.shape[1]
-        attention = attention[..., :pedestrians].reshape(len(obs), *scene.crowd.velocity.shape[1:3])
+        in_chunks(fill, len(obs), _chunk(scene))
         steps = max(SHOWN, prediction.position.shape[2])
         obs.log("predicted", self.predict(obs, steps).position)
         obs.log("value", value.mean(axis=1))
-        obs.log("attention", attention.sum(axis=1) / present.shape[1])
+        obs.log("attention", attention[..., : scene.crowd.present.shape[1]].mean(axis=1))
 
 
 def _chunk(scene: Scene) -> int:

@@ -18,7 +18,7 @@ from crowdbench.networks.encoders import POLICIES, make_policy
 from crowdbench.networks.features import Features, Vectors, features, in_disc, in_range, to_world
 from crowdbench.networks.features_ahead import REACH, STEPS, WALLS, features_ahead
 from crowdbench.networks.policy import Policy, Seen
-from crowdbench.networks.weights import digest, load_into, read_card, weights_file
+from crowdbench.networks.weights import digest, load_into, read_card, training_dt, weights_file
 from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import along_walls
 from crowdbench.plugins.files import file_digests
@@ -80,12 +80,14 @@ class PolicyPlanner(Planner):
         showing: What it is shown, and what its actions mean.
         network: The name of the network.
         trained_pedestrians: The largest number of pedestrians that it was trained with; None where that is unknown.
+        trained_dt: The length of a step in seconds that it was trained with; None where that is unknown.
     """
 
     policy: Policy
     showing: Showing
     network: str = "ppo"
     trained_pedestrians: int | None = None
+    trained_dt: float | None = None
 
     def __post_init__(self) -> None:
         self.policy.eval()
@@ -157,7 +159,7 @@ def load_policy(
     if not is_integer(nearest) or nearest < 1:
         raise InputError(f"the card of the weights {path} does not say how many pedestrians the policy is shown")
     showing = Showing(int(nearest), load_predictor(predictor)[1] if policy.remembered else None)
-    return PolicyPlanner(policy, showing, network, _most_pedestrians(training))
+    return PolicyPlanner(policy, showing, network, _most_pedestrians(training), training_dt(card))
 
 
 def _check_encoder(weights: Path, trained: object, encoder: str | None) -> None:

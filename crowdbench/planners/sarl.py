@@ -9,7 +9,6 @@ arXiv:2011.11191, whose sections and equations are named below.
 from __future__ import annotations
 
 from crowdbench.networks.value import load_network
-from crowdbench.planners.aggregate import find_aggregate
 from crowdbench.planners.kce import ChangeCost, Exploration, Limits, PrintedShaping
 from crowdbench.planners.lookahead import ValuePlanner
 from crowdbench.predict.load import load_predictor
@@ -20,7 +19,6 @@ def sarl_planner(
     weights: str = "sarl",
     device: str = "cpu",
     modes: int | None = None,
-    aggregate: str = "mean",
     shortlist: int | None = None,
     limits: Limits | None = None,
     shaping: ChangeCost | PrintedShaping | None = None,
@@ -33,7 +31,6 @@ def sarl_planner(
         weights: The trained value network: a name (`crowdbench list weights`) or a file.
         device: Where the value network runs: `cpu` or `cuda`.
         modes: Number of futures to predict; false for the predictor's own number [1].
-        aggregate: How a command's values under several futures become one: `mean`, `worst` or `crowd`.
         shortlist: Number of commands to value under all futures, the best under their mean; false for all [1].
         limits: Commands that the vehicle can follow; false for all.
         shaping: What a change of velocity adds to the reward; false for nothing.
@@ -48,10 +45,8 @@ def sarl_planner(
     return ValuePlanner(
         # III-B.1, equations 1 and 2: several futures of the crowd.
         predictor=load_predictor(predictor, {} if modes is None else {"modes": modes})[1],
-        # III-B.2, equations 3 and 4: the value V_s of the state that a command leads to ...
+        # III-B.2, equations 3 and 4: the value V_s of the state that a command leads to, the mean over all futures.
         value=load_network("sarl", weights, device),
-        # ... under each future by itself, or under all at once.
-        aggregate=find_aggregate(aggregate),
         # III-C, equations 5 and 6: commands that the vehicle cannot follow are left out.
         limits=limits,
         # III-C, equations 7 and 8: changes of velocity change the reward.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, no_type_check
@@ -119,6 +120,12 @@ def scene_of(obs: Observation, prediction: Prediction, step: int, vehicle: Vehic
     velocity = np.ascontiguousarray(prediction.velocity[:, :, step + steps - 1])
     crowd = Crowd(position, velocity, obs.pedestrians.radius, obs.pedestrians.seen)
     return Scene(vehicle, crowd, obs.obstacles, obs.dt)
+
+
+def mean_future(scene: Scene) -> Scene:
+    """Return the scene with a single future: the mean of the predicted positions, and the mean velocities."""
+    position, velocity = (each.mean(axis=1, keepdims=True) for each in scene.crowd[:2])
+    return dataclasses.replace(scene, crowd=scene.crowd._replace(position=position, velocity=velocity))
 
 
 @no_type_check

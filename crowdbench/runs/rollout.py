@@ -299,7 +299,8 @@ class _States:
         """Whom the vehicles saw; in the last state, also after it."""
         if not self.sight:
             return self.people["present"][:, :, 1:]
-        late = (self.start.rules.sensor.delay + 0.5) * self.start.rules.dt
+        dt = self.start.rules.dt
+        late = (self.start.rules.sensor.steps_delayed(dt) + 0.5) * dt
         return np.asarray(self.sight["age"][self._last_states()] < late)
 
     def _sees_vehicle(self) -> Bool[np.ndarray, "world time pedestrian"] | None:

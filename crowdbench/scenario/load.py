@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from crowdbench.scenario.recorded import TrackedCrowd
 
 MAX_STEPS = 100_000
+MAX_DELAY = 1000
 OF_TRACKS = ("number", "preferred_speed", "arrival", "goal_change", "groups", "clear_space")
 """Keys of `[pedestrians]` that recorded tracks stand for."""
 
@@ -70,8 +71,8 @@ def parse(table: Mapping[str, Any], name: str, source: str, load: Loaders) -> Sc
     top = parse_table(ScenarioSpec, table, file)
     _refuse_limits_of_others(table.get("vehicle", {}), top.vehicle.dynamics, file.at("vehicle"))
     vehicle = parse_table(vehicle_spec(top.vehicle.dynamics), table.get("vehicle", {}), file.at("vehicle"))
-    rules = _rules(top, vehicle, file.at("vehicle"))
     _check_combinations(top, file)
+    rules = _rules(top, vehicle, file)
     with file.at("layout", "generator").named():
         generator, layout, layout_file = load.layout(top.layout.generator)
         options_of_layout = layout_spec(layout)
@@ -156,10 +157,18 @@ def _goal_change(spec: GoalChangeSpec | None, dt: float, location: Location) -> 
     """How goals change on the way. Raises InputError where the period is no multiple of `dt`."""
     if spec is None:
         return None
-    every = round(spec.period / dt)
-    if every < 1 or not math.isclose(every * dt, spec.period):
+    every = _count_steps(spec.period, dt, location.at("period"))
+    if not every:
         raise location.at("period").wrong(f"{spec.period:g}", f"a multiple of dt, {dt:g} s")
     return GoalChange(every, spec.chance)
+
+
+def _count_steps(seconds: float, dt: float, location: Location) -> int:
+    """Return how many steps take so many seconds. Raises InputError where these are no multiple of `dt`."""
+    steps = round(seconds / dt)
+    if not math.isclose(steps * dt, seconds):
+        raise location.wrong(f"{seconds:g}", f"a multiple of dt, {dt:g} s")
+    return steps
 
 
 def _tracks(
@@ -200,8 +209,15 @@ def _refuse_limits_of_others(table: Mapping[str, Any], dynamics: str, location: 
             raise location.at(key).wrong("given", right)
 
 
-def _rules(top: ScenarioSpec, vehicle: VehicleSpec, location: Location) -> Rules:
-    """The rules of a scenario. Raises InputError where keys of its vehicle contradict each other or the crowd's."""
+def _rules(top: ScenarioSpec, vehicle: VehicleSpec, file: Location) -> Rules:
+    """Return the rules of a scenario.
+
+    Raises InputError where keys of its vehicle contradict each other or the crowd's, or where the sensor's delay is no
+    whole number of steps, or more than `MAX_DELAY` of them.
+    """
+    location, delay = file.at("vehicle"), file.at("sensor", "delay")
+    if _count_steps(top.sensor.delay, top.dt, delay) > MAX_DELAY:
+        raise delay.wrong(f"{top.sensor.delay:g}", f"{MAX_DELAY * top.dt:g} s or less, {MAX_DELAY} steps")
     if top.pedestrians.sees_vehicle < 1.0 and not vehicle.visible:
         raise location.at("visible").wrong("false", "true where the key pedestrians.sees_vehicle says how many see it")
     limits = {key: value for key, value in vehicle.complete().items() if key not in VehicleSpec.model_fields}

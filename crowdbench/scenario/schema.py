@@ -153,7 +153,7 @@ class LidarSpec(TomlTable):
 class SensorSpec(TomlTable):
     """`[sensor]`: what the vehicle sees of pedestrians, see `crowdbench.core.types.Sensor`.
 
-    The range is in metres, the field of view in degrees, the delay in steps; people are remembered for seconds.
+    The range is in metres, the field of view in degrees, the delay and the time of `remember` in seconds.
     `nearest` is the number of pedestrians that planners are shown at most; without it see `SHOWN`.
     """
 
@@ -162,7 +162,7 @@ class SensorSpec(TomlTable):
     occlusion: Flag = False
     noise: NoiseSpec = table("sensor.noise")
     missed: float = number(0.0, least=0.0, below=1.0)
-    delay: int = integer(0, least=0, most=1000)
+    delay: float = number(0.0, least=0.0, below=1e3)
     remember: float = number(0.0, least=0.0, below=1e6)
     nearest: int | None = integer(None, least=1, most=MAX_PEDESTRIANS)
     lidar: LidarSpec | None = Field(default=None, description="a table [sensor.lidar] with beams and range")

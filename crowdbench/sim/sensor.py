@@ -157,8 +157,8 @@ def ages(world: World) -> Float[np.ndarray, "world pedestrian"]:
     Args:
         world: Worlds with limited sight.
     """
-    unseen = world.sight["unseen"]
-    return np.where(unseen < 0, np.inf, (unseen + world.rules.sensor.delay) * world.rules.dt)
+    unseen, dt = world.sight["unseen"], world.rules.dt
+    return np.where(unseen < 0, np.inf, (unseen + world.rules.sensor.steps_delayed(dt)) * dt)
 
 
 def beams(world: World, lidar: Lidar) -> Float[np.ndarray, "world beam"]:

@@ -65,12 +65,12 @@ def look(world: World) -> World:
     sensor, before = world.rules.sensor, world.sight or _nothing(world)
     measured = _measured(world)
     sender = np.where(world.present[:, 1:], world.person, -1)
-    sent = {}
-    if sensor.delay:
+    sent, dt = {}, world.rules.dt
+    if sensor.steps_delayed(dt):
         sent["sent"] = np.concatenate([before["sent"][:, 1:], measured[:, None]], axis=1)
         sent["sender"] = np.concatenate([before["sender"][:, 1:], sender[:, None]], axis=1)
         measured, sender = (np.ascontiguousarray(before[name][:, 0]) for name in ("sent", "sender"))
-    tracks, dt = Tracks(*(before[name].copy() for name in Tracks._fields)), world.rules.dt
+    tracks = Tracks(*(before[name].copy() for name in Tracks._fields))
     _track(measured, sender, dt, sensor.steps_remembered(dt), *tracks)
     return world.replace(sight=sent | tracks._asdict())
 
@@ -78,7 +78,7 @@ def look(world: World) -> World:
 def _nothing(world: World) -> dict[str, np.ndarray]:
     """The sight of vehicles that have never looked."""
     worlds, pedestrians = world.person.shape
-    delay = world.rules.sensor.delay
+    delay = world.rules.sensor.steps_delayed(world.rules.dt)
     return {
         "sent": np.full((worlds, delay, pedestrians, 5), np.nan),
         "sender": np.full((worlds, delay, pedestrians), -1),

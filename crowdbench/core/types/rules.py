@@ -54,7 +54,7 @@ class Sensor:
         occlusion: Whether walls and other people hide persons.
         noise: Normal noise of each measurement.
         missed: Probability that a person who could be seen is not detected in a step.
-        delay: Number of steps after which a measurement arrives.
+        delay: Seconds after which a measurement arrives, a multiple of the length of a step.
         remember: Seconds for which a person of whom no more measurements arrive stays in the observation, where it
             goes on at constant velocity.
         lidar: The lidar, if there is one. It is exact and has no delay.
@@ -66,7 +66,7 @@ class Sensor:
     occlusion: bool = False
     noise: Noise = Noise()
     missed: float = 0.0
-    delay: int = 0
+    delay: float = 0.0
     remember: float = 0.0
     lidar: Lidar | None = None
     nearest: int | None = None
@@ -76,8 +76,12 @@ class Sensor:
         """Whether it sees everybody exactly and at once, even if it shows the nearest only."""
         return Sensor(remember=self.remember, lidar=self.lidar, nearest=self.nearest) == self
 
+    def steps_delayed(self, dt: float) -> int:
+        """Return the delay in steps of `dt` seconds."""
+        return round(self.delay / dt)
+
     def steps_remembered(self, dt: float) -> int:
-        """For how many steps of `dt` seconds a person is remembered."""
+        """Return for how many steps of `dt` seconds a person is remembered."""
         return int(self.remember / dt + 1e-9)
 
     @classmethod
@@ -97,7 +101,7 @@ class Sensor:
         lidar = self.lidar or Lidar(0, 0.0)
         reach = math.inf if self.range is None else self.range
         sight = reach, self.field_of_view, float(self.occlusion), self.noise.position, self.noise.velocity, self.missed
-        return *sight, float(self.delay), self.remember, float(lidar.beams), lidar.range, float(self.nearest or 0)
+        return *sight, self.delay, self.remember, float(lidar.beams), lidar.range, float(self.nearest or 0)
 
     @classmethod
     def of_numbers(cls, numbers: Sequence[float]) -> Sensor:
@@ -109,7 +113,7 @@ class Sensor:
             occlusion=bool(occlusion),
             noise=Noise(position, velocity),
             missed=missed,
-            delay=int(delay),
+            delay=delay,
             remember=remember,
             lidar=Lidar(int(beams), length) if beams else None,
             nearest=int(nearest) or None,
