@@ -93,7 +93,7 @@ def training_dt(card: Mapping[str, Any]) -> float:
     """Return the length of a step in seconds in the scenario that a card names; 0.25 where it names none."""
     scenario = card.get("training", {}).get("scenario")
     dt = scenario.get("dt") if isinstance(scenario, dict) else None
-    return dt if is_number(dt) else 0.25
+    return float(dt) if dt is not None and is_number(dt) else 0.25
 
 
 def load_into(network: Network, name: str, path: Path, device: str = "cpu") -> Network:

@@ -9,7 +9,9 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+from crowdbench.plugins import files
 from crowdbench.plugins.files import imported_modules
+from crowdbench.utils.compiled import store
 
 _SILENT = frozenset({"ctx", "kind", "type_comment"})
 """Fields of syntax trees that do not change what the code does."""
@@ -18,7 +20,7 @@ PACKAGE = Path(__file__).parent.parent
 NAME = PACKAGE.name
 
 
-def code_digest(modules: Iterable[str], files: Iterable[Path] = ()) -> str:
+def code_digest(modules: Iterable[str], further: Iterable[Path] = ()) -> str:
     """Return the sha256 of the code that some modules of crowdbench run.
 
     It covers every module of crowdbench that they import, directly or not, also in functions. Imports for type
@@ -26,14 +28,15 @@ def code_digest(modules: Iterable[str], files: Iterable[Path] = ()) -> str:
 
     Args:
         modules: Names of modules of crowdbench, such as `crowdbench.runs.rollout`.
-        files: Further files, which count with what they import from crowdbench.
+        further: Further files, which count with what they import from crowdbench.
     """
-    trees, imported = [], []
-    for file in files:
+    trees, imported, before = [], [], len(_kept())
+    for file in further:
         tree, names = _read(file)
         trees.append(tree)
         imported += names
     trees += [_read(path)[0] for path in _reach([*modules, *imported]).values()]
+    _keep(before)
     return hashlib.sha256(json.dumps(sorted(trees)).encode()).hexdigest()
 
 
@@ -79,10 +82,35 @@ def _public_names() -> dict[str, str]:
 @functools.cache
 def _read(path: Path) -> tuple[str, list[str]]:
     """Return the digest of a file's syntax tree, and the modules of crowdbench that it imports."""
-    tree = ast.parse(path.read_bytes())
+    source = path.read_bytes()
     package = (NAME, *path.relative_to(PACKAGE).parent.parts) if path.is_relative_to(PACKAGE) else ()
-    modules = [".".join(module) for module in imported_modules(tree, package)]
-    return _tree_digest(tree), [module for module in modules if module.startswith(f"{NAME}.")]
+    name = hashlib.sha256(".".join(package).encode() + b"\n" + source).hexdigest()
+    if name not in _kept():
+        tree = ast.parse(source)
+        modules = [".".join(module) for module in imported_modules(tree, package)]
+        _kept()[name] = _tree_digest(tree), [module for module in modules if module.startswith(f"{NAME}.")]
+    digest, imports = _kept()[name]
+    return digest, imports
+
+
+@functools.cache
+def _kept() -> dict[str, tuple[str, list[str]]]:
+    """Return what `_read` has returned, by the digest of the source. It is kept on disk, beside compiled kernels."""
+    content = store.read(_entry())
+    return json.loads(content) if content else {}
+
+
+def _keep(before: int) -> None:
+    """Write what `_read` has returned to disk, if it is more than there was."""
+    if len(_kept()) > before:
+        store.write(_entry(), json.dumps(_kept()).encode())
+
+
+@functools.cache
+def _entry() -> store.Entry:
+    """Return the name of the file on disk, which changes with the way in which digests are made."""
+    own = hashlib.sha256(Path(__file__).read_bytes() + Path(files.__file__).read_bytes()).hexdigest()
+    return store.Entry("syntax_trees", own[:16], "all")
 
 
 def _tree_digest(tree: ast.AST) -> str:

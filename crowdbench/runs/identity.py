@@ -111,7 +111,7 @@ def source_of(thing: type | Callable[..., Any]) -> str:
     """
     module = str(getattr(thing, "__module__", ""))
     if module.startswith("crowdbench."):
-        return code_digest([module])[:16]
+        return _source_of_module(module)
     file = getattr(sys.modules.get(module), "__file__", None)
     if file is not None:
         own = [file_digests(Path(file)), code_digest(imports_of(Path(file)))]
@@ -120,6 +120,11 @@ def source_of(thing: type | Callable[..., Any]) -> str:
         return hashlib.sha256(inspect.getsource(thing).encode()).hexdigest()[:16]
     except (OSError, TypeError):
         return secrets.token_hex(8)
+
+
+@functools.cache
+def _source_of_module(module: str) -> str:
+    return code_digest([module])[:16]
 
 
 def id_of_object(planner: object, name: str, facts: Mapping[str, str], key: str) -> PlannerId:
