@@ -281,8 +281,8 @@ READY = protocol.to_json({"version": protocol.VERSION, "privileged": False, "nat
 
 
 def test_a_program_that_speaks_another_version_is_refused(tmp_path):
-    program = tmp_path / "old"
-    answer = protocol.to_json({"privileged": False})
+    program = tmp_path / "other"
+    answer = protocol.to_json({"version": 7, "privileged": False})
     program.write_text(
         f"#!{sys.executable}\nimport os, struct\n_, size = struct.unpack('<IQ', os.read(0, 12))\nos.read(0, size)\n"
         f"os.write(1, struct.pack('<IQ', 11, {len(answer)}) + {answer!r})\n"
@@ -291,7 +291,7 @@ def test_a_program_that_speaks_another_version_is_refused(tmp_path):
     with pytest.raises(InputError) as error:
         IsolatedPlanner(str(program), {})
     assert str(error.value) == (
-        "planner old speaks version 1 of the messages, but must speak version 4, which docs/isolation.md describes"
+        "planner other speaks version 7 of the messages, but must speak version 1, which docs/isolation.md describes"
     )
 
 

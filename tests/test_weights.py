@@ -20,6 +20,8 @@ CARD = {
     "training": {
         "scenario": {"name": "circle", "digest": "0", "pedestrians": {"number": [1, 10]}},
         "predictor": "oracle",
+        "limits": {},
+        "validation": {"scenarios": ["circle"], "cases": "val:0:200"},
         "seed": 0,
         "episodes": 100,
         "kept_after_episodes": 100,
@@ -56,7 +58,7 @@ def test_the_card_is_rendered_for_people(saved):
 
 
 @pytest.mark.parametrize("path", built_in(), ids=lambda path: path.stem)
-def test_cards_of_an_earlier_version_keep_their_figures(path):
+def test_cards_that_ship_say_for_people_what_they_say_in_json(path):
     card, shipped = read_card(path), path.with_suffix(".md").read_text()
     text = markdown(card)
     for line in text.splitlines():

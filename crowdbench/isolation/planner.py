@@ -113,7 +113,7 @@ class IsolatedPlanner(Planner):
         request = {"version": VERSION, "planner": spec, "options": dict(options)} | ({"scene": scene} if scene else {})
         limit = self.limits.construction
         properties = self._ask(from_json, "in its construction", limit, Kind.START, to_json(request))
-        version = properties.get("version", 1)  # version 1 did not name itself
+        version = properties.get("version")
         if version != VERSION and program(spec) is None:
             raise MachineFault(
                 f"crowdbench has changed since this command started, so that planner {self.name} cannot be asked: "

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from crowdbench.core.dynamics import DISC, DYNAMICS, FREE
 from crowdbench.core.types import HISTORY, SHEET, Observation, Pedestrians, Sensor, Vehicle
 
-VERSION = 4
+VERSION = 1
 """Version of the format, which `START` and its answer name."""
 
 LARGEST = 2**31

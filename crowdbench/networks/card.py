@@ -69,9 +69,7 @@ def seconds(estimate: Mapping[str, Any]) -> str:
 
 
 def chosen_on(trained: Mapping[str, Any]) -> str:
-    """Where a checkpoint was chosen, as the end of a sentence; cards of older trainings do not say it."""
-    if "validation" not in trained:
-        return ""
+    """Return where a checkpoint was chosen, as the end of a sentence."""
     validation = trained["validation"]
     return f", on {validation['cases']} of {' and of '.join(validation['scenarios'])}"
 

@@ -127,23 +127,6 @@ def restore_parts(training: object, parts: Sequence[str], tensors: Mapping[str, 
             restore_optimizer(value, own)
 
 
-def rename_tensors(tensors: Mapping[str, Tensor], names: Mapping[str, str]) -> dict[str, Tensor]:
-    """Tensors of an older checkpoint under their present names.
-
-    Args:
-        tensors: The tensors by name.
-        names: The present name by the former one, each of a part of the training or of something in it.
-
-    Returns:
-        The same tensors; whatever `names` does not mention keeps its name.
-    """
-    found = {}
-    for name, tensor in tensors.items():
-        former = next((each for each in names if name == each or name.startswith(f"{each}.")), None)
-        found[name if former is None else names[former] + name.removeprefix(former)] = tensor
-    return found
-
-
 def _metadata(path: Path) -> dict[str, Any]:
     """What a checkpoint says of its training: `about`, `facts` and `curve`."""
     try:

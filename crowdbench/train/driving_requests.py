@@ -183,7 +183,7 @@ class ValueRequest(DrivingRequest):
     def card_text(cls, card: Mapping[str, Any]) -> CardText:
         """See `Request`."""
         trained = card["training"]
-        limits = ", ".join(f"{name} {limit:g}" for name, limit in trained.get("limits", {}).items())
+        limits = ", ".join(f"{name} {limit:g}" for name, limit in trained["limits"].items())
         place = f"with the {trained['predictor']} predictor in {cards.crowd(trained['scenario'])}"
         rows = {"predictor in the lookahead": trained["predictor"]}
         conditions = ", with the constant-velocity predictor in the lookahead"
@@ -257,7 +257,7 @@ class PPORequest(DrivingRequest):
     def card_text(cls, card: Mapping[str, Any]) -> CardText:
         """See `Request`."""
         trained = card["training"]
-        beside = [cards.crowd(each) for each in trained.get("beside", [])]
+        beside = [cards.crowd(each) for each in trained["beside"]]
         rows = {"trained beside in": "; ".join(beside)} if beside else {}
         rows |= {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
         place = f"in {cards.crowd(trained['scenario'])}"

@@ -25,7 +25,7 @@ from crowdbench.metrics.prediction_errors import TOGETHER, displacement
 from crowdbench.networks.social_gan import NOISE, Discriminator, Generator
 from crowdbench.predict import Prediction
 from crowdbench.predict.social_gan import scatter
-from crowdbench.train.checkpoint import State, parts_state, rename_tensors, restore_parts
+from crowdbench.train.checkpoint import State, parts_state, restore_parts
 from crowdbench.train.social_gan_samples import HORIZON, Samples, load_samples
 
 BATCH = 64
@@ -56,13 +56,6 @@ NETWORKS = ("generator", "discriminator", "average", "best")
 """The networks of a training."""
 
 OPTIMIZERS = ("generator_optimizer", "discriminator_optimizer")
-
-FORMER_NAMES = {
-    "optimizer": "generator_optimizer",
-    "opponent": "discriminator_optimizer",
-    "discriminator.judge": "discriminator.head",
-}
-"""Tensors that had another name in older checkpoints."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +205,7 @@ class Training:
 
     def restore(self, state: State) -> None:
         """Continue from a checkpoint. Raises RuntimeError where it is of another network."""
-        restore_parts(self, NETWORKS + OPTIMIZERS, rename_tensors(state.tensors, FORMER_NAMES))
+        restore_parts(self, NETWORKS + OPTIMIZERS, state.tensors)
         self.epochs, self.seconds = state.facts["epochs"], state.facts["seconds"]
         self.curve = [CurvePoint(**point) for point in state.curve]
 
