@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.boards.board import LATER, Board
+from crowdbench.boards.board import Board
 from crowdbench.metrics.summary import NOTHING, Estimate
-from crowdbench.runs.result_file import RESULT, read_result
 from crowdbench.runs.results import read_estimate
 from crowdbench.utils.errors import InputError
 
 
-def read_estimates(directory: Path, names: Iterable[str]) -> dict[str, Estimate]:
-    """The means of metrics in a run, with their intervals.
+def read_estimates(table: Mapping[str, Mapping[str, Any]], names: Iterable[str]) -> dict[str, Estimate]:
+    """Read estimates of metrics, as `crowdbench.runs.results.to_json` writes them.
 
-    Raises InputError where the run lacks one of them that is not in `LATER`.
+    Raises InputError where a metric is missing.
     """
-    metrics = read_result(directory)["metrics"]
     try:
-        return {
-            name: NOTHING if name in LATER and name not in metrics else read_estimate(metrics[name]) for name in names
-        }
+        return {name: read_estimate(table[name]) for name in names}
     except KeyError as error:
-        raise InputError(f"{directory / RESULT} lacks {error} of a metric that its board shows") from None
+        raise InputError(f"figures of a board lack {error}") from None
 
 
 def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Estimate]:

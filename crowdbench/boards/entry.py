@@ -3,7 +3,7 @@
 entries/<name>/entry.json          what follows, with the sha256 of every other file
 entries/<name>/card.toml           what its authors say of it
 entries/<name>/planner/            the planner's files, unless it is built in or an installed package
-entries/<name>/public/<scenario>/  a run on the public cases of each scenario, with all commands
+entries/<name>/public/<scenario>/  episodes and commands of the public cases of each scenario
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from crowdbench.plugins.load import file_and_function
 from crowdbench.runs.recording import COMMANDS
-from crowdbench.runs.result_file import RESULT
 from crowdbench.runs.results import EPISODES
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -36,8 +35,7 @@ NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
 
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
-_RUN = f"({RESULT}|{EPISODES}|{COMMANDS})".replace(".", r"\.")
-_HOLDS = re.compile(rf"{CARD}|{PLANNER}/.+|{PUBLIC}/\w+/{_RUN}")
+_HOLDS = re.compile(rf"{re.escape(CARD)}|{PLANNER}/.+|{PUBLIC}/\w+/({re.escape(EPISODES)}|{re.escape(COMMANDS)})")
 """The files that an entry may have."""
 
 SUBMITTER = r"^\w[\w .'\-]{0,99}$"
@@ -46,13 +44,13 @@ SUBMITTER = r"^\w[\w .'\-]{0,99}$"
 MAINTAINERS = "crowdbench"
 """Who submits the planners that ship, of which any number is ranked."""
 
-SCHEMA = 2
+SCHEMA = 1
 """Version of what `entry.json` holds."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Texts = Annotated[list[Text], Field(description="a list of texts in quotes")]
-Figures = dict[str, dict[str, float | None]]
-"""By scenario and metric, the mean over the cases."""
+Figures = dict[str, dict[str, dict[str, int | float | None]]]
+"""By scenario and metric, the estimate over the cases, see `crowdbench.runs.results.to_json`."""
 
 
 class CardSpec(TomlTable):
@@ -92,7 +90,6 @@ class EntrySpec(Record):
     Attributes:
         format: Version of the format, `SCHEMA`.
         board: Name of the board.
-        board_version: Its version.
         board_digest: Its digest, see `crowdbench.boards.board.Board.digest`.
         submitted_by: Who has submitted it.
         planner: As `crowdbench run --planner` takes it, relative to the entry.
@@ -110,7 +107,6 @@ class EntrySpec(Record):
 
     format: int
     board: str
-    board_version: int
     board_digest: Sha256
     submitted_by: Annotated[str, Field(pattern=SUBMITTER)]
     planner: str

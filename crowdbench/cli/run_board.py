@@ -45,6 +45,7 @@ def run_board(
     from crowdbench.boards.board import find_board
     from crowdbench.boards.board_means import board_figures, read_estimates
     from crowdbench.runs.load import load_run
+    from crowdbench.runs.results import read_result
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
     from crowdbench.study.folder import run_directory
@@ -59,7 +60,9 @@ def run_board(
     with exit_on_interrupt():
         failed = _make(runs, directory)
     found = {
-        each: {} if each in failed else read_estimates(run_directory(run, directory), rules.metrics)
+        each: {}
+        if each in failed
+        else read_estimates(read_result(run_directory(run, directory))["metrics"], rules.metrics)
         for each, run in runs.items()
     }
     found[f"board {rules.name}"] = board_figures(rules, dict(found))
