@@ -19,6 +19,7 @@ from boards import make_key
 
 from crowdbench.boards.board import read_board, read_boards
 from crowdbench.boards.entry import file_digests, read_entry, write_entry
+from crowdbench.boards.kept_runs import read_episodes
 from crowdbench.boards.season import freeze
 from crowdbench.boards.site import build_site, texts
 from crowdbench.boards.submission import Submission, submit
@@ -29,6 +30,7 @@ from crowdbench.boards.verdict import (
     verification_folder,
     write_verification,
 )
+from crowdbench.runs.results import to_json
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -76,6 +78,7 @@ def enter(root, board, planner, **card):
 
 def verified(entry, season, key):
     """Record a verification, as `crowdbench verify --season` does, whose runs are those of the public cases."""
+    board = read_board(season.root / entry.spec.board)
     speed = DecisionTime(p99_ms=1.0, kernel="k", kernel_ms=25.0, calibrated_p99_ms=1.0, is_real_time=True)
     found = Verification(
         by="tester",
@@ -89,10 +92,9 @@ def verified(entry, season, key):
         level="process",
         verdict=Verdict.RERUN,
         reason="as reported",
-        figures=entry.spec.reported,
+        figures={name: to_json(run.summary()) for name, run in read_episodes(board, entry.public).items()},
         decision_time=speed,
     )
-    board = read_board(season.root / entry.spec.board)
     write_verification(verification_folder(entry, season), found, board, entry.public, key)
 
 

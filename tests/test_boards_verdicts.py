@@ -57,7 +57,8 @@ def unsign(folder, root, key):
 
 
 def raise_figures(folder, root, key):
-    change(folder, figures={"circle_crossing_5": {"success_rate": {"mean": 1.0}}})
+    perfect = {"mean": 1.0, "low": 1.0, "high": 1.0, "n": 10, "max": 1.0}
+    change(folder, figures={"circle_crossing_5": {"success_rate": perfect}})
 
 
 def sign_with_another_key(folder, root, key):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +18,7 @@ from crowdbench.core.types.rules import COLLISION_RULES
 from crowdbench.metrics import METRICS, Metric
 from crowdbench.metrics.score import Scale
 from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
-from crowdbench.runs.manifest import code
+from crowdbench.runs.identity import code, digest, source_of
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -86,8 +84,8 @@ class BoardSpec(TomlTable):
     ]
     recorded: Flag = False
     ranked: Flag = True
-    cases: int = integer(2000, least=1, most=10**6)
-    public_cases: int = integer(500, least=1, most=10**6)
+    cases: int = integer(1000, least=1, most=10**6)
+    public_cases: int = integer(50, least=1, most=10**6)
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     collision: str = choice(COLLISION_RULES, default="swept")
@@ -112,14 +110,22 @@ class Board:
     data: Path | None = None
 
     @functools.cached_property
-    def digest(self) -> str:
-        """The sha256 of everything that figures, scores and ranks depend on: rules, scenarios, the simulator's code."""
+    def parts(self) -> dict[str, Any]:
+        """All that figures, scores and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
         scenarios = {name: _recorded_digest(name) for name in self.scenarios} if self.spec.recorded else {}
         if not self.spec.recorded:
             scenarios = {scenario.name: scenario.digest for scenario in self._public}
-        rules = self.spec.model_dump(mode="json", exclude=_NO_RULES)
-        parts = {"rules": rules, "metrics": list(METRIC_TITLES), "scenarios": scenarios, "code": code()}
-        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+        return {
+            "rules": self.spec.model_dump(mode="json", exclude=_NO_RULES),
+            "scenarios": scenarios,
+            "metrics": {name: source_of(metric) for name, metric in self.metrics.items()},
+            "code": code(),
+        }
+
+    @property
+    def digest(self) -> str:
+        """The sha256 of its `parts`."""
+        return digest(self.parts)
 
     @functools.cached_property
     def _public(self) -> Sequence[Scenario]:
@@ -230,8 +236,7 @@ def _recorded_digest(name: str) -> str:
     files = {**known_files(tracks.get("scene", "")), **tracks.get("files", {})}
     if not files:
         raise InputError(f"the scenario {name} names no recorded tracks whose sha256 is known: add tracks.files to it")
-    parts = {key: value for key, value in table.items() if key != "description"}, files
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+    return digest({"keys": {key: value for key, value in table.items() if key != "description"}, "tracks": files})
 
 
 def find_board(name: str, root: Path = ROOT) -> Board:

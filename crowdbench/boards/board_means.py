@@ -2,27 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from crowdbench.boards.board import Board
 from crowdbench.metrics.summary import NOTHING, Estimate
-from crowdbench.runs.results import read_estimate
-from crowdbench.utils.errors import InputError
-
-
-def read_estimates(table: Mapping[str, Mapping[str, Any]], names: Iterable[str]) -> dict[str, Estimate]:
-    """Read estimates of metrics, as `crowdbench.runs.results.to_json` writes them.
-
-    Raises InputError where a metric is missing.
-    """
-    try:
-        return {name: read_estimate(table[name]) for name in names}
-    except KeyError as error:
-        raise InputError(f"figures of a board lack {error}") from None
 
 
 def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Estimate]:

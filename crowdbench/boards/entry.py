@@ -49,8 +49,8 @@ SCHEMA = 1
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Texts = Annotated[list[Text], Field(description="a list of texts in quotes")]
-Figures = dict[str, dict[str, dict[str, int | float | None]]]
-"""By scenario and metric, the estimate over the cases, see `crowdbench.runs.results.to_json`."""
+Means = dict[str, dict[str, float | None]]
+"""By scenario and metric, the mean over the cases."""
 
 
 class CardSpec(TomlTable):
@@ -118,7 +118,7 @@ class EntrySpec(Record):
     privileged: bool
     environment: dict[str, str]
     files: dict[str, Sha256]
-    reported: Figures
+    reported: Means
 
     def facts_in(self, scenario: str) -> dict[str, str]:
         """What the planner says of itself in one of the scenarios that it drives."""
@@ -269,4 +269,16 @@ def _check_files(directory: Path, digests: Mapping[str, str]) -> None:
 def write_entry(directory: Path, spec: EntrySpec) -> None:
     """Write `entry.json` into the folder of an entry, whole."""
     with files.whole(directory / ENTRY) as partial:
-        partial.write_text(json.dumps(spec.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
+        write_record(partial, spec)
+
+
+def write_record(path: Path, record: Record) -> None:
+    """Write a record as JSON with a line for each value, and one for each estimate."""
+    path.write_text(_format(record.model_dump(mode="json")) + "\n", encoding="utf-8")
+
+
+def _format(value: Any, end: str = "\n") -> str:
+    if not isinstance(value, dict) or not value or "mean" in value:
+        return json.dumps(value)
+    lines = [f"{end}  {json.dumps(key)}: {_format(each, f'{end}  ')}" for key, each in value.items()]
+    return f"{{{','.join(lines)}{end}}}"

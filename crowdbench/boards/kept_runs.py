@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import shutil
 from pathlib import Path
+from typing import Any
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.entry import Entry, Figures
+from crowdbench.boards.entry import Entry
 from crowdbench.boards.ranking import SCT
 from crowdbench.runs.recording import COMMANDS
 from crowdbench.runs.result_file import read_result
-from crowdbench.runs.results import EPISODES, Episodes
+from crowdbench.runs.results import EPISODES, Episodes, to_json
 from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
@@ -46,8 +47,8 @@ def read_episodes(board: Board, out: Path) -> dict[str, Episodes]:
     return {name: Episodes.read(out / name / EPISODES) for name in driven_scenarios(board, out)}
 
 
-def read_figures(board: Board, out: Path) -> Figures:
-    """Read the estimates of the runs in a folder. Raises InputError where a file is damaged."""
+def read_figures(board: Board, out: Path) -> dict[str, dict[str, Any]]:
+    """Read the estimates of runs by scenario and metric, see `to_json`. Raises InputError where a file is damaged."""
     return {name: read_result(out / name)["metrics"] for name in driven_scenarios(board, out)}
 
 
@@ -55,20 +56,17 @@ def read_public_run(entry: Entry, board: Board, scenario: Scenario) -> RunResult
     """Read the run of an entry on the public cases of a scenario, in which nothing is checked yet.
 
     Raises:
-        InputError: A file is missing or damaged, or the entry does not report the metrics of the board.
+        InputError: A file is missing or damaged, or has other metrics than the board.
     """
     folder = entry.public / scenario.name
-    episodes, reported = Episodes.read(folder / EPISODES), entry.spec.reported.get(scenario.name, {})
-    if not board.metrics.keys() == reported.keys() == episodes.columns.keys():
-        raise InputError(f"the entry must have the metrics {', '.join(board.metrics)}, reported and in {EPISODES}")
+    episodes = Episodes.read(folder / EPISODES)
+    if episodes.columns.keys() != board.metrics.keys():
+        raise InputError(f"{folder / EPISODES} must have the metrics {', '.join(board.metrics)}")
     result = {
-        "planner": entry.spec.planner,
-        "options": entry.spec.options,
-        "scenario": {"name": scenario.name, "digest": scenario.digest, **scenario.table},
-        "cases": str(board.public_cases),
+        "run": {"scenario": scenario.digest, "cases": str(board.public_cases), "code": board.parts["code"]},
+        "stated": {"versions": entry.spec.environment},
         "outcomes": episodes.counts(),
         "recorded": 0,
-        "metrics": reported,
-        "versions": entry.spec.environment,
+        "metrics": to_json(episodes.summary()),
     }
-    return RunResult(folder, result, episodes, {})
+    return RunResult(folder, result, episodes)

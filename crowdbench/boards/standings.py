@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Int
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.board_means import board_figures, read_estimates, success_by_family
+from crowdbench.boards.board_means import board_figures, success_by_family
 from crowdbench.boards.entry import ENTRY, MAINTAINERS, Entry, read_entry
 from crowdbench.boards.kept_runs import read_episodes
 from crowdbench.boards.method import rank_methods
@@ -206,21 +206,23 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
             verification = read_verification(entry, board, season)
         except Unverified as error:
             doubt = str(error)
-    runs, cases, found = entry.public, board.spec.public_cases, entry.spec.reported
+    runs, cases, needed, measured = entry.public, board.spec.public_cases, set(board.metrics), {}
     if season and verification and verification.figures:
-        runs, cases, found = verification_folder(entry, season), board.spec.cases, verification.figures
+        runs, cases, needed = verification_folder(entry, season), board.spec.cases, {SCT}
+        measured = verification.figures
     is_pending = entry.spec.board_digest != board.digest
     own = {} if is_pending else read_episodes(board, runs)
     shape = len(board.scenarios), cases
     outcomes, sct = np.full(shape, Outcome.RUNNING, np.int64), np.zeros(shape)
     for row, name in enumerate(board.scenarios):
         if name in own:
-            if len(own[name]) != cases or SCT not in own[name].columns:
-                raise InputError(f"{runs / name} must have {SCT} of {cases} cases, as its board says")
+            if len(own[name]) != cases or not needed <= own[name].columns.keys():
+                raise InputError(f"{runs / name} must have {cases} cases with {', '.join(needed)}")
             outcomes[row], sct[row] = own[name].outcome, own[name].columns[SCT]
-    scenarios = {
-        name: read_estimates(found.get(name, {}), board.metrics) if name in own else {} for name in board.scenarios
-    }
+    scenarios: dict[str, Mapping[str, Estimate]] = {}
+    for name in board.scenarios:
+        found = {metric: each.estimate for metric, each in measured.get(name, {}).items()}
+        scenarios[name] = found or (own[name].summary() if name in own else {})
     reason, explanation = _why_unranked(board, entry, verification or doubt)
     return Standing(
         entry,

@@ -28,7 +28,7 @@ from crowdbench.boards.entry import (
     read_entry,
     write_entry,
 )
-from crowdbench.boards.kept_runs import driven_scenarios, keep_public, read_figures
+from crowdbench.boards.kept_runs import driven_scenarios, keep_public
 from crowdbench.boards.planner_files import check_size, copy_named_files, package, package_files
 from crowdbench.boards.run_entry import EntryRun, InUse, Progress, lock_runs
 from crowdbench.boards.skeleton import CARD as CARD_TEXT
@@ -191,6 +191,7 @@ def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]])
     """The contents of `entry.json` for an entry whose other files are there."""
     board, folder = run.board, run.folder
     results = {name: read_result(run.out / name) for name in driven_scenarios(board, run.out)}
+    means = {name: {metric: each["mean"] for metric, each in own["metrics"].items()} for name, own in results.items()}
     return EntrySpec(
         format=SCHEMA,
         board=board.name,
@@ -205,5 +206,5 @@ def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]])
         privileged=any(result["stated"]["privileged"] for result in results.values()),
         environment=read_versions(),
         files=file_digests(folder),
-        reported=read_figures(board, run.out),
+        reported=means,
     )

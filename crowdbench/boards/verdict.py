@@ -10,17 +10,18 @@ They lie in the folder of the board and not in that of the entry, which belongs 
 from __future__ import annotations
 
 import enum
-import json
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.entry import Entry, Figures, Record, Sha256, file_digests
+from crowdbench.boards.entry import Entry, Record, Sha256, file_digests, write_record
 from crowdbench.boards.kept_runs import keep_ranked
 from crowdbench.boards.season import Season
 from crowdbench.boards.signature import is_signed, sign
+from crowdbench.metrics.summary import Estimate
+from crowdbench.runs.results import read_estimate
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
@@ -57,6 +58,25 @@ class DecisionTime(Record):
     kernel_ms: float
     calibrated_p99_ms: float
     is_real_time: bool
+
+
+Rounded = Annotated[float | None, AfterValidator(lambda value: None if value is None else float(f"{value:.6g}"))]
+"""A number with six digits; None where it is undefined."""
+
+
+class Figure(Record):
+    """The estimate of a metric, see `crowdbench.metrics.summary.Estimate`."""
+
+    mean: Rounded
+    low: Rounded
+    high: Rounded
+    n: int
+    max: Rounded
+
+    @property
+    def estimate(self) -> Estimate:
+        """The estimate itself."""
+        return read_estimate(self.model_dump())
 
 
 class Range(Record):
@@ -96,7 +116,7 @@ class Verification(Record):
         level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
         verdict: The verdict.
         reason: Why, in a sentence.
-        figures: What was measured on these cases; empty where the planner did not come so far.
+        figures: The estimates on these cases by scenario and metric; empty where the planner did not come so far.
         decision_time: How long decisions took; None where that was not measured.
         untimed: Why it was not, in a sentence; empty where it was, or where the planner did not come so far.
         method: What holds of its method; None where the entry has too few networks to claim something.
@@ -114,7 +134,7 @@ class Verification(Record):
     level: str
     verdict: Annotated[Verdict, Field(strict=False)]
     reason: str
-    figures: Figures = Field(default_factory=dict)
+    figures: dict[str, dict[str, Figure]] = Field(default_factory=dict)
     decision_time: DecisionTime | None = None
     untimed: str = ""
     method: Method | None = None
@@ -150,15 +170,15 @@ def write_verification(folder: Path, found: Verification, board: Board, runs: Pa
             keep_ranked(runs, partial, board)
         found = found.model_copy(update={"files": file_digests(partial)})
         path = partial / VERIFICATION
-        path.write_text(json.dumps(found.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
+        write_record(path, found)
         sign(path, key)
 
 
 def read_verification(entry: Entry, board: Board, season: Season) -> Verification:
     """What was found of an entry in a season.
 
-    A verification counts for the entry as it was frozen, for the board's present digest and the seed of the season, with
-    the runs that it was signed with, and where a maintainer has signed it.
+    A verification counts for the entry as it was frozen, for the board's present digest, for the seed of the season,
+    with the runs that it was signed with, and where a maintainer has signed it.
 
     Raises:
         Unverified: There is none that counts.

@@ -12,8 +12,11 @@ import datetime
 import secrets
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.consistency_test import lower_than_claimed
@@ -37,6 +40,7 @@ from crowdbench.isolation import sandbox
 from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
 from crowdbench.runs.result_file import read_result
+from crowdbench.runs.results import EPISODES
 from crowdbench.runs.shards import WHOLE, Shard
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, MachineFault
@@ -211,11 +215,21 @@ def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> s
         try:
             check_size(entry.public / name / COMMANDS, len(board.public_cases), scenarios[name].rules.max_steps)
             run = read_public_run(entry, board, scenarios[name])
+            if not _are_means(entry.spec.reported[name], run.result["metrics"]):
+                return f"{name}: the reported figures are not those of {EPISODES}"
             if differences := replay(run, scenarios[name], board.metrics, progress).differences:
                 return f"{name}: {differences[0]}"
         except InputError as error:
             return f"{name}: {error}"
     return ""
+
+
+def _are_means(reported: Mapping[str, float | None], metrics: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Check reported means, whose last digits depend on the version of NumPy."""
+    if reported.keys() != metrics.keys():
+        return False
+    one, two = (np.array(each, float) for each in ([*reported.values()], [metrics[name]["mean"] for name in reported]))
+    return np.allclose(one, two, rtol=1e-9, atol=0.0, equal_nan=True)
 
 
 def _drive_all(entry: Entry, run: EntryRun) -> dict[str, str]:

@@ -128,7 +128,7 @@ def _say_entry(entry: Entry, failed: Mapping[str, str], cases: int, root: Path) 
     if entry.spec.privileged:
         say("the planner is privileged: it is shown, and has no rank")
     for scenario, metrics in entry.spec.reported.items():
-        say(f"{scenario}: success {100 * (metrics['success_rate']['mean'] or 0.0):.1f} % in {cases} cases")
+        say(f"{scenario}: success {100 * (metrics['success_rate'] or 0.0):.1f} % in {cases} cases")
     say(
         f"made {entry.directory}. {_describe_season(entry.spec.board, root)} Next:\n"
         f"  crowdbench verify {entry.directory}   runs it again on cases that nobody knows\n"
@@ -238,9 +238,9 @@ def _print_verification(entry: Entry, board: str, result: Verification) -> None:
     passes = result.verdict == Verdict.RERUN
     print(f"{entry.name} on {board}: {'passes, ' * passes}{result.verdict}{where}: {result.reason}")
     for scenario, metrics in result.figures.items():
-        each = metrics, entry.spec.reported.get(scenario, {})
-        measured, reported = (100 * (one.get("success_rate", {}).get("mean") or 0.0) for one in each)
-        print(f"{scenario}: success {measured:.2f} %, reported {reported:.2f} %")
+        measured = metrics["success_rate"].mean or 0.0
+        reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0
+        print(f"{scenario}: success {100 * measured:.2f} %, reported {100 * reported:.2f} %")
     if passes:
         print("Where it is lower than reported, chance explains it.")
     if result.decision_time:
