@@ -13,6 +13,7 @@ from crowdbench.boards.entry import read_entry
 from crowdbench.boards.markdown import section, write_readme
 from crowdbench.boards.planner_files import copy_named_files
 from crowdbench.boards.season import read_season
+from crowdbench.boards.shipped import to_verify
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict, read_verification
@@ -309,6 +310,15 @@ def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(ro
     assert not found.ranked
     assert all(np.isnan(one.figures["success_rate"].mean) for one in found.others)
     assert "| careful, Ada |  |" in section(found)
+
+
+@pytest.mark.parametrize("target", ["catalog.planner_code", "boards.planner_files.package_files"])
+def test_an_entry_whose_planner_has_other_code_now_is_pending(root, monkeypatch, target):
+    monkeypatch.setattr(f"crowdbench.{target}", lambda *_: {"other.py": "0" * 64})
+    board = read_board(root / "small")
+    found = standings(board, read_entries(board, root), read_season(root))
+    assert [one.reason for one in found.others] == ["pending", "pending"]
+    assert to_verify(board, root, root, root / "key") == []
 
 
 def test_a_verification_of_another_board_does_not_count_for_an_entry_that_was_submitted_again(root, monkeypatch):

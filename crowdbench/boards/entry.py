@@ -95,6 +95,7 @@ class EntrySpec(Record):
         planner: As `crowdbench run --planner` takes it, relative to the entry.
         package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
         package_files: For such a planner, the sha256 of the Python files that it consists of, by path.
+        code: The digest of the code of crowdbench that the planner imports.
         facts: What the planner says of itself beyond its options, such as the digest of its weights. What it does not
             say in all scenarios alike is named `<scenario>/<fact>`: among recorded people it may have other weights.
         options: The planner's options; files are relative to the entry.
@@ -112,6 +113,7 @@ class EntrySpec(Record):
     planner: str
     package: str
     package_files: dict[str, Sha256]
+    code: Sha256
     facts: dict[str, str]
     options: dict[str, JsonValue]
     networks: list[dict[str, JsonValue]]
@@ -172,8 +174,9 @@ class Entry:
         """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
         spec = self.spec
         frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{PUBLIC}/")}
-        of_planner = [spec.planner, spec.package, spec.package_files, spec.facts, spec.options, spec.networks]
-        text = json.dumps([spec.board, self.name, of_planner, frozen], sort_keys=True)
+        code = [spec.package, spec.package_files, spec.code, frozen]
+        planner = [spec.planner, spec.options, spec.networks, spec.facts, code]
+        text = json.dumps([spec.board, self.name, planner], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 

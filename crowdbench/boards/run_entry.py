@@ -18,7 +18,7 @@ from crowdbench.boards.board import Board
 from crowdbench.boards.decision_time import time_decisions
 from crowdbench.boards.entry import PLANNER, file_digests
 from crowdbench.boards.kept_runs import driven_scenarios
-from crowdbench.boards.planner_files import locate_named_files
+from crowdbench.boards.planner_files import imported_code, locate_named_files
 from crowdbench.boards.verdict import DecisionTime
 from crowdbench.isolation.planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import Driver
@@ -83,7 +83,8 @@ class EntryRun:
         Args:
             package_files: The files of a planner that is built in or installed.
         """
-        own = [file_digests(self.folder / PLANNER), dict(package_files)]
+        code = imported_code(self.planner, self.options, self.folder)
+        own = [file_digests(self.folder / PLANNER), dict(package_files), code]
         text = json.dumps([self.board.digest, self.planner, self.options, own], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 

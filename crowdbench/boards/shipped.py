@@ -19,7 +19,7 @@ from crowdbench.boards.entry import ENTRY, MAINTAINERS, Entry, read_entry
 from crowdbench.boards.planner_files import describe_change
 from crowdbench.boards.run_entry import Progress
 from crowdbench.boards.season import Season, freeze, read_season
-from crowdbench.boards.standings import read_entries
+from crowdbench.boards.standings import is_pending, read_entries
 from crowdbench.boards.submission import ENTRIES, Submission, submit
 from crowdbench.boards.verification import count_cases, is_verified, verify
 from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
@@ -95,7 +95,7 @@ def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
 
 def _is_current(entry: Entry, board: Board, root: Path) -> bool:
     is_frozen = board.name in read_season(root).frozen
-    return entry.spec.board_digest == board.digest and (is_frozen or not describe_change(entry.spec))
+    return entry.spec.board_digest == board.digest and (is_frozen or not describe_change(entry))
 
 
 def _submit_again(submission: Submission, root: Path, work: Path, progress: Progress) -> None:
@@ -109,7 +109,7 @@ def _submit_again(submission: Submission, root: Path, work: Path, progress: Prog
 def freeze_entries(board: Board, root: Path) -> Season:
     """Freeze all entries of a board in a folder of boards, if those of the season are not frozen yet."""
     entries = read_entries(board, root)
-    digests = {each.name: each.digest for each in entries if each.spec.board_digest == board.digest}
+    digests = {each.name: each.digest for each in entries if not is_pending(board, each)}
     return freeze(root, board.name, digests)
 
 
@@ -124,7 +124,7 @@ def to_verify(board: Board, root: Path, work: Path, key: Path) -> list[Job]:
     """
     season, jobs = read_season(root), []
     for entry in read_entries(board, root):
-        is_there = entry.spec.board_digest == board.digest and season.takes_part(board.name, entry.name, entry.digest)
+        is_there = season.takes_part(board.name, entry.name, entry.digest) and not is_pending(board, entry)
         if is_there and not is_verified(entry, board, season):
             do = functools.partial(verify, entry, board, work=work, season=season, key=key)
             jobs.append(Job(f"{entry.name} on {board.name}", count_cases(entry, board, board.cases), do))

@@ -15,6 +15,7 @@ from crowdbench.boards.board_means import board_figures, success_by_family
 from crowdbench.boards.entry import ENTRY, MAINTAINERS, Entry, read_entry
 from crowdbench.boards.kept_runs import read_episodes
 from crowdbench.boards.method import rank_methods
+from crowdbench.boards.planner_files import has_changed
 from crowdbench.boards.ranking import SCT, SUCCESS, Columns, Pair, Rank, compare_all, pareto, ranks, scores
 from crowdbench.boards.season import Season
 from crowdbench.boards.submission import ENTRIES
@@ -37,7 +38,7 @@ MOST_RANKED = 2
 SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", "intimate_zone", "imposed_delay", "jerk")
 """The metrics that the table of a board shows beside success."""
 
-PENDING = "It was made for other rules, scenarios or code than those of this board: it must be submitted again."
+PENDING = "Its board or its planner had other rules, scenarios or code: it must be submitted again."
 REPORTED_ONLY = "The figures are its authors', of the public cases: {}."
 
 
@@ -55,6 +56,7 @@ class Standing:
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
         figures: The means over the board, with intervals; undefined for a pending entry.
         profile: By family of scenarios, success with its interval; nothing for a pending entry.
+        is_pending: Whether it must be submitted again.
         reason: Why it has no rank, in a few words; empty where it has one.
         explanation: The same in a sentence.
         rank: Its rank.
@@ -71,6 +73,7 @@ class Standing:
     scenarios: Mapping[str, Mapping[str, Estimate]]
     figures: Mapping[str, Estimate]
     profile: Mapping[str, Estimate]
+    is_pending: bool
     reason: str
     explanation: str
     rank: Rank | None = None
@@ -142,6 +145,11 @@ def read_entries(board: Board, root: Path) -> list[Entry]:
     return entries
 
 
+def is_pending(board: Board, entry: Entry) -> bool:
+    """Check if an entry was made for another digest of the board, or its planner has other code now."""
+    return entry.spec.board_digest != board.digest or has_changed(entry)
+
+
 def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> Standings:
     """Rank the entries of a board.
 
@@ -200,8 +208,8 @@ def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
 
 
 def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
-    verification, doubt = None, "there is no season"
-    if season:
+    verification, doubt, pending = None, "there is no season", is_pending(board, entry)
+    if season and not pending:
         try:
             verification = read_verification(entry, board, season)
         except Unverified as error:
@@ -210,8 +218,7 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
     if season and verification and verification.figures:
         runs, cases, needed = verification_folder(entry, season), board.spec.cases, {SCT}
         measured = verification.figures
-    is_pending = entry.spec.board_digest != board.digest
-    own = {} if is_pending else read_episodes(board, runs)
+    own = {} if pending else read_episodes(board, runs)
     shape = len(board.scenarios), cases
     outcomes, sct = np.full(shape, Outcome.RUNNING, np.int64), np.zeros(shape)
     for row, name in enumerate(board.scenarios):
@@ -223,7 +230,7 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
     for name in board.scenarios:
         found = {metric: each.estimate for metric, each in measured.get(name, {}).items()}
         scenarios[name] = found or (own[name].summary() if name in own else {})
-    reason, explanation = _why_unranked(board, entry, verification or doubt)
+    reason, explanation = _why_unranked(board, entry, PENDING if pending else verification or doubt)
     return Standing(
         entry,
         verification,
@@ -231,8 +238,9 @@ def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
         {SUCCESS: (outcomes == Outcome.SUCCESS).astype(float), SCT: sct},
         {name: run.block for name, run in own.items() if run.block is not None},
         scenarios,
-        dict.fromkeys(board.metrics, NOTHING) if is_pending else board_figures(board, scenarios),
-        {} if is_pending else success_by_family(board, scenarios),
+        dict.fromkeys(board.metrics, NOTHING) if pending else board_figures(board, scenarios),
+        {} if pending else success_by_family(board, scenarios),
+        pending,
         reason,
         explanation,
     )
@@ -252,7 +260,7 @@ def _why_unranked(board: Board, entry: Entry, verification: Verification | str) 
         return "privileged", "It uses what no vehicle can see, such as the pedestrians' true next velocities."
     if entry.card.ablation:
         return "ablation", "Its authors say that it is a variant made for comparison."
-    if entry.spec.board_digest != board.digest:
+    if verification == PENDING:
         return "pending", PENDING
     if isinstance(verification, str):
         return "reported only", REPORTED_ONLY.format(verification)

@@ -29,7 +29,7 @@ from crowdbench.boards.entry import (
     write_entry,
 )
 from crowdbench.boards.kept_runs import driven_scenarios, keep_public
-from crowdbench.boards.planner_files import check_size, copy_named_files, package, package_files
+from crowdbench.boards.planner_files import check_size, copy_named_files, imported_code, package, package_files
 from crowdbench.boards.run_entry import EntryRun, InUse, Progress, lock_runs
 from crowdbench.boards.skeleton import CARD as CARD_TEXT
 from crowdbench.runs.result_file import read_result
@@ -200,6 +200,7 @@ def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]])
         planner=run.planner,
         package=package(run.planner),
         package_files=package_files(run.planner),
+        code=imported_code(run.planner, run.options, folder),
         facts=join_facts({name: result["run"]["planner"]["facts"] for name, result in results.items()}),
         options=dict(run.options),
         networks=networks,

@@ -188,7 +188,7 @@ def _verify(entry: Entry, run: EntryRun, by: str = "", season: str = "") -> Veri
     if difference:
         return report(Verdict.NOT_REPRODUCED, difference)
     try:
-        if change := describe_change(entry.spec):
+        if change := describe_change(entry):
             return report(Verdict.REFUSED, change)
         failed = _drive_all(entry, run)
         if unexpected := [name for name in failed if name in entry.spec.reported]:

@@ -82,7 +82,7 @@ def case_table(table: Standings) -> dict[str, Any] | None:
         `is_measured` says that the cases are those of the season.
     """
     board = table.board
-    everybody = [one for one in table.entries if one.entry.spec.board_digest == board.digest]
+    everybody = [one for one in table.entries if not one.is_pending]
     measured = [one for one in everybody if one.is_measured]
     entries = measured or everybody
     if not entries:
