@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crowdbench import catalog
-from crowdbench.boards.board import read_board, read_boards
+from crowdbench.boards.board import ROOT, read_board, read_boards
 from crowdbench.utils.errors import InputError
 
 BOARD = """
@@ -144,3 +144,7 @@ def test_what_is_wrong_in_a_board_gets_one_sentence(old, new, sentence, tmp_path
     assert old in BOARD
     with pytest.raises(InputError, match=sentence):
         read_board(write(tmp_path, BOARD.replace(old, new)))
+
+
+def test_the_boards_that_ship_take_less_than_8_megabytes():
+    assert sum(path.stat().st_size for path in ROOT.rglob("*") if path.is_file()) < 8e6

@@ -36,7 +36,7 @@ from crowdbench.utils.errors import InputError, MachineFault
 
 Progress = Callable[[float], None]
 
-LIMITS = Limits(total=3600.0)
+LIMITS = Limits(total=7200.0)
 """What a planner may take for the cases of one scenario."""
 
 PACE, SAMPLED = 20, 4
