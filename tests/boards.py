@@ -1,5 +1,6 @@
 """A small folder of boards with two entries, one of a file and one that ships, made once for all tests."""
 
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -65,7 +66,8 @@ def make_key(folder, root, name="tester"):
 
 def verified_root(tmp_path_factory):
     """A folder of boards whose two entries, `careful` and `orca`, were verified in a season."""
-    shared = tmp_path_factory.getbasetemp().parent  # of all workers
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own  # all workers of one run of pytest
     with FileLock(shared / "boards.lock"):
         if not (shared / "boards").exists():
             partial = tmp_path_factory.mktemp("boards")

@@ -14,7 +14,7 @@ from crowdbench.boards.entry import read_entry
 from crowdbench.boards.skeleton import write_skeleton
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict
-from crowdbench.boards.verification import cases_of_season, verify
+from crowdbench.boards.verification import verify
 from crowdbench.cli import app
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.files import sha256
@@ -38,7 +38,7 @@ def forge(folder, **changes):
 
 @pytest.mark.parametrize(
     "name",
-    ["public/circle_crossing_5/notes.npy", "public/n.npy", "notes.py", "seasons/first/circle_crossing_5/result.json"],
+    ["public/circle_crossing_5/notes.npy", "public/n.npy", "notes.py", "public/circle_crossing_5/result.json"],
 )
 def test_a_file_that_is_not_frozen_cannot_come_along(folder, name):
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -79,12 +79,9 @@ def test_nobody_else_submits_as_the_maintainers(folder, tmp_path):
     assert "give your name" in str(done.exception)
 
 
-def test_the_version_of_a_board_is_not_for_entries_to_say(folder, tmp_path):
-    forge(folder, board_version=10**30)
-    with pytest.raises(InputError):
-        verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
-    forge(folder, board_version=2)
-    with pytest.raises(InputError, match="was made for other rules of the board small"):
+def test_the_digest_of_a_board_is_not_for_entries_to_say(folder, tmp_path):
+    forge(folder, board_digest="0" * 64)
+    with pytest.raises(InputError, match="was made for other rules, scenarios or code of the board small"):
         verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
 
 
@@ -141,18 +138,6 @@ def test_commands_whose_size_is_a_lie_do_not_take_the_memory_of_the_verifier(fol
     found = verify(read_entry(folder), read_board(folder.parents[1]), work=tmp_path / "work")
     assert found.verdict == Verdict.NOT_REPRODUCED
     assert "memory" in found.reason.lower()
-
-
-def test_how_long_a_case_takes_is_measured_where_an_entry_is_verified(folder, tmp_path):
-    path = folder / "public" / "circle_crossing_5" / "result.json"
-    result = json.loads(path.read_text())
-    result["timing"]["seconds"] = 1e5
-    path.write_text(json.dumps(result))
-    forge(folder)
-    board = read_board(folder.parents[1])
-    assert cases_of_season(read_entry(folder), board, tmp_path / "work") == board.cases
-    forge(folder, reported={})
-    assert cases_of_season(read_entry(folder), board, tmp_path / "other") == board.cases
 
 
 LAZY = """

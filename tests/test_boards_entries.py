@@ -6,13 +6,14 @@ import shutil
 import numpy as np
 import pytest
 from boards import BOARD, SEASON, card, write_board
-from crowdbench.runs.manifest import MANIFEST
 
+from crowdbench import catalog
 from crowdbench.boards.board import find_board, read_board, read_boards
 from crowdbench.boards.entry import read_entry
 from crowdbench.boards.markdown import section, write_readme
 from crowdbench.boards.planner_files import copy_named_files
 from crowdbench.boards.season import read_season
+from crowdbench.boards.shipped import to_verify
 from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict, read_verification
@@ -56,10 +57,6 @@ def entry_of(root, name="careful"):
 
 def seal_again(directory):
     """Write the digests of an entry's files anew, as a forger would."""
-    for run in (directory / "public").iterdir():
-        manifest = json.loads((run / MANIFEST).read_text())
-        manifest["files"] = {name: sha256(run / name) for name in manifest["files"]}
-        (run / MANIFEST).write_text(json.dumps(manifest))
     table = json.loads((directory / "entry.json").read_text())
     table["files"] = {name: sha256(directory / name) for name in table["files"]}
     (directory / "entry.json").write_text(json.dumps(table))
@@ -70,14 +67,15 @@ def test_entries_are_verified_in_a_season_and_ranked(root):
     found = standings(board, read_entries(board, root), read_season(root))
     assert [one.verification.verdict for one in found.ranked] == [Verdict.RERUN, Verdict.RERUN]
     assert not found.others
-    assert all(one.columns["sct"].shape == (1, 10) for one in found.ranked)
+    assert all(one.outcomes.shape == one.columns["sct"].shape == (1, 10) for one in found.ranked)
     assert [one.rank.last for one in found.ranked][-1] == 2
 
 
 def test_an_entry_holds_what_its_planner_consists_of(root):
     entry = entry_of(root)
     assert entry.spec.planner == "planner/careful.py"
-    assert {"card.toml", "planner/careful.py"} < set(entry.spec.files)
+    public = [f"public/circle_crossing_5/{name}" for name in ("commands.parquet", "episodes.csv")]
+    assert sorted(entry.spec.files) == ["card.toml", "planner/careful.py", *public]
     assert entry_of(root, "orca").spec.package.startswith("crowdbench==")
 
 
@@ -91,7 +89,7 @@ def test_an_entry_holds_what_its_planner_consists_of(root):
         (lambda folder: (folder / "entry.json").unlink(), "is no entry: .* cannot be read"),
         (lambda folder: (folder / "entry.json").write_text("{"), "is not valid JSON"),
         (lambda folder: (folder / "entry.json").write_text('{"format": 7}'), "has the format 7"),
-        (lambda folder: (folder / "entry.json").write_text('{"format": 2}'), "is no entry of crowdbench: board: "),
+        (lambda folder: (folder / "entry.json").write_text('{"format": 1}'), "is no entry of crowdbench: board: "),
     ],
 )
 def test_an_entry_with_other_files_is_refused(root, change, sentence):
@@ -125,16 +123,27 @@ def test_a_forged_outcome_is_not_reproduced(root, tmp_path):
     assert re.match("circle_crossing_5: .*", found.reason)
 
 
-def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path):
+OTHER_FIGURES = "circle_crossing_5: the reported figures are not those of episodes.csv"
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda reported: reported["circle_crossing_5"].update(success_rate=1.0), OTHER_FIGURES),
+        (lambda reported: reported["circle_crossing_5"].update(navigation_time=None), OTHER_FIGURES),
+        (lambda reported: reported["circle_crossing_5"].pop("jerk"), OTHER_FIGURES),
+        (lambda reported: reported.update(square_crossing_5={}), "the scenarios of its reported figures are not"),
+        (lambda reported: reported.clear(), "the scenarios of its reported figures are not"),
+    ],
+)
+def test_a_reported_figure_that_no_run_has_is_not_reproduced(root, tmp_path, change, reason):
     folder = root / "small" / "entries" / "careful"
     table = json.loads((folder / "entry.json").read_text())
-    table["reported"]["circle_crossing_5"]["success_rate"] = 1.0
+    change(table["reported"])
     (folder / "entry.json").write_text(json.dumps(table))
     found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
-    assert (found.verdict, found.reason) == (
-        Verdict.NOT_REPRODUCED,
-        "the reported figures of entry.json are not those of its runs",
-    )
+    assert found.verdict == Verdict.NOT_REPRODUCED
+    assert re.match(reason, found.reason)
 
 
 @pytest.mark.parametrize(
@@ -158,16 +167,14 @@ def test_another_planner_than_the_one_that_was_entered_is_refused(root, tmp_path
     assert re.fullmatch(reason, found.reason)
 
 
-@pytest.mark.parametrize(
-    ("key", "value"), [("options", {"near": 3.0}), ("privileged", True), ("facts", {"weights": "other"})]
-)
-def test_an_entry_that_says_what_its_runs_do_not_is_not_reproduced(root, tmp_path, key, value):
+@pytest.mark.parametrize(("key", "value"), [("privileged", True), ("facts", {"weights": "other"})])
+def test_an_entry_that_says_what_its_planner_does_not_is_refused(root, tmp_path, key, value):
     folder = root / "small" / "entries" / "careful"
     table = json.loads((folder / "entry.json").read_text())
     (folder / "entry.json").write_text(json.dumps(table | {key: value}))
     found = verify(read_entry(folder), read_board(root / "small"), work=tmp_path / "work")
-    assert found.verdict == Verdict.NOT_REPRODUCED
-    assert re.match(f"circle_crossing_5: (planner_)?{key} is ", found.reason)
+    assert found.verdict == Verdict.REFUSED
+    assert found.reason == "circle_crossing_5: the planner says other facts of itself than as entered"
 
 
 @pytest.mark.parametrize("key", ["planner", "options", "networks"])
@@ -242,7 +249,7 @@ def test_a_full_disk_is_not_the_planners_fault(root, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("crowdbench.runs.store.write_manifest", full)
+    monkeypatch.setattr("crowdbench.runs.store.write_result", full)
     with pytest.raises(NotWritten, match="cannot be written: No space left on device"):
         pytest.fail(verify(entry_of(root), read_board(root / "small"), work=tmp_path / "work").reason)
 
@@ -267,17 +274,61 @@ def test_a_method_is_measured_on_the_cases_that_all_its_networks_drove(root, tmp
     assert (found.method.networks, found.method.cases) == (5, 3)
 
 
-def test_an_entry_of_other_rules_is_readable_but_neither_verified_nor_ranked(root, tmp_path):
-    board = write_board(root, text=BOARD.replace("cases = 10", "cases = 12"))
+def change_scenario(root, monkeypatch):
+    shutil.copytree(catalog.SCENARIOS, root.parent / "scenarios")
+    path = next((root.parent / "scenarios").rglob("circle_crossing_5.toml"))
+    path.write_text(path.read_text().replace("[vehicle]", "[vehicle]\nradius = 0.31"))
+    monkeypatch.setattr("crowdbench.catalog.SCENARIOS", root.parent / "scenarios")
+
+
+def change_cases(root, monkeypatch):
+    write_board(root, text=BOARD.replace("\ncases = 10", "\ncases = 5"))
+
+
+def change_public_cases(root, monkeypatch):
+    write_board(root, text=BOARD.replace("public_cases = 8", "public_cases = 7"))
+
+
+def change_collision(root, monkeypatch):
+    write_board(root, text=BOARD.replace("version = 1", 'version = 1\ncollision = "crowdnav"'))
+
+
+def change_code(root, monkeypatch):
+    monkeypatch.setattr("crowdbench.boards.board.code", lambda: "0" * 64)
+
+
+@pytest.mark.parametrize("change", [change_scenario, change_cases, change_public_cases, change_collision, change_code])
+def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(root, tmp_path, monkeypatch, change):
+    change(root, monkeypatch)
+    board = read_board(root / "small")
     with pytest.raises(
-        InputError,
-        match=r"made for other rules of the board small \(version 1, \w{12}\) than these \(version 1, \w{12}\)",
+        InputError, match=r"made for other rules, scenarios or code of the board small \(\w{12}\) than these \(\w{12}\)"
     ):
         verify(entry_of(root), board, work=tmp_path)
     found = standings(board, read_entries(board, root), read_season(root))
-    assert [one.reason for one in found.others] == ["of version 1", "of version 1"]
+    assert [one.reason for one in found.others] == ["pending", "pending"]
+    assert not found.ranked
     assert all(np.isnan(one.figures["success_rate"].mean) for one in found.others)
     assert "| careful, Ada |  |" in section(found)
+
+
+@pytest.mark.parametrize("target", ["catalog.planner_code", "boards.planner_files.package_files"])
+def test_an_entry_whose_planner_has_other_code_now_is_pending(root, monkeypatch, target):
+    monkeypatch.setattr(f"crowdbench.{target}", lambda *_: {"other.py": "0" * 64})
+    board = read_board(root / "small")
+    found = standings(board, read_entries(board, root), read_season(root))
+    assert [one.reason for one in found.others] == ["pending", "pending"]
+    assert to_verify(board, root, root, root / "key") == []
+
+
+def test_a_verification_of_another_board_does_not_count_for_an_entry_that_was_submitted_again(root, monkeypatch):
+    change_cases(root, monkeypatch)
+    board = read_board(root / "small")
+    for path in (root / "small" / "entries").glob("*/entry.json"):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"board_digest": board.digest}))
+    found = standings(board, read_entries(board, root), read_season(root))
+    assert [one.reason for one in found.others] == ["reported only", "reported only"]
+    assert "another digest of the board" in found.others[0].explanation
 
 
 def test_who_costs_pedestrians_time_has_it_in_a_column(tmp_path):

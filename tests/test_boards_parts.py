@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from boards import BOARD, card, write_board
+from boards import card, write_board
 
 from crowdbench.boards.board_means import over_board, success_by_family
 from crowdbench.boards.consistency_test import ALPHA, CRITERIA, lower_than_claimed, p_value
@@ -129,18 +129,6 @@ def test_the_method_of_who_was_trained_ranks_by_its_networks_and_that_of_others_
     assert rank_methods(write_board(tmp_path), ranked) == {"fixed": 1, "lucky": 2}
 
 
-def test_a_closed_board_takes_no_entry(tmp_path):
-    board = write_board(tmp_path, text=BOARD.replace("version = 1", "version = 1\nclosed = true"))
-    with pytest.raises(InputError, match=r"^the board small is closed: Five pedestrians$"):
-        Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada")
-
-
-def test_a_board_of_earlier_keys_has_the_digest_that_its_file_says(tmp_path):
-    earlier = "ab" * 32
-    board = write_board(tmp_path, text=BOARD.replace("version = 1", f'version = 1\ndigest = "{earlier}"'))
-    assert board.digest == earlier
-
-
 def test_a_profile_has_the_success_in_each_family(tmp_path):
     board = write_board(tmp_path, "two", FAMILIES)
     rates = {"circle_crossing_5": 0.9, "circle_crossing_10": 0.7, "square_crossing_5": 0.5}
@@ -168,11 +156,11 @@ def test_a_card_as_it_was_made_is_refused(tmp_path):
 def test_a_rehearsal_makes_no_entry(tmp_path):
     board = write_board(tmp_path)
     (tmp_path / "card.toml").write_text(card())
-    seconds = rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"), tmp_path / "work")
+    seconds = rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "card.toml", "Ada"))
     assert seconds > 0.0
     assert not (board_folder := tmp_path / "small" / "entries").exists(), board_folder
     with pytest.raises(InputError, match="there is no card"):
-        rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "no.toml", "Ada"), tmp_path / "work")
+        rehearse(Submission(board, "orca", "orca", {}, [], tmp_path / "no.toml", "Ada"))
 
 
 def test_a_board_shows_the_metrics_of_its_ranked_entries():

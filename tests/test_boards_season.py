@@ -7,12 +7,9 @@ from boards import SEASON, card
 
 from crowdbench.boards.board import read_board
 from crowdbench.boards.entry import read_entry
-from crowdbench.boards.markdown import write_readme
 from crowdbench.boards.run_entry import InUse, Unfinished
 from crowdbench.boards.season import TooEarly, freeze, read_season
 from crowdbench.boards.shipped import Job
-from crowdbench.boards.site import build_site
-from crowdbench.boards.standings import read_entries, standings
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import Verdict, read_verification
 from crowdbench.boards.verification import verify
@@ -74,22 +71,6 @@ def test_a_verification_that_was_killed_before_its_verdict_goes_on(root, season,
     assert not list((root / "small" / "verifications" / "careful").iterdir())
     assert verify(entry, **command).verdict == Verdict.RERUN
     assert found_of(root).season == "first"
-
-
-def test_an_entry_drives_fewer_cases_where_they_take_it_long(root, season, tmp_path, monkeypatch):
-    monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
-    monkeypatch.setattr("crowdbench.boards.board.CASES_IF_SLOW", 6)
-    monkeypatch.setattr("crowdbench.boards.board.SLOW", 1e-9)
-    board, entry = read_board(root / "small"), unverified(root)
-    verify(entry, board, work=tmp_path / "work", **season)
-    found = standings(board, read_entries(board, root), read_season(root))
-    assert {one.entry.name: one.cases for one in found.ranked} == {"careful": 6, "orca": 10}
-    assert [one.entry.name for one in found.slow] == ["careful"]
-    text = write_readme(root).read_text()
-    assert "| 6 cases |" in text
-    assert "10 and 6 cases of each scenario." in text
-    build_site(root, tmp_path / "site")
-    assert "6 cases" in (tmp_path / "site" / "small" / "index.html").read_text()
 
 
 def test_shards_share_a_season_and_the_last_one_comes_to_the_verdict(root, season, tmp_path, monkeypatch):
@@ -196,6 +177,6 @@ def test_a_filling_process_goes_on_when_the_others_are_done_too():
         missing.remove(name)
 
     def wanted():
-        return [Job(name, 1, lambda progress, name=name: make(name, name == "one"), 0.0) for name in missing]
+        return [Job(name, 1, lambda progress, name=name: make(name, name == "one")) for name in missing]
 
     assert do_all(wanted, "entry")

@@ -19,6 +19,7 @@ from boards import make_key
 
 from crowdbench.boards.board import read_board, read_boards
 from crowdbench.boards.entry import file_digests, read_entry, write_entry
+from crowdbench.boards.kept_runs import read_episodes
 from crowdbench.boards.season import freeze
 from crowdbench.boards.site import build_site, texts
 from crowdbench.boards.submission import Submission, submit
@@ -29,6 +30,7 @@ from crowdbench.boards.verdict import (
     verification_folder,
     write_verification,
 )
+from crowdbench.runs.results import to_json
 from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -42,7 +44,7 @@ HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=ale
 def root(tmp_path_factory):
     """Two boards, one with entries: two were verified in the season, of which one is hostile, and one was not."""
     root = tmp_path_factory.mktemp("site") / "leaderboards"
-    for name in ("five", "everywhere"):
+    for name in ("five", "suite"):
         board = (BOARDS / name / "board.toml").read_text()
         board = re.sub(r"(?m)^(cases|public_cases) = .*\n", "", board)
         (root / name).mkdir(parents=True)
@@ -76,25 +78,24 @@ def enter(root, board, planner, **card):
 
 def verified(entry, season, key):
     """Record a verification, as `crowdbench verify --season` does, whose runs are those of the public cases."""
+    board = read_board(season.root / entry.spec.board)
     speed = DecisionTime(p99_ms=1.0, kernel="k", kernel_ms=25.0, calibrated_p99_ms=1.0, is_real_time=True)
     found = Verification(
         by="tester",
         on="2027-01-31",
-        rules=7,
         board=entry.spec.board,
         board_digest=entry.spec.board_digest,
         entry=entry.name,
         entry_digest=entry.digest,
         season=season.spec.name,
         seed=season.seed(entry.spec.board),
-        code="0" * 64,
         level="process",
         verdict=Verdict.RERUN,
         reason="as reported",
-        figures=entry.spec.reported,
+        figures={name: to_json(run.summary()) for name, run in read_episodes(board, entry.public).items()},
         decision_time=speed,
     )
-    write_verification(verification_folder(entry, season), found, entry.public, key)
+    write_verification(verification_folder(entry, season), found, board, entry.public, key)
 
 
 @pytest.fixture(scope="module")
@@ -127,9 +128,9 @@ def pages(site):
 
 
 def test_the_pages_of_one_board_are_made_alone(root, tmp_path):
-    assert build_site(root, tmp_path / "one", ["everywhere"]) == 2
+    assert build_site(root, tmp_path / "one", ["suite"]) == 2
     assert "five" not in {path.name for path in (tmp_path / "one").iterdir()}
-    with pytest.raises(InputError, match="no board is called 'six'; there are five, everywhere"):
+    with pytest.raises(InputError, match="no board is called 'six'; there are five, suite"):
         build_site(root, tmp_path / "two", ["six"])
 
 
@@ -194,7 +195,7 @@ def test_everything_is_there_without_javascript(site):
     ):
         assert word in text, word
     assert "button" not in {tag for tag, _ in Page(site / "five" / "index.html").tags}
-    assert "No entry is ranked on this board yet." in "".join(Page(site / "everywhere" / "index.html").text)
+    assert "No entry is ranked on this board yet." in "".join(Page(site / "suite" / "index.html").text)
     reported = (site / "five" / "index.html").read_text(encoding="utf-8")
     assert '<tr class="reported">' in reported
     assert "reported only" in reported

@@ -9,14 +9,13 @@ import pytest
 from boards import card, make_key
 from typer.testing import CliRunner
 
-from crowdbench.boards.baselines import find_entry
 from crowdbench.boards.board import read_board
 from crowdbench.boards.entry import read_entry
 from crowdbench.boards.season import read_season
 from crowdbench.boards.shipped import to_submit, to_verify
 from crowdbench.boards.signature import find_signer, is_signed, sign
 from crowdbench.boards.standings import read_entries, standings
-from crowdbench.boards.verdict import RULES, Unverified, read_verification
+from crowdbench.boards.verdict import Unverified, read_verification
 from crowdbench.boards.verification import verify
 from crowdbench.cli import app
 from crowdbench.utils.errors import InputError
@@ -46,10 +45,11 @@ def test_a_signed_verification_ranks(root):
     assert why_unranked(root) == ""
     path = root / "small" / "verifications" / "careful" / "first" / "verification.json"
     found = json.loads(path.read_text())
-    assert (found["by"], found["rules"], found["board"], found["entry"]) == ("tester", RULES, "small", "careful")
-    assert sorted(found["files"]) == [
-        f"circle_crossing_5/{name}" for name in ("episodes.csv", "manifest.json", "result.json")
-    ]
+    assert (found["by"], found["board"], found["entry"]) == ("tester", "small", "careful")
+    assert list(found["files"]) == ["circle_crossing_5/episodes.csv"]
+    header, first, *_ = (path.parent / "circle_crossing_5" / "episodes.csv").read_text().splitlines()
+    assert header == "case,outcome,steps,sct"
+    assert re.fullmatch(r"0,(success|collision|timeout),\d+,0\.\d{1,6}", first)
 
 
 def unsign(folder, root, key):
@@ -57,7 +57,8 @@ def unsign(folder, root, key):
 
 
 def raise_figures(folder, root, key):
-    change(folder, figures={"circle_crossing_5": {"success_rate": 1.0}})
+    perfect = {"mean": 1.0, "low": 1.0, "high": 1.0, "n": 10, "max": 1.0}
+    change(folder, figures={"circle_crossing_5": {"success_rate": perfect}})
 
 
 def sign_with_another_key(folder, root, key):
@@ -117,9 +118,9 @@ def link_the_runs(folder, root, key):
         (sign_for_something_else, "no maintainer has signed its verification"),
         (sign_as_another_maintainer, "no maintainer has signed its verification"),
         (edit_the_runs, "the runs of its verification were changed"),
-        (take_another_entry, "its verification is of another entry, other rules of the board, or other cases"),
-        (choose_a_seed, "its verification is of another entry, other rules of the board, or other cases"),
-        (claim_another_season, "its verification is of another entry, other rules of the board, or other cases"),
+        (take_another_entry, "its verification is of another entry, another digest of the board, or other cases"),
+        (choose_a_seed, "its verification is of another entry, another digest of the board, or other cases"),
+        (claim_another_season, "its verification is of another entry, another digest of the board, or other cases"),
         (write_nonsense, "its verification.json is damaged"),
         (nest_deeply, "its verification.json is damaged"),
         (link_the_runs, "is not a plain file"),
@@ -135,7 +136,6 @@ def test_a_forged_verification_does_not_rank_and_is_made_again(forge, why, root,
     assert "figures are its authors'" in why_unranked(root)
     (job,) = to_verify(read_board(root / "small"), root, tmp_path / "work", key)
     assert job.title == "careful on small"
-    assert job.seconds > 0.0
     job.do()
     assert why_unranked(root) == ""
 
@@ -145,14 +145,6 @@ def test_an_entry_that_was_changed_after_the_freeze_loses_its_rank(root):
     table = json.loads((entry / "entry.json").read_text())
     (entry / "entry.json").write_text(json.dumps(table | {"options": {"near": 2.0}}))
     assert "it was not frozen with the other entries, or was changed since" in why_unranked(root)
-
-
-def test_what_earlier_rules_have_found_ranks_until_it_is_made_again(root, key, tmp_path):
-    folder = root / "small" / "verifications" / "careful" / "first"
-    change(folder, rules=RULES - 1)
-    sign(folder / "verification.json", key)
-    assert why_unranked(root) == ""
-    assert [job.title for job in to_verify(read_board(root / "small"), root, tmp_path, key)] == ["careful on small"]
 
 
 def test_a_folder_without_maintainers_believes_nobody(root):
@@ -213,7 +205,7 @@ def test_what_does_not_go_with_a_verification(arguments, sentence, root):
     assert sentence in str(done.exception)
 
 
-def test_fill_says_what_it_costs_and_what_it_took(root, key, tmp_path, monkeypatch):
+def test_fill_says_what_it_does_and_what_it_took(root, key, tmp_path, monkeypatch):
     monkeypatch.setattr("crowdbench.boards.decision_time.TIMED", 2)
     shutil.rmtree(root / "small" / "verifications")
     (root / "cards").mkdir()
@@ -225,18 +217,18 @@ def test_fill_says_what_it_costs_and_what_it_took(root, key, tmp_path, monkeypat
     said = CliRunner().invoke(app, command).output
     assert "small: no entry is verified: give the key of a maintainer, --key FILE" in said
     said = CliRunner().invoke(app, [*command, "--key", str(key)]).output
-    assert re.search(r"verification: careful on small, the first of 2, which take about \d+\.\d minutes here", said)
+    assert re.search("verification: careful on small, the first of 2", said)
     assert re.search(r"verification: orca on small took \d+\.\d minutes", said)
     assert why_unranked(root) == ""
-    (root / "small" / "baselines.zip").unlink()
+    shutil.rmtree(root / "small" / "entries" / "orca")
     said = CliRunner().invoke(app, command).output
-    assert "entry: orca on small, the first of 1, which take about 0.0 minutes here" in said
+    assert "entry: orca on small, the first of 1" in said
 
 
 def test_fill_enters_a_planner_again_whose_files_are_others_until_its_entry_is_frozen(root, tmp_path):
     (root / "shipped.toml").write_text('[[shipped]]\nname = "orca"\nplanner = "orca"\n')
     board, work = read_board(root / "small"), tmp_path / "work"
-    file = find_entry(root / "small" / "entries" / "orca") / "entry.json"
+    file = root / "small" / "entries" / "orca" / "entry.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"package_files": {"orca.py": "0" * 64}}))
     assert to_submit(board, root, work) == []
     (root / "frozen.json").unlink()

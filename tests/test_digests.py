@@ -1,10 +1,9 @@
-"""Digests of scenarios and boards: they stay, also when a key with a default comes later, and tell what differs."""
+"""Digests of scenarios: they stay, also when a key with a default comes later, and tell what differs."""
 
 import json
 
 import pytest
 
-from crowdbench.boards.board import Board, BoardSpec, read_boards
 from crowdbench.catalog import PEDESTRIANS, load_scenario, scenarios, simulated_scenarios
 from crowdbench.scenario import schema
 from crowdbench.scenario.digest import BUILT_IN, compute_digest
@@ -151,36 +150,7 @@ SCENARIOS = {
     "unicycle": "3a447d8bd0a9",
     "unicycle_slow": "b3c16e44fe20",
 }
-"""Those of the scenarios that ship; results and entries have them."""
-
-BOARDS = {
-    "blind_corner_3": "65994a93e056",
-    "blocks_12": "5c30f26ecc2c",
-    "car_12": "f94c98014fcc",
-    "circle_crossing_20": "d019620ddd97",
-    "corridor_8": "8e0ff8525f2f",
-    "crowdnav_plus": "a3e51cbae47a",
-    "doorway_8": "533238591eb3",
-    "dut_reactive": "30b0380c6bb1",
-    "dut_recorded": "be4898d9c513",
-    "eight_at_once": "e34a90e2ab95",
-    "eth_ucy_reactive": "1ecd9e210ade",
-    "eth_ucy_recorded": "e7e048e1ce75",
-    "everywhere": "70ddbe4a252a",
-    "five": "e518880f555c",
-    "gaussian": "a5b1dbe85c39",
-    "groups_12": "bf439bf72b14",
-    "half_half_20": "93d97fe76d19",
-    "intersection_16": "2a8e9db02ddc",
-    "noisy_10": "c5289d8d6198",
-    "restless_20": "9b4c9da93df0",
-    "social_force": "c6cfc2ffb27f",
-    "square": "85083e16a340",
-    "ten": "e4e7088a93fd",
-    "unicycle_10": "0735386af154",
-    "visible": "bf7bfbcc65ec",
-}
-"""How those of the boards that ship begin; entries have them."""
+"""Those of the scenarios that ship; results have them."""
 
 
 @pytest.fixture
@@ -265,25 +235,6 @@ def test_a_new_key_with_a_default_changes_no_digest_of_a_scenario(monkeypatch):
 def test_a_new_key_with_a_default_changes_no_digest_with_recorded_people(monkeypatch, shipped):
     later_defaults(monkeypatch)
     assert shipped() == SCENARIOS
-
-
-def test_the_digests_of_the_boards_that_ship_stay():
-    assert {board.name: board.digest[:12] for board in read_boards()} == BOARDS
-
-
-def test_a_new_key_with_a_default_changes_no_digest_of_a_board(monkeypatch):
-    class Later(BoardSpec):
-        weather: str = "dry"
-
-    def digests(**changes):
-        boards = {board.name: board.spec.model_copy(update={"digest": "", **changes}) for board in read_boards()}
-        return {name: Board(name, spec).digest for name, spec in boards.items()}
-
-    before = digests()
-    monkeypatch.setattr("crowdbench.boards.board.BoardSpec", Later)
-    assert digests() == before
-    wet = digests(weather="wet")
-    assert all(wet[name] != before[name] for name in before)
 
 
 def test_the_digest_knows_all_built_in_policies():

@@ -32,7 +32,7 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 
 
 def run(*arguments):
-    done = CliRunner().invoke(app, ["run-board", "everywhere", *arguments, "--json"])
+    done = CliRunner().invoke(app, ["run-board", "suite", *arguments, "--json"])
     assert done.exit_code == 0, done.output
     return done
 
@@ -41,13 +41,13 @@ def run(*arguments):
 def test_a_run_of_a_board_has_its_scenarios_and_their_mean(tmp_path):
     first = run("--planner", "straight", "--cases", "val:2")
     found = json.loads(first.stdout)["metrics"]
-    board = found.pop("board everywhere")
-    families = find_board("everywhere").spec.families
+    board = found.pop("board suite")
+    families = find_board("suite").spec.families
     assert list(found) == [name for names in families.values() for name in names]
     means = [np.mean([found[name]["success_rate"]["mean"] for name in names]) for names in families.values()]
     assert board["success_rate"]["mean"] == pytest.approx(np.mean(means))
     assert 0.0 < board["success_rate"]["mean"] < 1.0
-    results = sorted(tmp_path.glob("runs/board-everywhere/*/result.json"))
+    results = sorted(tmp_path.glob("runs/board-suite/*/result.json"))
     assert len(results) == len(found)
     written = [result.stat().st_mtime_ns for result in results]
     assert run("--planner", "straight", "--cases", "val:2").stdout == first.stdout
@@ -61,5 +61,5 @@ def test_a_scenario_that_a_planner_cannot_drive_counts_nothing(tmp_path):
     found = json.loads(done.stdout)["metrics"]
     assert found["circle_crossing_10"] == {}
     assert found["circle_crossing_5"]["timeout_rate"]["mean"] == 1.0
-    assert found["board everywhere"]["success_rate"]["mean"] == 0.0
+    assert found["board suite"]["success_rate"]["mean"] == 0.0
     assert "circle_crossing_10 counts 0, because it cannot be driven: " in done.stderr

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
-from collections.abc import Iterator, Mapping
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,11 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import AfterValidator, Field
 
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import load_scenario, scenario_path
 from crowdbench.core.types.rules import COLLISION_RULES
 from crowdbench.metrics import METRICS, Metric
 from crowdbench.metrics.score import Scale
 from crowdbench.plugins.load import ROOT as PACKAGE_ROOT
+from crowdbench.runs.identity import code, digest, source_of
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -37,12 +37,6 @@ from crowdbench.utils.toml import (
 
 FILE = "board.toml"
 
-SLOW = 1.0
-"""Seconds that a case takes an entry where it is verified, beyond which it drives fewer cases in a season."""
-
-CASES_IF_SLOW = 500
-"""Cases that a slow entry drives of all scenarios together, if the board has more."""
-
 METRIC_TITLES = {
     "success_rate": "success, %",
     "collision_rate": "collisions, %",
@@ -58,14 +52,8 @@ METRIC_TITLES = {
 }
 """The metrics that boards show, the last one where somebody sees the vehicle, and what they are called there."""
 
-LATER = ("at_fault_rate", "imposed_delay")
-"""Those that the runs of earlier entries lack: there they are undefined."""
-
-_SHOWN_ONLY = {"title", "description", "position", "recorded", "ranked", "sct_scale", "closed", "digest"}
-"""Keys of a board that are not in its digest."""
-
-_COUNTED = {"version", "families", "cases", "public_cases", "replan_every", "look_first", "collision"}
-"""Keys that are in the digest of every board. One that comes later is where it differs from its default."""
+_NO_RULES = {"title", "description", "position", "recorded", "ranked"}
+"""Keys of a board that are not in its digest: no figure and no score depends on them."""
 
 ROOT = PACKAGE_ROOT / "leaderboards"
 """The folder of the boards that ship."""
@@ -79,13 +67,12 @@ def _rising(scale: list[float]) -> list[float]:
 
 
 class BoardSpec(TomlTable):
-    """The whole of `board.toml`. A change of the rules is a new `version`.
+    """The whole of `board.toml`.
 
-    `position` orders boards where several are listed. `recorded` says that its scenarios need recorded tracks, and
-    `ranked` whether entries have ranks. `sct_scale` has the SCT at which being quick adds nothing to a score, and that
-    at which it adds most. A `closed` board takes no entries, because another one has replaced it. `digest` is that of a
-    board whose entries were made when boards had other keys. Authors run `public_cases` of each scenario, which
-    everybody knows. A season's figures are of `cases` of each.
+    `position` orders boards in lists. `recorded` says that the scenarios need recorded tracks. `ranked` says whether
+    entries have ranks. Entries drive `public_cases` of each scenario, which everybody knows, and in a season `cases`
+    of each scenario, which rank. `sct_scale` has the SCT at which speed adds nothing to a score, and that at which it
+    adds most.
     """
 
     title: Name
@@ -97,16 +84,14 @@ class BoardSpec(TomlTable):
     ]
     recorded: Flag = False
     ranked: Flag = True
-    cases: int = integer(2000, least=1, most=10**6)
-    public_cases: int = integer(500, least=1, most=10**6)
+    cases: int = integer(1000, least=1, most=10**6)
+    public_cases: int = integer(50, least=1, most=10**6)
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     collision: str = choice(COLLISION_RULES, default="swept")
     sct_scale: Annotated[list[float], AfterValidator(_rising)] = Field(
         default=[0.0, 1.0], description="two numbers from 0 to 1, the smaller one first"
     )
-    closed: Flag = False
-    digest: str = Field(default="", pattern="^([0-9a-f]{64})?$", description="64 hexadecimal digits")
 
 
 @dataclass(frozen=True)
@@ -124,12 +109,28 @@ class Board:
     spec: BoardSpec
     data: Path | None = None
 
+    @functools.cached_property
+    def parts(self) -> dict[str, Any]:
+        """All that figures, scores and ranks depend on: rules, scenarios, metrics, and the simulator's code."""
+        scenarios = {name: _recorded_digest(name) for name in self.scenarios} if self.spec.recorded else {}
+        if not self.spec.recorded:
+            scenarios = {scenario.name: scenario.digest for scenario in self._public}
+        return {
+            "rules": self.spec.model_dump(mode="json", exclude=_NO_RULES),
+            "scenarios": scenarios,
+            "metrics": {name: source_of(metric) for name, metric in self.metrics.items()},
+            "code": code(),
+        }
+
     @property
     def digest(self) -> str:
-        """The sha256 of all that its figures depend on. Texts, the position, and what ranks are not in it."""
-        rules = self.spec.model_dump(mode="json", include=_COUNTED)
-        rules |= self.spec.model_dump(mode="json", exclude=_SHOWN_ONLY, exclude_defaults=True)
-        return self.spec.digest or hashlib.sha256(json.dumps(rules, sort_keys=True).encode()).hexdigest()
+        """The sha256 of its `parts`."""
+        return digest(self.parts)
+
+    @functools.cached_property
+    def _public(self) -> Sequence[Scenario]:
+        """The scenarios with the public cases."""
+        return [load_scenario(name, self.overrides(None), data=self.data) for name in self.scenarios]
 
     @property
     def metrics(self) -> Mapping[str, Metric]:
@@ -140,12 +141,6 @@ class Board:
     def cases(self) -> Cases:
         """The cases of each scenario of which a season's figures are."""
         return Cases("test", 0, self.spec.cases)
-
-    def cases_at(self, seconds: float) -> Cases:
-        """The cases of each scenario that an entry drives in a season: fewer where one takes it so many seconds."""
-        if seconds <= SLOW:
-            return self.cases
-        return Cases("test", 0, min(self.spec.cases, max(CASES_IF_SLOW // len(self.scenarios), 1)))
 
     @property
     def public_cases(self) -> Cases:
@@ -178,11 +173,15 @@ class Board:
         rules: dict[str, Any] = {"collision": self.spec.collision}
         return rules if seed is None else {**rules, "seed": seed, "crowdnav_cases": 0}
 
-    def load(self, seed: int | None) -> Iterator[Scenario]:
-        """Its scenarios with its rules and the cases of a seed, see `overrides`. Raises InputError where one of them
-        does not exist, or recorded tracks are not given."""
-        for name in self.scenarios:
-            yield load_scenario(name, self.overrides(seed), data=self.data)
+    def load(self, seed: int | None) -> Sequence[Scenario]:
+        """Load the scenarios with the rules of the board and the cases of a seed, see `overrides`.
+
+        Raises:
+            InputError: A scenario does not exist, or recorded tracks are not given.
+        """
+        if seed is None:
+            return self._public
+        return [load_scenario(name, self.overrides(seed), data=self.data) for name in self.scenarios]
 
     def with_data(self, data: Path | None) -> Board:
         """The board with the folder of the recorded tracks that its scenarios need, in which it can be driven.
@@ -200,13 +199,8 @@ class Board:
         if not self.spec.recorded:
             raise InputError(f"--data does not go with the board {self.name}, whose people were not recorded")
         board = dataclasses.replace(self, data=data)
-        board.check_scenarios()
+        board.load(None)
         return board
-
-    def check_scenarios(self) -> None:
-        """Raise InputError where one of its scenarios cannot be loaded."""
-        for _ in self.load(None):
-            pass
 
 
 def read_board(folder: Path) -> Board:
@@ -221,10 +215,28 @@ def read_board(folder: Path) -> Board:
     names = board.scenarios
     if double := [name for i, name in enumerate(names) if name in names[:i]]:
         raise InputError(f"{file.file}: the scenario {double[0]} is in two families")
-    if not board.spec.recorded:
-        with file.at("families").named():
-            board.check_scenarios()
+    with file.at("families").named():
+        if not board.spec.recorded:
+            board.load(None)
     return board
+
+
+def _recorded_digest(name: str) -> str:
+    """Return the sha256 of a scenario with recorded tracks, which can be loaded only with their files.
+
+    It is of the keys of the scenario's file and the sha256 of the tracks, which every run checks.
+
+    Raises:
+        InputError: The sha256 of the tracks is not known.
+    """
+    from crowdbench.scenario.tracks.scenes import known_files
+
+    table = read_toml(scenario_path(name), "scenario")
+    tracks = table.get("tracks", {})
+    files = {**known_files(tracks.get("scene", "")), **tracks.get("files", {})}
+    if not files:
+        raise InputError(f"the scenario {name} names no recorded tracks whose sha256 is known: add tracks.files to it")
+    return digest({"keys": {key: value for key, value in table.items() if key != "description"}, "tracks": files})
 
 
 def find_board(name: str, root: Path = ROOT) -> Board:
@@ -241,8 +253,8 @@ def find_board(name: str, root: Path = ROOT) -> Board:
 
 
 def read_boards(root: Path = ROOT) -> list[Board]:
-    """The boards of a folder in the order of their `position`, the closed ones last. Raises InputError without any."""
+    """The boards of a folder in the order of their `position`, or raise InputError where there is none."""
     boards = [read_board(path.parent) for path in root.glob(f"*/{FILE}")]
     if not boards:
         raise InputError(f"{root} is no folder of boards: no folder in it has a {FILE}")
-    return sorted(boards, key=lambda board: (board.spec.closed, board.spec.position, board.name))
+    return sorted(boards, key=lambda board: (board.spec.position, board.name))

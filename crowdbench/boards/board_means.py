@@ -2,31 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.boards.board import LATER, Board
+from crowdbench.boards.board import Board
 from crowdbench.metrics.summary import NOTHING, Estimate
-from crowdbench.runs.result_file import RESULT, read_result
-from crowdbench.runs.results import read_estimate
-from crowdbench.utils.errors import InputError
-
-
-def read_estimates(directory: Path, names: Iterable[str]) -> dict[str, Estimate]:
-    """The means of metrics in a run, with their intervals.
-
-    Raises InputError where the run lacks one of them that is not in `LATER`.
-    """
-    metrics = read_result(directory)["metrics"]
-    try:
-        return {
-            name: NOTHING if name in LATER and name not in metrics else read_estimate(metrics[name]) for name in names
-        }
-    except KeyError as error:
-        raise InputError(f"{directory / RESULT} lacks {error} of a metric that its board shows") from None
 
 
 def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]]) -> dict[str, Estimate]:

@@ -3,7 +3,7 @@
 entries/<name>/entry.json          what follows, with the sha256 of every other file
 entries/<name>/card.toml           what its authors say of it
 entries/<name>/planner/            the planner's files, unless it is built in or an installed package
-entries/<name>/public/<scenario>/  a run on the public cases of each scenario, with all commands
+entries/<name>/public/<scenario>/  episodes and commands of the public cases of each scenario
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from crowdbench.plugins.load import file_and_function
 from crowdbench.runs.recording import COMMANDS
-from crowdbench.runs.result_file import RESULT
 from crowdbench.runs.results import EPISODES
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
@@ -36,8 +35,7 @@ NAMES = re.compile("[a-z0-9][a-z0-9_]{1,49}")
 
 NAMING = "its name must be 2 to 50 lower-case letters, digits and underscores"
 
-_RUN = f"({RESULT}|{EPISODES}|{COMMANDS})".replace(".", r"\.")
-_HOLDS = re.compile(rf"{CARD}|{PLANNER}/.+|{PUBLIC}/\w+/{_RUN}")
+_HOLDS = re.compile(rf"{re.escape(CARD)}|{PLANNER}/.+|{PUBLIC}/\w+/({re.escape(EPISODES)}|{re.escape(COMMANDS)})")
 """The files that an entry may have."""
 
 SUBMITTER = r"^\w[\w .'\-]{0,99}$"
@@ -46,12 +44,12 @@ SUBMITTER = r"^\w[\w .'\-]{0,99}$"
 MAINTAINERS = "crowdbench"
 """Who submits the planners that ship, of which any number is ranked."""
 
-SCHEMA = 2
+SCHEMA = 1
 """Version of what `entry.json` holds."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Texts = Annotated[list[Text], Field(description="a list of texts in quotes")]
-Figures = dict[str, dict[str, float | None]]
+Means = dict[str, dict[str, float | None]]
 """By scenario and metric, the mean over the cases."""
 
 
@@ -92,12 +90,12 @@ class EntrySpec(Record):
     Attributes:
         format: Version of the format, `SCHEMA`.
         board: Name of the board.
-        board_version: Its version.
         board_digest: Its digest, see `crowdbench.boards.board.Board.digest`.
         submitted_by: Who has submitted it.
         planner: As `crowdbench run --planner` takes it, relative to the entry.
         package: For a planner that is no file: the distribution with its version, such as `crowdbench==0.1.0`.
         package_files: For such a planner, the sha256 of the Python files that it consists of, by path.
+        code: The digest of the code of crowdbench that the planner imports.
         facts: What the planner says of itself beyond its options, such as the digest of its weights. What it does not
             say in all scenarios alike is named `<scenario>/<fact>`: among recorded people it may have other weights.
         options: The planner's options; files are relative to the entry.
@@ -110,19 +108,19 @@ class EntrySpec(Record):
 
     format: int
     board: str
-    board_version: int
     board_digest: Sha256
     submitted_by: Annotated[str, Field(pattern=SUBMITTER)]
     planner: str
     package: str
     package_files: dict[str, Sha256]
+    code: Sha256
     facts: dict[str, str]
     options: dict[str, JsonValue]
     networks: list[dict[str, JsonValue]]
     privileged: bool
     environment: dict[str, str]
     files: dict[str, Sha256]
-    reported: Figures
+    reported: Means
 
     def facts_in(self, scenario: str) -> dict[str, str]:
         """What the planner says of itself in one of the scenarios that it drives."""
@@ -176,8 +174,9 @@ class Entry:
         """The sha256 of what is frozen when a season closes: the planner, its options, its files and its card."""
         spec = self.spec
         frozen = {path: digest for path, digest in spec.files.items() if not path.startswith(f"{PUBLIC}/")}
-        of_planner = [spec.planner, spec.package, spec.package_files, spec.facts, spec.options, spec.networks]
-        text = json.dumps([spec.board, self.name, of_planner, frozen], sort_keys=True)
+        code = [spec.package, spec.package_files, spec.code, frozen]
+        planner = [spec.planner, spec.options, spec.networks, spec.facts, code]
+        text = json.dumps([spec.board, self.name, planner], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -273,4 +272,16 @@ def _check_files(directory: Path, digests: Mapping[str, str]) -> None:
 def write_entry(directory: Path, spec: EntrySpec) -> None:
     """Write `entry.json` into the folder of an entry, whole."""
     with files.whole(directory / ENTRY) as partial:
-        partial.write_text(json.dumps(spec.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
+        write_record(partial, spec)
+
+
+def write_record(path: Path, record: Record) -> None:
+    """Write a record as JSON with a line for each value, and one for each estimate."""
+    path.write_text(_format(record.model_dump(mode="json")) + "\n", encoding="utf-8")
+
+
+def _format(value: Any, end: str = "\n") -> str:
+    if not isinstance(value, dict) or not value or "mean" in value:
+        return json.dumps(value)
+    lines = [f"{end}  {json.dumps(key)}: {_format(each, f'{end}  ')}" for key, each in value.items()]
+    return f"{{{','.join(lines)}{end}}}"

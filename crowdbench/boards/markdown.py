@@ -25,16 +25,17 @@ Entries stand in the order of their score: success in per cent, and up to half a
 begins where an entry is worse than one of the present rank by more than chance explains; in brackets is the range of
 its true place, with a confidence of 95 % for the whole board. Figures have 95 % intervals. "method" is the rank of the
 method, by the mean over networks that were trained with other seeds, and its success with an interval for other
-networks and other cases. SCT is success weighted by completion time. "imposed delay" is the time that all pedestrians
-of a case together lose to the vehicle, where they see it. "rules" is the version of the rules by which an entry was
-verified: see [docs/errata.md](../docs/errata.md). "decision" is the 99th percentile of the time for a decision in one
-world, on one core of the machine of reference. An asterisk marks the Pareto set: no ranked entry succeeds more often
-and is quicker. Entries that are "reported only" have no rank: their figures are those of their authors, of the public
-cases.
+networks and other cases. SCT is success weighted by completion time. "imposed delay" is the total extra travel time of
+all pedestrians of a case, where they see the vehicle. "decision" is the 99th percentile of the time for a decision in
+one world, on one core of the machine of reference. An asterisk marks the Pareto set: no ranked entry succeeds more
+often and is quicker. Entries that are "reported only" have no rank: their figures are those of their authors, of the
+public cases. A "pending" entry was made for other rules, scenarios or code.
 
 Season "{season.name}"{rehearsal}. It closes on {season.closes}; the seed of the cases follows from \
 the digests of all entries and from round {season.round} of drand.
 """
+
+FILLING = "The boards are being filled: there are no entries yet."
 
 COLUMNS = {
     "collision_rate": ("collisions", " %", 1),
@@ -57,7 +58,9 @@ def write_readme(root: Path) -> Path:
     season = read_season(root)
     rehearsal = ", a rehearsal: its round was known before it closed" if season.spec.rehearsal else ""
     tables = [standings(board, read_entries(board, root), season) for board in read_boards(root)]
-    parts = [INTRODUCTION.format(season=season.spec, rehearsal=rehearsal), *map(section, tables)]
+    introduction = INTRODUCTION.format(season=season.spec, rehearsal=rehearsal)
+    filling = [] if any(table.entries for table in tables) else [f"{FILLING}\n"]
+    parts = [introduction, *filling, *map(section, tables)]
     with files.whole(root / README) as partial:
         partial.write_text("\n".join(parts), encoding="utf-8")
     return root / README
@@ -65,17 +68,15 @@ def write_readme(root: Path) -> Path:
 
 def section(table: Standings) -> str:
     """The standings of one board in Markdown."""
-    closed = " (closed)" if table.board.spec.closed else ""
-    lines = [f"## {table.board.spec.title} (`{table.board.name}`){closed}", "", table.board.spec.description, ""]
+    lines = [f"## {table.board.spec.title} (`{table.board.name}`)", "", table.board.spec.description, ""]
     if not table.entries:
         return "\n".join([*lines, "No entries yet.", ""])
     rows = [_cells(table, one) for one in table.entries]
     lines.append(markdown(list(rows[0]), [list(row.values()) for row in rows]))
     if table.ranked:
-        counts = sorted({one.cases for one in table.ranked}, reverse=True)
         blocks = sum(len(set(own.tolist())) for own in table.ranked[0].blocks.values())
         of_time = f", {blocks} blocks of recorded time in all" if blocks else ""
-        lines += ["", f"{' and '.join(map(str, counts))} cases of each scenario{of_time}."]
+        lines += ["", f"{table.board.spec.cases} cases of each scenario{of_time}."]
     return "\n".join([*lines, ""])
 
 
@@ -84,7 +85,6 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
     figures, speed, method = one.figures, one.decision_time, one.method
     pareto = " \\*" if one.is_pareto else ""
     slow = "" if speed is None or speed.is_real_time else ", not real-time"
-    notes = f"{one.cases} cases" if one in table.slow else ""
     cells = {
         "rank": "" if one.rank is None else f"{one.rank.rank} ({one.rank.first} to {one.rank.last})",
         "entry": f"{one.entry.name}{pareto}, {one.entry.spec.submitted_by}",
@@ -98,10 +98,9 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
     for metric in table.shown:
         title, unit, digits = COLUMNS[metric]
         cells[title] = _with_interval(figures[metric], digits, unit)
-    cells["rules"] = "" if one.verification is None else str(one.verification.rules)
     untimed = "not timed" if one.verification and one.verification.untimed else ""
     cells["decision"] = untimed if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}"
-    cells[""] = one.reason or notes
+    cells[""] = one.reason
     return cells
 
 

@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import Entry
+from crowdbench.boards.kept_runs import read_episodes
 from crowdbench.boards.ranking import rank_by_bounds
-from crowdbench.boards.run_entry import EntryRun, read_episodes
+from crowdbench.boards.run_entry import EntryRun
 from crowdbench.boards.verdict import Method, Range
 from crowdbench.metrics.summary import Estimate, wilson
 from crowdbench.scenario.cases import Cases

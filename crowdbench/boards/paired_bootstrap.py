@@ -19,12 +19,10 @@ class Differences(NamedTuple):
 
     Attributes:
         value: The first entry's value minus the second's.
-        driven: Whether both drove the case.
         discordant: Whether one of them succeeds and the other one does not.
     """
 
     value: Float[np.ndarray, "pair case"]
-    driven: Bool[np.ndarray, "pair case"]
     discordant: Bool[np.ndarray, "pair case"]
 
 
@@ -62,21 +60,19 @@ def studentise(
     deviation, variance, least = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     for number, (scenario, weight) in enumerate(zip(scenarios, weights, strict=True)):
         block = np.arange(scenario.value.shape[1]) if blocks is None else blocks[number]
-        own = np.unique(block, return_inverse=True)[1]
-        mean = (scenario.value * scenario.driven).sum(axis=1) / scenario.driven.sum(axis=1)
-        residual = _over_blocks((scenario.value - mean[:, None]) * scenario.driven, own)
-        cases = _over_blocks(scenario.driven, own)
+        own, size = np.unique(block, return_inverse=True, return_counts=True)[1:]
+        residual = _over_blocks(scenario.value - scenario.value.mean(axis=1, keepdims=True), own)
         # The sample itself comes first.
         times = np.ones((shape[0], len(residual)))
         times[1:] = draws.multinomial(len(residual), np.full(len(residual), 1.0 / len(residual)), size=RESAMPLES)
-        driven = np.maximum(times @ cases, 1.0)
-        off = times @ residual / driven
-        squares = times @ residual**2 - 2.0 * off * (times @ (residual * cases)) + off**2 * (times @ cases**2)
-        drawn = (cases > 0).sum(axis=0)
+        cases = (times @ size)[:, None]
+        off = times @ residual / cases
+        squares = times @ residual**2 - 2.0 * off * (times @ (residual * size[:, None]))
+        squares += off**2 * (times @ size**2)[:, None]
         deviation += weight * off
-        variance += weight**2 * squares / driven**2 * drawn / np.maximum(drawn - 1, 1)
-        one_more = times @ _over_blocks(scenario.discordant & scenario.driven, own) + 1.0 / len(scenarios)
-        least += weight**2 * one_more / driven**2
+        variance += weight**2 * squares / cases**2 * len(size) / max(len(size) - 1, 1)
+        one_more = times @ _over_blocks(scenario.discordant, own) + 1.0 / len(scenarios)
+        least += weight**2 * one_more / cases**2
     error = np.sqrt(np.maximum(variance, least))
     return Studentised(error[0], deviation[1:] / error[1:])
 

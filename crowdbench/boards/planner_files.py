@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench import catalog
-from crowdbench.boards.entry import PLANNER, EntrySpec
+from crowdbench.boards.entry import MAINTAINERS, PLANNER, Entry
 from crowdbench.plugins.files import file_digests
 from crowdbench.plugins.load import file_and_function
 from crowdbench.utils.errors import InputError
@@ -115,17 +115,35 @@ def package_files(planner: str) -> dict[str, str]:
     return catalog.PLANNERS.files(planner)
 
 
-def describe_change(spec: EntrySpec) -> str:
-    """What is another planner here than the one that was entered, in a sentence; empty where it is the same.
+def imported_code(planner: str, options: Mapping[str, Any], folder: Path) -> str:
+    """Return the digest of the code of crowdbench that the planner of an entry imports; nothing is loaded."""
+    return catalog.planner_code(*(locate_named_files(each, folder) for each in (planner, options)))
+
+
+def describe_change(entry: Entry) -> str:
+    """Say in a sentence how the planner here differs from the one that was entered; empty where it is the same.
 
     Raises:
         InputError: There is no such planner.
     """
+    spec = entry.spec
     if (here := package(spec.planner)) != spec.package:
         return f"the planner is of {spec.package}, but {here} is installed"
     if package_files(spec.planner) != spec.package_files:
         return f"the files of the planner {spec.planner} are others than those that were entered"
+    if imported_code(spec.planner, spec.options, entry.directory) != spec.code:
+        return f"the code of crowdbench that the planner {spec.planner} imports is another than when it was entered"
     return ""
+
+
+def has_changed(entry: Entry) -> bool:
+    """Check if the planner of an entry has other code here; False for a package that is not installed."""
+    spec = entry.spec
+    try:
+        here = package_files(spec.planner), imported_code(spec.planner, spec.options, entry.directory)
+    except InputError:
+        return spec.package.startswith(f"{MAINTAINERS}==")
+    return here != (spec.package_files, spec.code)
 
 
 def _is_in_entry(planner: str) -> bool:

@@ -34,20 +34,20 @@ NORMAL = 1.96
 """The least number of standard errors that a difference has to have: where few cases differ, a bootstrap asks for less,
 since it draws from no others."""
 
-Columns = Mapping[str, Float[np.ndarray, "scenario _"]]
-"""The metrics that rank in the first cases of each scenario, as many as an entry drove."""
+Columns = Mapping[str, Float[np.ndarray, "scenario case"]]
+"""The metrics that rank in each case."""
 
 Weights = Float[np.ndarray, "scenario"]
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two entries, compared in the cases that both drove.
+    """Two entries, compared case by case.
 
     Attributes:
         higher: The name of the one that stands higher.
         lower: The name of the other one.
-        difference: By how much its score is higher in these cases.
+        difference: By how much its score is higher.
         bound: The lower 97.5 % bound of the difference.
         is_sure: Whether it is above 0 also with regard to all other pairs of the board.
     """
@@ -105,53 +105,34 @@ def compare_all(
     columns: Mapping[str, Columns],
     weights: Weights,
     scale: Scale,
-    blocks: Int[np.ndarray, "scenario _"] | None = None,
+    blocks: Sequence[Int[np.ndarray, "case"]] | None = None,
 ) -> list[Pair]:
     """Compare each entry with each one that stands lower.
 
     Args:
-        columns: The metrics of each entry by its name.
+        columns: The metrics of each entry by its name, in the same cases.
         weights: How much each scenario counts; the sum is 1.
         scale: What the board fixes.
-        blocks: The block of each case, where those of the same block are not independent: then the bootstrap resamples
-            blocks.
+        blocks: The block of each case of each scenario, where those of the same block are not independent: then the
+            bootstrap resamples blocks.
 
     Raises:
         InputError: An entry has no value of a metric in some case.
     """
-    pairs = list(itertools.combinations(scores(columns, weights, scale), 2))
+    score = scores(columns, weights, scale)
+    pairs = list(itertools.combinations(score, 2))
     if not pairs:
         return []
-    both = [_both_drove(columns[a], columns[b]) for a, b in pairs]
-    difference = np.array([_score(a, weights, scale) - _score(b, weights, scale) for a, b in both])
-    most = max(own[SCT].shape[1] for own in columns.values())
-    scenarios = [_differences(both, scenario, most, scale.slope) for scenario in range(len(weights))]
-    own_blocks = None if blocks is None else list(blocks[:, :most])
-    error, deviations = studentise(scenarios, weights, own_blocks)
+    difference = np.array([score[a] - score[b] for a, b in pairs])
+    success, sct = (np.array([columns[a][name] - columns[b][name] for a, b in pairs]) for name in (SUCCESS, SCT))
+    value = success + scale.slope * sct  # rather too much where g is cut off at 0 or 1
+    scenarios = [Differences(value[:, i], success[:, i] != 0.0) for i in range(len(weights))]
+    error, deviations = studentise(scenarios, weights, blocks)
     one = np.maximum(np.quantile(deviations, (1.0 + CONFIDENCE) / 2.0, axis=0), NORMAL)
     # Student's largest of all pairs, of either sign; no pair needs less for itself.
     every = np.maximum(np.quantile(np.abs(deviations).max(axis=1), CONFIDENCE), one)
     figures = zip(difference.tolist(), (difference - one * error).tolist(), difference > every * error, strict=True)
     return [Pair(*pair, gain, bound, bool(sure)) for pair, (gain, bound, sure) in zip(pairs, figures, strict=True)]
-
-
-def _both_drove(a: Columns, b: Columns) -> tuple[Columns, Columns]:
-    """The columns of two entries in the cases that both drove."""
-    cases = min(a[SCT].shape[1], b[SCT].shape[1])
-    first, second = ({metric: own[metric][:, :cases] for metric in (SUCCESS, SCT)} for own in (a, b))
-    return first, second
-
-
-def _differences(both: Sequence[tuple[Columns, Columns]], scenario: int, most: int, slope: float) -> Differences:
-    """What pairs differ by in the cases of a scenario; where g is cut off at 0 or 1 this is rather too much."""
-    shape = len(both), most
-    value, driven, discordant = np.zeros(shape), np.zeros(shape, bool), np.zeros(shape, bool)
-    for row, (a, b) in enumerate(both):
-        success, sct = (a[metric][scenario] - b[metric][scenario] for metric in (SUCCESS, SCT))
-        cases = slice(len(success))
-        value[row, cases], driven[row, cases] = success + slope * sct, True
-        discordant[row, cases] = success != 0.0
-    return Differences(value, driven, discordant)
 
 
 def ranks(score: Mapping[str, float], pairs: Sequence[Pair]) -> dict[str, Rank]:

@@ -6,9 +6,8 @@ import contextlib
 import hashlib
 import json
 import math
-import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,19 +16,17 @@ from filelock import Timeout
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.decision_time import time_decisions
-from crowdbench.boards.entry import PLANNER, Figures, file_digests
-from crowdbench.boards.planner_files import locate_named_files
+from crowdbench.boards.entry import PLANNER, file_digests
+from crowdbench.boards.kept_runs import driven_scenarios
+from crowdbench.boards.planner_files import imported_code, locate_named_files
 from crowdbench.boards.verdict import DecisionTime
 from crowdbench.isolation.planner import IsolatedPlanner, Limits
 from crowdbench.planners.driver import Driver
-from crowdbench.runs.identity import code
 from crowdbench.runs.load import identify
 from crowdbench.runs.recording import COMMANDS, read_commands
-from crowdbench.runs.result_file import read_result
-from crowdbench.runs.results import EPISODES, Episodes
 from crowdbench.runs.rollout import rollout
 from crowdbench.runs.run import Run
-from crowdbench.runs.shards import ENDING, WHOLE, Shard, is_finished, make_run
+from crowdbench.runs.shards import WHOLE, Shard, is_finished, make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
@@ -37,17 +34,13 @@ from crowdbench.utils import files
 from crowdbench.utils.defaults import BATCH
 from crowdbench.utils.errors import InputError, MachineFault
 
-NO_RUNS = shutil.ignore_patterns("networks", f"*{ENDING}*")
-"""What lies beside the finished runs of an entry: those of other networks, and parts of unfinished runs."""
-
 Progress = Callable[[float], None]
 
-LIMITS = Limits(total=3600.0)
+LIMITS = Limits(total=7200.0)
 """What a planner may take for the cases of one scenario."""
 
 PACE, SAMPLED = 20, 4
-"""Cases in which it is measured how long one takes, and in how many scenarios: spread over the board, since its first
-ones may be the quickest."""
+"""Number of cases whose duration is measured, and of scenarios, spread over the board."""
 
 
 class InUse(InputError):
@@ -90,8 +83,9 @@ class EntryRun:
         Args:
             package_files: The files of a planner that is built in or installed.
         """
-        own = [file_digests(self.folder / PLANNER), dict(package_files)]
-        text = json.dumps([self.board.digest, self.planner, self.options, own, code()], sort_keys=True)
+        code = imported_code(self.planner, self.options, self.folder)
+        own = [file_digests(self.folder / PLANNER), dict(package_files), code]
+        text = json.dumps([self.board.digest, self.planner, self.options, own], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def drive(self) -> dict[str, str]:
@@ -156,28 +150,9 @@ class EntryRun:
         if missing := [name for name in names if not is_finished(self.out / name)]:
             raise Unfinished(f"batches of {missing[0]} are missing, which other shards make; whoever ends last goes on")
 
-    def measure_pace(self, name: str, package_files: Mapping[str, str], scenarios: Sequence[str]) -> float:
-        """How long a case takes it here, in seconds. It is measured once, and kept in `out`.
-
-        Args:
-            name: The name of the entry.
-            package_files: The files of a planner that is built in or installed.
-            scenarios: The names of the scenarios that it can drive.
-
-        Returns:
-            The mean over some public cases of a few of the scenarios, without those in which the planner breaks its
-            contract or a limit: whoever runs it meets the same fault, and says so. 0 if it does so in all of them.
-        """
-        path = self.out / f"pace-{self.board.name}-{name}-{self.digest(package_files)}.json"
-        if not path.exists():
-            seconds = self._seconds_per_case(scenarios)
-            self.out.mkdir(parents=True, exist_ok=True)
-            with files.whole(path) as partial:
-                partial.write_text(json.dumps(seconds), encoding="utf-8")
-        return float(files.read_json(path))
-
-    def _seconds_per_case(self, scenarios: Sequence[str]) -> float:
-        known = [scenario for scenario in self.board.load(None) if scenario.name in scenarios]
+    def seconds_per_case(self) -> float:
+        """Measure how long a public case takes here, in seconds, without scenarios that the planner cannot drive."""
+        known = self.board.load(None)
         sampled = known[:: math.ceil(len(known) / SAMPLED)]
         cases = Cases("test", 0, min(PACE // len(sampled), self.board.spec.public_cases))
         seconds = []
@@ -191,7 +166,6 @@ class EntryRun:
         return sum(seconds) / max(len(seconds), 1)
 
     def _seconds_in(self, scenario: Scenario, cases: Cases) -> float:
-        """How long a case of a scenario takes, in seconds."""
         with contextlib.closing(self._start_planner(scenario)) as planner:
             driver = Driver(planner, planner.name)
             # One case comes before, which does not count: what a planner does once is no cost of a case.
@@ -218,19 +192,3 @@ def lock_runs(out: Path) -> Iterator[None]:
             yield
     except Timeout:
         raise InUse(f"another process is making the runs of {out}") from None
-
-
-def driven_scenarios(board: Board, out: Path) -> list[str]:
-    """The names of the scenarios of a board of which there is a run in a folder."""
-    return [name for name in board.scenarios if (out / name).is_dir()]
-
-
-def read_episodes(board: Board, out: Path) -> dict[str, Episodes]:
-    """The episodes of the runs in a folder, by scenario. Raises InputError where one is damaged."""
-    return {name: Episodes.read(out / name / EPISODES) for name in driven_scenarios(board, out)}
-
-
-def read_figures(board: Board, out: Path) -> Figures:
-    """The means of the runs in a folder, by scenario and metric. Raises InputError where one is damaged."""
-    results = {name: read_result(out / name)["metrics"] for name in driven_scenarios(board, out)}
-    return {name: {metric: each["mean"] for metric, each in metrics.items()} for name, metrics in results.items()}

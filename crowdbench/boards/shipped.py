@@ -6,6 +6,7 @@ Which planners these are is in `leaderboards/shipped.toml`, what their authors s
 from __future__ import annotations
 
 import functools
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +14,14 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from crowdbench.boards.baselines import pack
 from crowdbench.boards.board import Board
-from crowdbench.boards.entry import MAINTAINERS
-from crowdbench.boards.planner_files import describe_change, package_files
-from crowdbench.boards.run_entry import EntryRun
+from crowdbench.boards.entry import ENTRY, MAINTAINERS, Entry, read_entry
+from crowdbench.boards.planner_files import describe_change
+from crowdbench.boards.run_entry import Progress
 from crowdbench.boards.season import Season, freeze, read_season
-from crowdbench.boards.standings import read_entries
-from crowdbench.boards.submission import Submission, submit
-from crowdbench.boards.verification import count_cases, is_verified, measure_pace, verify
+from crowdbench.boards.standings import is_pending, read_entries
+from crowdbench.boards.submission import ENTRIES, Submission, submit
+from crowdbench.boards.verification import count_cases, is_verified, verify
 from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
 
 SHIPPED = "shipped.toml"
@@ -58,17 +58,18 @@ class Job:
         title: What it is, for people.
         cases: How many cases it drives or replays.
         do: Does it; takes `progress`, see `submit` and `verify`.
-        seconds: About how long it takes on this machine.
     """
 
     title: str
     cases: int
     do: Callable[..., object]
-    seconds: float
 
 
 def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
-    """The planners that ship and are not on a board yet, or there with other files while its entries are not frozen.
+    """List the planners that ship and have no current entry on a board.
+
+    An entry is not current where it was made for another digest of the board, or its planner has other files now; but
+    once entries are frozen, files do not count.
 
     Args:
         board: The board.
@@ -78,48 +79,53 @@ def to_submit(board: Board, root: Path, work: Path) -> list[Job]:
     Raises:
         InputError: `shipped.toml` is missing or wrong, or an entry is not as it must be.
     """
-    jobs, is_frozen = [], board.name in read_season(root).frozen
-    entered = {each.name for each in read_entries(board, root) if is_frozen or not describe_change(each.spec)}
+    jobs, cases = [], len(board.public_cases) * len(board.scenarios)
+    current = {each.name for each in read_entries(board, root) if _is_current(each, board, root)}
     for spec in parse_table(ShippedFile, read_toml(root / SHIPPED, "list"), Location(SHIPPED)).shipped:
         is_elsewhere = board.name in spec.not_on or (spec.only_on and board.name not in spec.only_on)
-        if is_elsewhere or spec.name in entered:
+        if is_elsewhere or spec.name in current:
             continue
         networks = [{"weights": name} for name in spec.weights] if board.name in spec.method_on else []
         card = root / CARDS / f"{spec.name}.toml"
         submission = Submission(board, spec.name, spec.planner, spec.options, networks, card, MAINTAINERS)
-        cases = len(board.public_cases) * len(board.scenarios)
-        run = EntryRun(board, root, spec.planner, spec.options, work, board.public_cases)
-        pace = run.measure_pace(spec.name, package_files(spec.planner), board.scenarios)
-        do = functools.partial(submit, submission, root, work)
-        jobs.append(Job(f"{spec.name} on {board.name}", cases, do, pace * cases))
+        do = functools.partial(_submit_again, submission, root, work)
+        jobs.append(Job(f"{spec.name} on {board.name}", cases, do))
     return jobs
+
+
+def _is_current(entry: Entry, board: Board, root: Path) -> bool:
+    is_frozen = board.name in read_season(root).frozen
+    return entry.spec.board_digest == board.digest and (is_frozen or not describe_change(entry))
+
+
+def _submit_again(submission: Submission, root: Path, work: Path, progress: Progress) -> None:
+    """Submit a planner that ships, in the place of an entry that is not current."""
+    folder = root / submission.board.name / ENTRIES / submission.name
+    if (folder / ENTRY).is_file() and not _is_current(read_entry(folder), submission.board, root):
+        shutil.rmtree(folder)
+    submit(submission, root, work, progress)
 
 
 def freeze_entries(board: Board, root: Path) -> Season:
     """Freeze all entries of a board in a folder of boards, if those of the season are not frozen yet."""
     entries = read_entries(board, root)
-    digests = {each.name: each.digest for each in entries if each.spec.board_digest == board.digest}
+    digests = {each.name: each.digest for each in entries if not is_pending(board, each)}
     return freeze(root, board.name, digests)
 
 
 def to_verify(board: Board, root: Path, work: Path, key: Path) -> list[Job]:
-    """Entries of a board that take part in the season and are still to verify in it; `work` and `key` as for `verify`.
+    """List the entries of a board that take part in the season and have no verification that counts.
 
-    Those of which there is a verification that does not count, or one by earlier rules, are verified again.
+    Args:
+        board: The board.
+        root: The folder of boards.
+        work: As for `verify`.
+        key: As for `verify`.
     """
-    season = read_season(root)
-    jobs = []
+    season, jobs = read_season(root), []
     for entry in read_entries(board, root):
-        if is_verified(entry, board, season) or not season.takes_part(board.name, entry.name, entry.digest):
-            continue
-        pace = measure_pace(entry, board, work)
-        cases = board.cases_at(pace)
-        number = count_cases(entry, board, cases)
-        do = functools.partial(verify, entry, board, work=work, season=season, key=key, cases=cases)
-        jobs.append(Job(f"{entry.name} on {board.name}", number, do, pace * number))
+        is_there = season.takes_part(board.name, entry.name, entry.digest) and not is_pending(board, entry)
+        if is_there and not is_verified(entry, board, season):
+            do = functools.partial(verify, entry, board, work=work, season=season, key=key)
+            jobs.append(Job(f"{entry.name} on {board.name}", count_cases(entry, board, board.cases), do))
     return jobs
-
-
-def pack_entries(board: Board, root: Path) -> None:
-    """Move the entries of planners that ship, and what was found of them, into one file of a board."""
-    pack(root / board.name, [each.name for each in read_entries(board, root) if each.spec.submitted_by == MAINTAINERS])

@@ -8,27 +8,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int, Shaped
+from jaxtyping import Int
 
-from crowdbench.boards.baselines import entry_folders
-from crowdbench.boards.board import LATER, Board
-from crowdbench.boards.board_means import board_figures, read_estimates, success_by_family
-from crowdbench.boards.entry import MAINTAINERS, Entry, read_entry
+from crowdbench.boards.board import Board
+from crowdbench.boards.board_means import board_figures, success_by_family
+from crowdbench.boards.entry import ENTRY, MAINTAINERS, Entry, read_entry
+from crowdbench.boards.kept_runs import read_episodes
 from crowdbench.boards.method import rank_methods
-from crowdbench.boards.ranking import SCT, SUCCESS, Pair, Rank, compare_all, pareto, ranks, scores
-from crowdbench.boards.run_entry import read_episodes
+from crowdbench.boards.planner_files import has_changed
+from crowdbench.boards.ranking import SCT, SUCCESS, Columns, Pair, Rank, compare_all, pareto, ranks, scores
 from crowdbench.boards.season import Season
+from crowdbench.boards.submission import ENTRIES
 from crowdbench.boards.verdict import (
     DecisionTime,
     Method,
     Unverified,
     Verdict,
     Verification,
-    find_verification,
     read_verification,
+    verification_folder,
 )
+from crowdbench.core.types import Outcome
 from crowdbench.metrics.summary import NOTHING, Estimate
-from crowdbench.runs.results import Episodes
 from crowdbench.utils.errors import InputError
 
 MOST_RANKED = 2
@@ -37,10 +38,8 @@ MOST_RANKED = 2
 SHOWN = ("collision_rate", "at_fault_rate", "sct", "navigation_time", "intimate_zone", "imposed_delay", "jerk")
 """The metrics that the table of a board shows beside success."""
 
-OTHER_RULES = "It was made for other rules of this board than the present ones."
+PENDING = "Its board or its planner had other rules, scenarios or code: it must be submitted again."
 REPORTED_ONLY = "The figures are its authors', of the public cases: {}."
-
-Columns = Mapping[str, Shaped[np.ndarray, "scenario case"]]
 
 
 @dataclass(frozen=True)
@@ -50,11 +49,14 @@ class Standing:
     Attributes:
         entry: The entry.
         verification: What was found in the season; None where nothing was that is believed.
-        columns: The metrics case by case, of the season's cases or else of the public ones.
+        outcomes: The outcome of each case of the season, or else of each public case; `RUNNING` in scenarios that the
+            planner cannot drive.
+        columns: The metrics that rank, in the same cases.
         blocks: The blocks of recorded time of these cases, by scenario; none where nobody was recorded.
         scenarios: By scenario, the means with their intervals; none for those that the planner cannot drive.
-        figures: The means over the board, with intervals; undefined for an entry of other rules.
-        profile: By family of scenarios, success with its interval; nothing for an entry of other rules.
+        figures: The means over the board, with intervals; undefined for a pending entry.
+        profile: By family of scenarios, success with its interval; nothing for a pending entry.
+        is_pending: Whether it must be submitted again.
         reason: Why it has no rank, in a few words; empty where it has one.
         explanation: The same in a sentence.
         rank: Its rank.
@@ -65,11 +67,13 @@ class Standing:
 
     entry: Entry
     verification: Verification | None
+    outcomes: Int[np.ndarray, "scenario case"]
     columns: Columns
     blocks: Mapping[str, Int[np.ndarray, "case"]]
     scenarios: Mapping[str, Mapping[str, Estimate]]
     figures: Mapping[str, Estimate]
     profile: Mapping[str, Estimate]
+    is_pending: bool
     reason: str
     explanation: str
     rank: Rank | None = None
@@ -91,11 +95,6 @@ class Standing:
     def method(self) -> Method | None:
         """What holds of its method, if that was measured in the season."""
         return self.verification.method if self.verification else None
-
-    @property
-    def cases(self) -> int:
-        """How many cases of each scenario it drove."""
-        return int(self.columns["sct"].shape[1])
 
 
 @dataclass(frozen=True)
@@ -136,19 +135,19 @@ class Standings:
         """Whether another entry has the same rank."""
         return [one.rank and one.rank.rank for one in self.ranked].count(standing.rank and standing.rank.rank) > 1
 
-    @property
-    def slow(self) -> Sequence[Standing]:
-        """The ranked entries that drove fewer cases than others, because a case takes them long."""
-        return [one for one in self.ranked if one.cases < self.board.spec.cases]
-
 
 def read_entries(board: Board, root: Path) -> list[Entry]:
     """The entries of a board, by name. Raises InputError where one of them is not as it must be, see `read_entry`."""
-    entries = [read_entry(folder) for folder in entry_folders(root / board.name)]
+    entries = [read_entry(path.parent) for path in sorted((root / board.name).glob(f"{ENTRIES}/*/{ENTRY}"))]
     for entry in entries:
         if entry.spec.board != board.name:
             raise InputError(f"{entry.directory} is an entry of the board {entry.spec.board}, not of {board.name}")
     return entries
+
+
+def is_pending(board: Board, entry: Entry) -> bool:
+    """Check if an entry was made for another digest of the board, or its planner has other code now."""
+    return entry.spec.board_digest != board.digest or has_changed(entry)
 
 
 def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> Standings:
@@ -181,20 +180,17 @@ def standings(board: Board, entries: Sequence[Entry], season: Season | None) -> 
     return Standings(board, season.spec.name if season else "", ranked, others, pairs)
 
 
-def _blocks(each: Sequence[Standing]) -> Int[np.ndarray, "scenario case"] | None:
-    """The blocks of recorded time of the cases of a board, by numbers of their own; None where nobody was recorded.
+def _blocks(each: Sequence[Standing]) -> Sequence[Int[np.ndarray, "case"]] | None:
+    """The blocks of recorded time of the cases of each scenario; None where nobody was recorded.
 
     Args:
-        each: The entries that are compared. Those who drove the same cases of a scenario have the same blocks.
+        each: The entries that are compared. All drove the same cases, so that a scenario has the same blocks in all.
     """
     if not any(one.blocks for one in each):
         return None
-    numbers: list[np.ndarray] = []
-    for name in each[0].scenarios:
-        longest = max((one.blocks[name] for one in each if name in one.blocks), key=len, default=np.zeros(1, np.int64))
-        own = np.resize(longest, max(one.cases for one in each))
-        numbers.append(own + (1 + numbers[-1].max() if numbers else 0))
-    return np.stack(numbers)
+    blocks = {name: own for one in each for name, own in one.blocks.items()}
+    nobody = np.zeros(each[0].outcomes.shape[1], np.int64)
+    return [blocks.get(name, nobody) for name in each[0].scenarios]
 
 
 def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
@@ -212,26 +208,42 @@ def _limit_ranked(each: Sequence[Standing]) -> list[Standing]:
 
 
 def _standing(board: Board, entry: Entry, season: Season | None) -> Standing:
-    verification, doubt, runs = None, "there is no season", entry.public
-    if season:
+    verification, doubt, pending = None, "there is no season", is_pending(board, entry)
+    if season and not pending:
         try:
             verification = read_verification(entry, board, season)
-            runs = find_verification(entry, season) if verification.figures else runs
         except Unverified as error:
             doubt = str(error)
-    is_present = entry.spec.board_digest == board.digest
-    own = read_episodes(board, runs) if is_present else {}
-    length = min((len(run.columns["sct"]) for run in own.values()), default=1)
-    columns = {
-        metric: np.stack([_column(own.get(name), metric, length) for name in board.scenarios])
-        for metric in board.metrics
-    }
-    scenarios = {name: read_estimates(runs / name, board.metrics) if name in own else {} for name in board.scenarios}
-    figures = board_figures(board, scenarios) if is_present else dict.fromkeys(board.metrics, NOTHING)
-    profile = success_by_family(board, scenarios) if is_present else {}
-    blocks = {name: run.block[:length] for name, run in own.items() if run.block is not None}
-    reason, explanation = _why_unranked(board, entry, verification or doubt)
-    return Standing(entry, verification, columns, blocks, scenarios, figures, profile, reason, explanation)
+    runs, cases, needed, measured = entry.public, board.spec.public_cases, set(board.metrics), {}
+    if season and verification and verification.figures:
+        runs, cases, needed = verification_folder(entry, season), board.spec.cases, {SCT}
+        measured = verification.figures
+    own = {} if pending else read_episodes(board, runs)
+    shape = len(board.scenarios), cases
+    outcomes, sct = np.full(shape, Outcome.RUNNING, np.int64), np.zeros(shape)
+    for row, name in enumerate(board.scenarios):
+        if name in own:
+            if len(own[name]) != cases or not needed <= own[name].columns.keys():
+                raise InputError(f"{runs / name} must have {cases} cases with {', '.join(needed)}")
+            outcomes[row], sct[row] = own[name].outcome, own[name].columns[SCT]
+    scenarios: dict[str, Mapping[str, Estimate]] = {}
+    for name in board.scenarios:
+        found = {metric: each.estimate for metric, each in measured.get(name, {}).items()}
+        scenarios[name] = found or (own[name].summary() if name in own else {})
+    reason, explanation = _why_unranked(board, entry, PENDING if pending else verification or doubt)
+    return Standing(
+        entry,
+        verification,
+        outcomes,
+        {SUCCESS: (outcomes == Outcome.SUCCESS).astype(float), SCT: sct},
+        {name: run.block for name, run in own.items() if run.block is not None},
+        scenarios,
+        dict.fromkeys(board.metrics, NOTHING) if pending else board_figures(board, scenarios),
+        {} if pending else success_by_family(board, scenarios),
+        pending,
+        reason,
+        explanation,
+    )
 
 
 def _why_unranked(board: Board, entry: Entry, verification: Verification | str) -> tuple[str, str]:
@@ -248,19 +260,10 @@ def _why_unranked(board: Board, entry: Entry, verification: Verification | str) 
         return "privileged", "It uses what no vehicle can see, such as the pedestrians' true next velocities."
     if entry.card.ablation:
         return "ablation", "Its authors say that it is a variant made for comparison."
-    if entry.spec.board_digest != board.digest:
-        return f"of version {entry.spec.board_version}", OTHER_RULES
+    if verification == PENDING:
+        return "pending", PENDING
     if isinstance(verification, str):
         return "reported only", REPORTED_ONLY.format(verification)
     if verification.verdict != Verdict.RERUN:
         return str(verification.verdict), verification.reason
     return "", ""
-
-
-def _column(run: Episodes | None, metric: str, cases: int) -> Shaped[np.ndarray, "case"]:
-    """A metric's values in the cases of a scenario; without a run, what ranks is 0, the rest undefined."""
-    if run is not None and metric in run.columns:
-        return run.columns[metric][:cases].astype(float)
-    if run is not None and metric not in LATER:
-        raise InputError(f"the runs of an entry lack the metric {metric}, which its board shows")
-    return np.full(cases, 0.0 if metric in (SUCCESS, SCT) else np.nan)

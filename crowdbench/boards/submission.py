@@ -28,16 +28,9 @@ from crowdbench.boards.entry import (
     read_entry,
     write_entry,
 )
-from crowdbench.boards.planner_files import check_size, copy_named_files, package, package_files
-from crowdbench.boards.run_entry import (
-    NO_RUNS,
-    EntryRun,
-    InUse,
-    Progress,
-    driven_scenarios,
-    lock_runs,
-    read_figures,
-)
+from crowdbench.boards.kept_runs import driven_scenarios, keep_public
+from crowdbench.boards.planner_files import check_size, copy_named_files, imported_code, package, package_files
+from crowdbench.boards.run_entry import EntryRun, InUse, Progress, lock_runs
 from crowdbench.boards.skeleton import CARD as CARD_TEXT
 from crowdbench.runs.result_file import read_result
 from crowdbench.runs.run import read_versions
@@ -74,8 +67,6 @@ class Submission:
     def __post_init__(self) -> None:
         if not NAMES.fullmatch(self.name):
             raise InputError(f"{self.name!r} cannot be an entry: {NAMING}")
-        if self.board.spec.closed:
-            raise InputError(f"the board {self.board.name} is closed: {self.board.spec.description}")
 
 
 def submit(
@@ -115,7 +106,7 @@ def submit(
                 lock.enter_context(lock_runs(work / name))
                 _check_free(directory)  # another shard may have been the last one
             run.check_finished(failed)
-            shutil.copytree(run.out, folder / PUBLIC, ignore=NO_RUNS)
+            keep_public(run.out, folder / PUBLIC, board)
             if (folder / PLANNER).exists():  # what is built in is known to be quick enough
                 run.time_decisions()
             write_entry(folder, _spec(submission, run, networks))
@@ -161,15 +152,8 @@ def check_card(path: Path) -> None:
             raise InputError(f"{path} has {key} as `new-planner` wrote it: say who you are, and what the planner does")
 
 
-def rehearse(submission: Submission, work: Path) -> float:
-    """Check all that can be checked before cases are driven.
-
-    Args:
-        submission: What is to be entered.
-        work: The folder that keeps how long a case takes.
-
-    Returns:
-        About how long the public cases will take here, in seconds.
+def rehearse(submission: Submission) -> float:
+    """Check a submission without making an entry, and return the seconds that its public cases will take here.
 
     Raises:
         InputError: As `submit`.
@@ -180,9 +164,8 @@ def rehearse(submission: Submission, work: Path) -> float:
         folder = Path(place)
         planner, options, _ = _copy(submission, folder)
         check_submitter(submission.by, package(planner))
-        run = EntryRun(board, folder, planner, options, work, board.public_cases)
-        pace = run.measure_pace(submission.name, package_files(planner), board.scenarios)
-    return pace * len(board.public_cases) * len(board.scenarios)
+        run = EntryRun(board, folder, planner, options, folder, board.public_cases)
+        return run.seconds_per_case() * len(board.public_cases) * len(board.scenarios)
 
 
 def _copy(submission: Submission, folder: Path) -> tuple[str, dict[str, Any], list[dict[str, Any]]]:
@@ -207,21 +190,22 @@ def _copy(submission: Submission, folder: Path) -> tuple[str, dict[str, Any], li
 def _spec(submission: Submission, run: EntryRun, networks: list[dict[str, Any]]) -> EntrySpec:
     """The contents of `entry.json` for an entry whose other files are there."""
     board, folder = run.board, run.folder
-    results = {name: read_result(folder / PUBLIC / name) for name in driven_scenarios(board, folder / PUBLIC)}
+    results = {name: read_result(run.out / name) for name in driven_scenarios(board, run.out)}
+    means = {name: {metric: each["mean"] for metric, each in own["metrics"].items()} for name, own in results.items()}
     return EntrySpec(
         format=SCHEMA,
         board=board.name,
-        board_version=board.spec.version,
         board_digest=board.digest,
         submitted_by=submission.by,
         planner=run.planner,
         package=package(run.planner),
         package_files=package_files(run.planner),
+        code=imported_code(run.planner, run.options, folder),
         facts=join_facts({name: result["run"]["planner"]["facts"] for name, result in results.items()}),
         options=dict(run.options),
         networks=networks,
         privileged=any(result["stated"]["privileged"] for result in results.values()),
         environment=read_versions(),
         files=file_digests(folder),
-        reported=read_figures(board, folder / PUBLIC),
+        reported=means,
     )

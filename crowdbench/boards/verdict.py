@@ -1,8 +1,8 @@
 """What is found of an entry that is run again, and whether it is believed.
 
-verifications/<entry>/<season>/verification.json       what was found, with the sha256 of every file of the runs
+verifications/<entry>/<season>/verification.json       what was found, with the sha256 of every other file
 verifications/<entry>/<season>/verification.json.sig   the signature of the maintainer who has verified the entry
-verifications/<entry>/<season>/<scenario>/             the runs on the cases of the season, without their commands
+verifications/<entry>/<season>/<scenario>/             outcome, steps and SCT of the cases of the season
 
 They lie in the folder of the board and not in that of the entry, which belongs to whoever has submitted it.
 """
@@ -10,27 +10,23 @@ They lie in the folder of the board and not in that of the entry, which belongs 
 from __future__ import annotations
 
 import enum
-import json
-import shutil
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from crowdbench.boards.board import Board
-from crowdbench.boards.entry import Entry, Figures, Record, Sha256, file_digests
+from crowdbench.boards.entry import Entry, Record, Sha256, file_digests, write_record
+from crowdbench.boards.kept_runs import keep_ranked
 from crowdbench.boards.season import Season
 from crowdbench.boards.signature import is_signed, sign
-from crowdbench.runs.recording import COMMANDS
-from crowdbench.runs.result_file import read_result, write_result
+from crowdbench.metrics.summary import Estimate
+from crowdbench.runs.results import read_estimate
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
 VERIFICATIONS = "verifications"
 VERIFICATION = "verification.json"
-
-RULES = 2
-"""Version of how entries are verified. docs/errata.md says what each version has changed."""
 
 
 class Verdict(enum.StrEnum):
@@ -64,6 +60,25 @@ class DecisionTime(Record):
     is_real_time: bool
 
 
+Rounded = Annotated[float | None, AfterValidator(lambda value: None if value is None else float(f"{value:.6g}"))]
+"""A number with six digits; None where it is undefined."""
+
+
+class Figure(Record):
+    """The estimate of a metric, see `crowdbench.metrics.summary.Estimate`."""
+
+    mean: Rounded
+    low: Rounded
+    high: Rounded
+    n: int
+    max: Rounded
+
+    @property
+    def estimate(self) -> Estimate:
+        """The estimate itself."""
+        return read_estimate(self.model_dump())
+
+
 class Range(Record):
     """A mean with its 95 % interval."""
 
@@ -92,18 +107,16 @@ class Verification(Record):
     Attributes:
         by: The maintainer who has signed it; empty for one that nobody signs.
         on: The day, such as 2027-01-31.
-        rules: The version of how entries are verified, see `RULES`.
         board: The name of the board.
-        board_digest: Its digest.
+        board_digest: Its digest, of which the digest of the simulator's code is a part.
         entry: The name of the entry.
         entry_digest: Its digest.
         season: The season whose seed it was; empty for a seed that was drawn for this verification alone.
         seed: The seed of the cases.
-        code: The digest of crowdbench's code.
         level: How the planner was kept apart, as `crowdbench.isolation.sandbox.level` says it.
         verdict: The verdict.
         reason: Why, in a sentence.
-        figures: What was measured on these cases; empty where the planner did not come so far.
+        figures: The estimates on these cases by scenario and metric; empty where the planner did not come so far.
         decision_time: How long decisions took; None where that was not measured.
         untimed: Why it was not, in a sentence; empty where it was, or where the planner did not come so far.
         method: What holds of its method; None where the entry has too few networks to claim something.
@@ -112,18 +125,16 @@ class Verification(Record):
 
     by: str
     on: str
-    rules: int
     board: str
     board_digest: Sha256
     entry: str
     entry_digest: Sha256
     season: str
     seed: int
-    code: Sha256
     level: str
     verdict: Annotated[Verdict, Field(strict=False)]
     reason: str
-    figures: Figures = Field(default_factory=dict)
+    figures: dict[str, dict[str, Figure]] = Field(default_factory=dict)
     decision_time: DecisionTime | None = None
     untimed: str = ""
     method: Method | None = None
@@ -139,18 +150,13 @@ def verification_folder(entry: Entry, season: Season) -> Path:
     return season.root / entry.spec.board / VERIFICATIONS / entry.name / season.spec.name
 
 
-def find_verification(entry: Entry, season: Season) -> Path:
-    """The folder with what was found of an entry in a season, which may be packed with the entry."""
-    own, packed = (verification_folder(entry, season), entry.directory.parent.parent / VERIFICATIONS)
-    return own if own.exists() else packed / entry.name / season.spec.name
-
-
-def write_verification(folder: Path, found: Verification, runs: Path, key: Path) -> None:
-    """Write a verification with its runs, and sign it. One that is there is replaced.
+def write_verification(folder: Path, found: Verification, board: Board, runs: Path, key: Path) -> None:
+    """Write a verification with what it keeps of its runs, and sign it. One that is there is replaced.
 
     Args:
         folder: Its folder.
         found: What was found.
+        board: The board.
         runs: The runs, a folder for each scenario.
         key: The key of the maintainer who has verified the entry, see `signature.sign`.
 
@@ -160,30 +166,24 @@ def write_verification(folder: Path, found: Verification, runs: Path, key: Path)
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     with files.new_directory(folder, overwrite=True, mark=VERIFICATION) as partial:
-        for scenario in found.figures:
-            _copy_run(runs / scenario, partial / scenario)
+        if found.figures:
+            keep_ranked(runs, partial, board)
         found = found.model_copy(update={"files": file_digests(partial)})
         path = partial / VERIFICATION
-        path.write_text(json.dumps(found.model_dump(mode="json"), indent=2) + "\n", encoding="utf-8")
+        write_record(path, found)
         sign(path, key)
-
-
-def _copy_run(run: Path, to: Path) -> None:
-    """Copy a run but for its commands, which are large, and which the seed leads to."""
-    shutil.copytree(run, to, ignore=shutil.ignore_patterns(COMMANDS))
-    write_result(to, read_result(to))
 
 
 def read_verification(entry: Entry, board: Board, season: Season) -> Verification:
     """What was found of an entry in a season.
 
-    A verification counts for the entry as it was frozen, by the board's present rules, on the seed of the season, with
-    the runs that it was signed with, and where a maintainer has signed it.
+    A verification counts for the entry as it was frozen, for the board's present digest, for the seed of the season,
+    with the runs that it was signed with, and where a maintainer has signed it.
 
     Raises:
         Unverified: There is none that counts.
     """
-    folder = find_verification(entry, season)
+    folder = verification_folder(entry, season)
     path = folder / VERIFICATION
     if not path.is_file():
         raise Unverified("nobody has verified it in this season")
@@ -199,7 +199,7 @@ def read_verification(entry: Entry, board: Board, season: Season) -> Verificatio
         raise Unverified("it was not frozen with the other entries, or was changed since")
     own = (board.name, board.digest, entry.name, entry.digest, season.spec.name, seed)
     if (found.board, found.board_digest, found.entry, found.entry_digest, found.season, found.seed) != own:
-        raise Unverified("its verification is of another entry, other rules of the board, or other cases")
+        raise Unverified("its verification is of another entry, another digest of the board, or other cases")
     if runs != found.files:
         raise Unverified("the runs of its verification were changed")
     if not is_signed(path, found.by, season.root):

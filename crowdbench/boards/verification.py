@@ -12,29 +12,23 @@ import datetime
 import secrets
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.consistency_test import lower_than_claimed
 from crowdbench.boards.entry import MAINTAINERS, Entry, read_entry
+from crowdbench.boards.kept_runs import driven_scenarios, read_episodes, read_figures, read_public_run
 from crowdbench.boards.method import method_cases, method_networks, network_runs, summarize_method
 from crowdbench.boards.planner_files import check_size as check_files_size
 from crowdbench.boards.planner_files import describe_change, package
-from crowdbench.boards.run_entry import (
-    EntryRun,
-    InUse,
-    Progress,
-    Unfinished,
-    driven_scenarios,
-    lock_runs,
-    read_episodes,
-    read_figures,
-)
+from crowdbench.boards.run_entry import EntryRun, InUse, Progress, Unfinished, lock_runs
 from crowdbench.boards.season import Season
 from crowdbench.boards.signature import find_signer
 from crowdbench.boards.verdict import (
-    RULES,
     Unverified,
     Verdict,
     Verification,
@@ -43,34 +37,17 @@ from crowdbench.boards.verdict import (
     write_verification,
 )
 from crowdbench.isolation import sandbox
-from crowdbench.runs.identity import code
 from crowdbench.runs.recording import COMMANDS, check_size
 from crowdbench.runs.replay import replay
 from crowdbench.runs.result_file import read_result
+from crowdbench.runs.results import EPISODES
 from crowdbench.runs.shards import WHOLE, Shard
-from crowdbench.runs.store import RunResult
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.memory import limit_memory
 
 MOST_MEMORY = 4e9
 """Bytes that the replay of an entry's public runs may take."""
-
-
-def cases_of_season(entry: Entry, board: Board, work: Path) -> Cases:
-    """The cases of each scenario that an entry drives in a season: fewer where one takes it long."""
-    return board.cases_at(measure_pace(entry, board, work))
-
-
-def measure_pace(entry: Entry, board: Board, work: Path) -> float:
-    """How long a case takes an entry here, in seconds. It is measured once, and kept in `work`.
-
-    What the public runs of an entry say of it, its authors have written.
-    """
-    spec = entry.spec
-    run = EntryRun(board, entry.directory, spec.planner, spec.options, work, board.cases)
-    driven = [name for name in board.scenarios if name in spec.reported]
-    return run.measure_pace(entry.name, spec.package_files, driven or board.scenarios)
 
 
 def count_cases(entry: Entry, board: Board, cases: Cases) -> int:
@@ -99,7 +76,7 @@ def verify(
         season: The season whose cases it drives, of which the verdict is recorded; None for cases of a seed that is
             drawn now, of which nothing is recorded.
         key: For a season, the key of the maintainer who verifies it, see `signature.sign`.
-        cases: The cases of each scenario; those of `cases_of_season` if None.
+        cases: Without a season, other cases of each scenario than those of the board.
         shard: Which share of a season's batches is run. The last one comes to the verdict.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
 
@@ -121,13 +98,10 @@ def verify(
     seed = secrets.randbits(63) if season is None else season.seed(board.name)
     run = EntryRun(board, entry.directory, spec.planner, spec.options, work, board.cases, seed, shard, progress)
     if season and key:
-        run = dataclasses.replace(run, cases=cases or cases_of_season(entry, board, work))
         return _verify_in_season(entry, run, season, by, key)
     work.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f"verify-{board.name}-{entry.name}-", dir=work) as folder:
-        place = Path(folder)
-        cases = cases or cases_of_season(entry, board, place)
-        return _verify(entry, dataclasses.replace(run, out=place / "runs", cases=cases))
+        return _verify(entry, dataclasses.replace(run, out=Path(folder) / "runs", cases=cases or board.cases))
 
 
 def _verify_in_season(entry: Entry, run: EntryRun, season: Season, by: str, key: Path) -> Verification:
@@ -146,10 +120,8 @@ def _verify_in_season(entry: Entry, run: EntryRun, season: Season, by: str, key:
         entry = read_entry(entry.directory)
         _check_possible(entry, board, season)  # another process may be done
         found = _verify(entry, dataclasses.replace(run, shard=WHOLE), by, season.spec.name)
-        write_verification(verification_folder(entry, season), found, run.out, key)
+        write_verification(verification_folder(entry, season), found, board, run.out, key)
     shutil.rmtree(run.out, ignore_errors=True)
-    for pace in run.out.parent.glob(f"pace-{board.name}-{entry.name}-*.json"):
-        pace.unlink(missing_ok=True)
     return found
 
 
@@ -157,10 +129,10 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
     spec = entry.spec
     if spec.board != board.name:
         raise InputError(f"{entry.directory} is an entry of the board {spec.board}, not of {board.name}")
-    if (spec.board_version, spec.board_digest) != (board.spec.version, board.digest):
+    if spec.board_digest != board.digest:
         raise InputError(
-            f"{entry.directory} was made for other rules of the board {board.name} (version {spec.board_version}, "
-            f"{spec.board_digest[:12]}) than these (version {board.spec.version}, {board.digest[:12]}): submit it again"
+            f"{entry.directory} was made for other rules, scenarios or code of the board {board.name} "
+            f"({spec.board_digest[:12]}) than these ({board.digest[:12]}): submit it again"
         )
     check_files_size(entry.directory)
     if season is None:
@@ -180,9 +152,9 @@ def _check_possible(entry: Entry, board: Board, season: Season | None) -> None:
 
 
 def is_verified(entry: Entry, board: Board, season: Season) -> bool:
-    """Whether an entry was verified in a season by the present rules."""
+    """Whether an entry has a verification in a season that counts."""
     try:
-        return read_verification(entry, board, season).rules == RULES
+        return bool(read_verification(entry, board, season))
     except Unverified:
         return False
 
@@ -196,14 +168,12 @@ def _verify(entry: Entry, run: EntryRun, by: str = "", season: str = "") -> Veri
         return Verification(
             by=by,
             on=datetime.datetime.now(datetime.UTC).date().isoformat(),
-            rules=RULES,
             board=run.board.name,
             board_digest=run.board.digest,
             entry=entry.name,
             entry_digest=entry.digest,
             season=season,
             seed=seed,
-            code=code(),
             level=sandbox.level(),
             verdict=verdict,
             reason=reason,
@@ -218,7 +188,7 @@ def _verify(entry: Entry, run: EntryRun, by: str = "", season: str = "") -> Veri
     if difference:
         return report(Verdict.NOT_REPRODUCED, difference)
     try:
-        if change := describe_change(entry.spec):
+        if change := describe_change(entry):
             return report(Verdict.REFUSED, change)
         failed = _drive_all(entry, run)
         if unexpected := [name for name in failed if name in entry.spec.reported]:
@@ -237,31 +207,29 @@ def _verify(entry: Entry, run: EntryRun, by: str = "", season: str = "") -> Veri
 
 
 def _find_difference(entry: Entry, board: Board, progress: Progress | None) -> str:
-    """What the public runs of an entry say and their commands do not lead to, in a sentence; empty if there is none."""
-    for scenario in (each for each in board.load(None) if (entry.public / each.name).exists()):
+    """Return what the public runs of an entry say and their commands do not lead to; empty where all follows."""
+    scenarios, driven = {scenario.name: scenario for scenario in board.load(None)}, set(entry.spec.reported)
+    if not driven or driven != {path.name for path in entry.public.glob("*")} or not driven <= scenarios.keys():
+        return "the scenarios of its reported figures are not those of its public runs, or not of this board"
+    for name in driven_scenarios(board, entry.public):
         try:
-            check_size(entry.public / scenario.name / COMMANDS, len(board.public_cases), scenario.rules.max_steps)
-            files = RunResult.read_unchecked(entry.public / scenario.name)
-            run = files.result["run"]
-            request = {
-                "cases": (run["cases"], str(board.public_cases)),
-                "replanning": (run["replanning"], board.replanning.settings),
-                "options": (run["planner"]["options"], entry.spec.options),
-                "privileged": (files.result["stated"]["privileged"], entry.spec.privileged),
-                "facts": (run["planner"]["facts"], entry.spec.facts_in(scenario.name)),
-            }
-            for key, (found, expected) in request.items():
-                if found != expected:
-                    return f"{scenario.name}: {key} is {found!r}, but must be {expected!r}"
-            if differences := replay(files, scenario, board.metrics, progress).differences:
-                return f"{scenario.name}: {differences[0]}"
+            check_size(entry.public / name / COMMANDS, len(board.public_cases), scenarios[name].rules.max_steps)
+            run = read_public_run(entry, board, scenarios[name])
+            if not _are_means(entry.spec.reported[name], run.result["metrics"]):
+                return f"{name}: the reported figures are not those of {EPISODES}"
+            if differences := replay(run, scenarios[name], board.metrics, progress).differences:
+                return f"{name}: {differences[0]}"
         except InputError as error:
-            return f"{scenario.name}: {error}"
-    try:
-        is_reported = entry.spec.reported == read_figures(board, entry.public)
-    except InputError as error:
-        return str(error)
-    return "" if is_reported else "the reported figures of entry.json are not those of its runs"
+            return f"{name}: {error}"
+    return ""
+
+
+def _are_means(reported: Mapping[str, float | None], metrics: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Check reported means, whose last digits depend on the version of NumPy."""
+    if reported.keys() != metrics.keys():
+        return False
+    one, two = (np.array(each, float) for each in ([*reported.values()], [metrics[name]["mean"] for name in reported]))
+    return np.allclose(one, two, rtol=1e-9, atol=0.0, equal_nan=True)
 
 
 def _drive_all(entry: Entry, run: EntryRun) -> dict[str, str]:

@@ -105,7 +105,7 @@ def submit(
         _check_contract(planner, option or [])
     cases = len(rules.public_cases) * len(rules.scenarios)
     if dry_run:
-        minutes = rehearse(submission, work) / 60
+        minutes = rehearse(submission) / 60
         say(f"no fault is found, and no entry made; {cases} public cases will take about {minutes:.1f} minutes here")
         return
     message = f"finished batches are kept in {work}, with which the same command goes on"
@@ -184,12 +184,11 @@ def verify(
         cases: Fewer cases than the board has, without --season.
     """
     use_threads(threads)
-    from crowdbench.boards.baselines import find_entry
     from crowdbench.boards.board import FILE, find_board, read_board
     from crowdbench.boards.entry import read_entry
     from crowdbench.boards.season import read_season
     from crowdbench.boards.verdict import Verdict
-    from crowdbench.boards.verification import cases_of_season, count_cases
+    from crowdbench.boards.verification import count_cases
     from crowdbench.boards.verification import verify as verify_entry
     from crowdbench.runs.shards import Shard
     from crowdbench.scenario.cases import Cases
@@ -202,7 +201,7 @@ def verify(
     if season != (key is not None):
         raise InputError("--season and --key go together: what is found in a season is signed by a maintainer")
     entry = entry.resolve()
-    submitted = read_entry(find_entry(entry))
+    submitted = read_entry(entry)
     if work.resolve().is_relative_to(entry):
         raise InputError(f"--work {work} lies in the entry: give another folder")
     folder = entry.parent.parent
@@ -216,8 +215,8 @@ def verify(
             "public cases are replayed, and others driven that are drawn now; nothing of this is kept: what a board "
             "shows is verified in its season"
         )
-    driven = Cases("test", 0, cases) if cases else cases_of_season(submitted, board, work) if season else None
-    total = count_cases(submitted, board, driven or board.cases)
+    driven = Cases("test", 0, cases) if cases else board.cases
+    total = count_cases(submitted, board, driven)
     message = f"finished batches are kept in {work}, with which the same command goes on"
     with exit_on_interrupt(message if season else "nothing is kept"), _exit_on_unfinished(), progress(total) as tell:
         drawn = read_season(folder.parent) if season else None
@@ -239,7 +238,7 @@ def _print_verification(entry: Entry, board: str, result: Verification) -> None:
     passes = result.verdict == Verdict.RERUN
     print(f"{entry.name} on {board}: {'passes, ' * passes}{result.verdict}{where}: {result.reason}")
     for scenario, metrics in result.figures.items():
-        measured = metrics["success_rate"] or 0.0
+        measured = metrics["success_rate"].mean or 0.0
         reported = entry.spec.reported.get(scenario, {}).get("success_rate") or 0.0
         print(f"{scenario}: success {100 * measured:.2f} %, reported {100 * reported:.2f} %")
     if passes:

@@ -73,8 +73,7 @@ def fill(
     if key is not None:
         find_signer(key, root)
     by_name = {board.name: board for board in read_boards(root)}
-    open_boards = [name for name, board in by_name.items() if not board.spec.closed]
-    chosen = [find_named("board", name, by_name) for name in boards or open_boards]
+    chosen = [find_named("board", name, by_name) for name in boards or by_name]
     if data is not None and not any(board.spec.recorded for board in chosen):
         raise InputError(f"--data goes with boards whose people were recorded, and those of {chosen[0].name} were not")
     announce_compilation()
@@ -88,9 +87,8 @@ def fill(
 
 def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
     from crowdbench.boards.season import TooEarly
-    from crowdbench.boards.shipped import freeze_entries, pack_entries, to_submit, to_verify
+    from crowdbench.boards.shipped import freeze_entries, to_submit, to_verify
 
-    say(f"{board.name}: measuring how long a case takes each planner; kept in {work}")
     if not do_all(functools.partial(to_submit, board, root, work), "entry"):
         say(f"{board.name}: other processes are making the last entries")
         return
@@ -102,8 +100,7 @@ def _fill_board(board: Board, root: Path, work: Path, key: Path | None) -> None:
     if key is None:
         say(f"{board.name}: no entry is verified: give the key of a maintainer, --key FILE")
         return
-    if do_all(functools.partial(to_verify, board, root, work, key), "verification"):
-        pack_entries(board, root)
+    do_all(functools.partial(to_verify, board, root, work, key), "verification")
 
 
 def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
@@ -113,8 +110,7 @@ def do_all(missing: Callable[[], Sequence[Job]], what: str) -> bool:
     skipped: set[str] = set()
     while jobs := [job for job in missing() if job.title not in skipped]:
         job = jobs[0]
-        minutes = sum(each.seconds for each in jobs) / 60
-        say(f"{what}: {job.title}, the first of {len(jobs)}, which take about {minutes:.1f} minutes here")
+        say(f"{what}: {job.title}, the first of {len(jobs)}")
         start = time.monotonic()
         try:
             with progress(job.cases) as tell:

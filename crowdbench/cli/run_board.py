@@ -18,6 +18,7 @@ from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.tables import plain
 
 if TYPE_CHECKING:
+    from crowdbench.metrics.summary import Estimate
     from crowdbench.runs.run import Run
 
 
@@ -43,8 +44,10 @@ def run_board(
     """
     use_threads(threads)
     from crowdbench.boards.board import find_board
-    from crowdbench.boards.board_means import board_figures, read_estimates
+    from crowdbench.boards.board_means import board_figures
     from crowdbench.runs.load import load_run
+    from crowdbench.runs.result_file import read_result
+    from crowdbench.runs.results import read_estimate
     from crowdbench.runs.spec import RunSpec
     from crowdbench.scenario.cases import Cases
     from crowdbench.study.folder import run_directory
@@ -58,10 +61,10 @@ def run_board(
     directory = out or Path("runs") / f"board-{rules.name}"
     with exit_on_interrupt():
         failed = _make(runs, directory)
-    found = {
-        each: {} if each in failed else read_estimates(run_directory(run, directory), rules.metrics)
-        for each, run in runs.items()
-    }
+    found: dict[str, dict[str, Estimate]] = {}
+    for each, run in runs.items():
+        measured = {} if each in failed else read_result(run_directory(run, directory))["metrics"]
+        found[each] = {name: read_estimate(measured[name]) for name in rules.metrics if name in measured}
     found[f"board {rules.name}"] = board_figures(rules, dict(found))
     if as_json:
         print(json.dumps(plain({"board": rules.name, "cases": str(driven_cases), "metrics": found}), indent=2))

@@ -11,6 +11,7 @@ import jinja2
 from markupsafe import Markup
 
 from crowdbench.boards.board import METRIC_TITLES, Board, read_boards
+from crowdbench.boards.markdown import FILLING
 from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
 from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
@@ -78,7 +79,7 @@ def _templates() -> jinja2.Environment:
     templates.filters |= {function.__name__: function for function in texts.FILTERS}
     sort = Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8"))
     templates.globals |= {"METRICS": METRIC_TITLES, "METRICS_SAY": texts.METRICS_SAY, "MANNERS": texts.MANNERS}
-    templates.globals |= {"MARK": Markup(MARK), "SORT": sort}
+    templates.globals |= {"MARK": Markup(MARK), "SORT": sort, "FILLING": FILLING}
     templates.globals["tables"] = tables
     return templates
 

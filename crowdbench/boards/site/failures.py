@@ -13,15 +13,15 @@ import numpy as np
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import Entry
-from crowdbench.boards.run_entry import read_episodes
+from crowdbench.boards.kept_runs import read_episodes, read_public_run
 from crowdbench.boards.site.figures import trajectories
+from crowdbench.boards.standings import PENDING, is_pending
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics import Metric
 from crowdbench.record.write import Recorder
 from crowdbench.runs.recording import units_of
 from crowdbench.runs.replay import traces
 from crowdbench.runs.results import Episodes
-from crowdbench.runs.store import RunResult
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils.errors import InputError
 
@@ -51,19 +51,18 @@ class Failures:
 
 def failures(board: Board, entry: Entry, folder: Path) -> Failures:
     """Simulate some failures of an entry again, and write their recordings into a folder."""
-    if entry.spec.board_digest != board.digest:
-        return Failures(problem="The entry was made for other rules of this board.")
+    if is_pending(board, entry):
+        return Failures(problem=PENDING)
     if board.spec.recorded:
         return Failures(problem="Who was recorded is not shown here: the tracks are not ours to publish.")
-    runs = entry.public
     examples: list[dict[str, Any]] = []
     recordings: list[str] = []
     try:
-        episodes = read_episodes(board, runs)
+        episodes = read_episodes(board, entry.public)
         cases = _choose(episodes)
         for scenario in (each for each in board.load(None) if each.name in cases):
             name = scenario.name
-            parts = list(traces(RunResult.read_unchecked(runs / name), scenario, cases[name]))
+            parts = list(traces(read_public_run(entry, board, scenario), scenario, cases[name]))
             examples += [_failure(part, row, name, episodes[name]) for part in parts for row in range(len(part))]
             path = folder / f"{entry.name}-{name}.rrd"
             recordings += _record(path, entry.name, scenario, parts, board.metrics)

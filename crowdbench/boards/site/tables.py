@@ -6,17 +6,24 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Shaped
 
 from crowdbench.boards.ranking import Pair
 from crowdbench.boards.site.texts import NOTHING, number
 from crowdbench.boards.standings import Standing, Standings
+from crowdbench.core.types import Outcome
 from crowdbench.metrics.summary import Estimate
 
 MOST_CASES = 80
 """The most cases that are shown: those in which most entries fail."""
 
-SUCCESS, COLLISION, TIMEOUT, UNDRIVEN = "", "C", "T", NOTHING
+LETTERS = {
+    Outcome.RUNNING: NOTHING,
+    Outcome.SUCCESS: "",
+    Outcome.COLLISION: "C",
+    Outcome.TIMEOUT: "T",
+    Outcome.WALL_COLLISION: "C",
+}
+"""The letter of each outcome; a planner does not start in a scenario that it cannot drive."""
 
 
 def success_axis(table: Standings) -> float:
@@ -67,8 +74,7 @@ def _pair_cell(pair: Pair, verdict: str, sign: float) -> dict[str, str]:
 def case_table(table: Standings) -> dict[str, Any] | None:
     """The cases in which somebody failed; None without entries.
 
-    Entries of other rules, and those that drove fewer cases, are left out. Where nobody was measured in the season, the
-    cases are the public ones.
+    Pending entries are left out. Where nobody was measured in the season, the cases are the public ones.
 
     Returns:
         `groups` are the scenarios with how many of their cases are shown, `cases` the numbers of these, `rows` the
@@ -76,14 +82,14 @@ def case_table(table: Standings) -> dict[str, Any] | None:
         `is_measured` says that the cases are those of the season.
     """
     board = table.board
-    everybody = [one for one in table.entries if one.entry.spec.board_digest == board.digest]
+    everybody = [one for one in table.entries if not one.is_pending]
     measured = [one for one in everybody if one.is_measured]
-    per_scenario = board.spec.cases if measured else board.spec.public_cases
-    entries = [one for one in measured or everybody if one.cases == per_scenario]
+    entries = measured or everybody
     if not entries:
         return None
-    outcomes = np.array([_outcomes(one) for one in entries])
-    failures = (outcomes != SUCCESS).sum(axis=0)
+    per_scenario = entries[0].outcomes.shape[1]
+    outcomes = np.array([one.outcomes.ravel() for one in entries])
+    failures = (outcomes != Outcome.SUCCESS).sum(axis=0)
     hardest = np.argsort(-failures, kind="stable")[: min(MOST_CASES, int((failures > 0).sum()))]
     cases = hardest[np.argsort(hardest // per_scenario, kind="stable")]
     groups = zip(*np.unique(cases // per_scenario, return_counts=True), strict=True)
@@ -91,14 +97,11 @@ def case_table(table: Standings) -> dict[str, Any] | None:
         "is_measured": bool(measured),
         "groups": [(board.scenarios[i], length) for i, length in groups],
         "cases": (cases % per_scenario).tolist(),
-        "rows": list(zip(entries, outcomes[:, cases].tolist(), strict=True)),
+        "rows": [
+            (one, [LETTERS[Outcome(each)] for each in own])
+            for one, own in zip(entries, outcomes[:, cases].tolist(), strict=True)
+        ],
         "failed": int((failures > 0).sum()),
         "total": per_scenario * len(board.scenarios),
         "by_all": int((failures == len(entries)).sum()),
     }
-
-
-def _outcomes(one: Standing) -> Shaped[np.ndarray, "case"]:
-    """The letter of the outcome of each case."""
-    letters = {"success_rate": SUCCESS, "collision_rate": COLLISION, "timeout_rate": TIMEOUT}
-    return np.select([one.columns[name].ravel() == 1.0 for name in letters], [*letters.values()], UNDRIVEN)

@@ -57,7 +57,7 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
         raise InputError(f"the scene {name} consists of recorded tracks: give the folder that holds them, --data DIR")
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder} with the recorded tracks of the scene {name}")
-    known = _known_files(name)
+    known = known_files(name)
     found = {file: _digest(folder / file, name) for file in known or [f"{name}.txt"]}
     for file, digest in found.items():
         wanted = pinned.get(file, known.get(file, digest))
@@ -74,7 +74,7 @@ def load_scene(name: str, folder: Path | None, pinned: Mapping[str, str]) -> Sce
     return Scene(name, recordings, found)
 
 
-def _known_files(scene: str) -> dict[str, str]:
+def known_files(scene: str) -> dict[str, str]:
     """The sha256 of the files of a scene of ETH/UCY or DUT, by name; none of another scene."""
     lists = [(Path(__file__).parent / f"{name}.sha256").read_text(encoding="utf-8") for name in ("eth_ucy", "dut")]
     known = {file: digest for digest, file in map(str.split, "".join(lists).splitlines())}
