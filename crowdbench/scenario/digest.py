@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 from collections.abc import Mapping
@@ -35,25 +36,27 @@ BUILT_IN = {
 }
 """The pedestrian policies whose parameters' defaults are known here, by their names."""
 
-_NAMES = ("name", "digest", "description")
+_NAMES = ("name", "description")
 """What a result has beside the keys that make the cases."""
 
 
 def compute_digest(table: Mapping[str, Any]) -> str:
-    """The digest of a scenario.
+    """Return the digest of a scenario: twelve hexadecimal digits.
 
     It is over the keys whose values differ from their defaults, and over the digests of the files of layouts and
-    policies. A key that comes new, with a default that means what was the case before, changes no digest.
+    policies. A new key whose default means what was the case before changes no digest.
 
     Args:
         table: The scenario in full, `Scenario.table`, or the table `scenario` of a `result.json`.
-
-    Returns:
-        Twelve hexadecimal digits.
     """
-    changed = _changed({key: value for key, value in table.items() if key not in _NAMES}, _defaults(table))
-    text = json.dumps({"version": VERSION, **changed}, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
+    return _digest_of(json.dumps({key: value for key, value in table.items() if key not in _NAMES}))
+
+
+@functools.lru_cache(maxsize=1000)
+def _digest_of(text: str) -> str:
+    table = json.loads(text)
+    changed = json.dumps({"version": VERSION, **_changed(table, _defaults(table))}, sort_keys=True)
+    return hashlib.sha256(changed.encode()).hexdigest()[:12]
 
 
 def _defaults(table: Mapping[str, Any]) -> dict[str, Any]:
