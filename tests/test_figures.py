@@ -136,7 +136,7 @@ def test_a_table_has_a_row_for_each_run(made):
 
 def test_a_table_in_latex_is_escaped_and_has_rules(made):
     text = printed(made / "orca-5", made / "straight-5", "--format", "latex")
-    assert text.startswith("\\begin{tabular}{lrrrrrrr}\n\\toprule\nplanner & success, \\% & ")
+    assert text.startswith("\\begin{tabular}{lrrrrrrrr}\n\\toprule\nplanner & success, \\% & ")
     assert "jerk, m/s$^3$" in text
     assert text.count("\\\\\n") == 3
     assert not re.search(r"(?<!\\)[%_]", text)

@@ -43,20 +43,20 @@ SLOW = 1.0
 CASES_IF_SLOW = 500
 """Cases that a slow entry drives of all scenarios together, if the board has more."""
 
-METRIC_TITLES = {
-    "success_rate": "success, %",
-    "collision_rate": "collisions, %",
-    "at_fault_rate": "at fault, %",
-    "timeout_rate": "time-outs, %",
-    "navigation_time": "time, s",
-    "sct": "SCT",
-    "minimum_gap": "smallest gap, m",
-    "intimate_zone": "intimate zone, %",
-    "max_velocity_change": "largest change of velocity, m/s",
-    "jerk": "jerk, m/s³",
-    "imposed_delay": "imposed delay, s",
-}
-"""The metrics that boards show, the last one where somebody sees the vehicle, and what they are called there."""
+MEASURED = (
+    "success_rate",
+    "collision_rate",
+    "at_fault_rate",
+    "timeout_rate",
+    "navigation_time",
+    "sct",
+    "minimum_gap",
+    "intimate_zone",
+    "max_velocity_change",
+    "jerk",
+    "imposed_delay",
+)
+"""The metrics that boards show."""
 
 LATER = ("at_fault_rate", "imposed_delay")
 """Those that the runs of earlier entries lack: there they are undefined."""
@@ -134,7 +134,7 @@ class Board:
     @property
     def metrics(self) -> Mapping[str, Metric]:
         """The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
-        return {name: METRICS[name] for name in METRIC_TITLES}
+        return {name: METRICS[name] for name in MEASURED}
 
     @property
     def cases(self) -> Cases:

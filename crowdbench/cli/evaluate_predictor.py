@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,7 +13,8 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, progress
 from crowdbench.cli.options import assignments, help_from_docstring
-from crowdbench.cli.tables import interval, number, print_table
+from crowdbench.cli.tables import print_table
+from crowdbench.metrics.info import MetricInfo
 from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from crowdbench.predict import Predictor
 
     Measure = Callable[[str, Predictor], dict[str, Errors]]
+
+METRES = MetricInfo("error", "m", "less")
 
 MEASURES = "ADE is the mean error over the steps up to the horizon, FDE the error at the horizon."
 MODES = (
@@ -157,8 +161,8 @@ def _horizons_table(title: str, dt: float, measured: Mapping[str, Errors]) -> Gr
         for choice, curves in errors.choices().items():
             label = dataset if errors.modes == 1 else f"{dataset}, {choice}"
             for steps, pair in enumerate(zip(curves.ade, curves.fde, strict=True), 1):
-                cells = (cell for each in pair for cell in (number(each.mean), interval(each.low, each.high)))
-                rows.append((label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *cells))
+                texts = ((METRES.number(each.mean), METRES.interval(each.low, each.high)) for each in pair)
+                rows.append((label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *itertools.chain(*texts)))
     header = ("", "steps", "time [s]", "ADE [m]", "95 % interval", "FDE [m]", "95 % interval")
     return Grid(title, header, rows, align="lrrllll")
 
@@ -172,7 +176,7 @@ def _predictors_table(
         curves = {dataset: errors.choices() for dataset, errors in measured.items()}
         for row, choice in enumerate(curves[next(iter(curves))]):
             chosen = [(curves[dataset][choice], steps - 1) for dataset, steps in columns.values()]
-            cells = (f"{number(one.ade[at].mean)} / {number(one.fde[at].mean)}" for one, at in chosen)
+            cells = (f"{METRES.number(one.ade[at].mean)} / {METRES.number(one.fde[at].mean)}" for one, at in chosen)
             rows.append((name if row == 0 else "", choice, *cells))
     header = ("predictor", "", *columns)
     return Grid(title, header, rows, align="ll".ljust(len(header), "r"))
