@@ -7,7 +7,8 @@ import pytest
 
 from crowdbench.cli import app
 from crowdbench.core.types import Outcome
-from crowdbench.runs.results import EPISODES, Episodes
+from crowdbench.runs.results import Episodes
+from crowdbench.runs.store import write_run
 from crowdbench.study.folder import run_directory
 from crowdbench.study.study import read_study
 from crowdbench.utils.errors import InputError
@@ -98,7 +99,7 @@ def leave(run, out, table):
     """As if a run had left this table of episodes."""
     directory = run_directory(run, out)
     directory.mkdir(parents=True)
-    table.write(directory / EPISODES)
+    write_run(directory, table, run._result(run.spec.cases, table, 0, 0.0))
 
 
 def fill(asked, out, **rows):
