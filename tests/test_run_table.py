@@ -5,10 +5,11 @@ import itertools
 import pytest
 
 from crowdbench.metrics import info_of
+from crowdbench.metrics.summary import Estimate
 from crowdbench.notebook import run
 from crowdbench.runs.compare import compare, comparison_grid
 from crowdbench.runs.results import read_estimate
-from crowdbench.runs.table import RunTable, comparisons, estimates, verdict_grid
+from crowdbench.runs.table import RunTable, comparisons, estimate_grid, estimates, verdict_grid
 from crowdbench.utils.errors import InputError
 
 METRICS = ["success_rate", "navigation_time", "discomfort", "jerk"]
@@ -73,6 +74,15 @@ def test_pairs_are_tested_as_compare_does(runs):
     grid = comparison_grid(found, ["jerk"])
     assert list(grid.header) == ["metric", "orca", "orca_margin", "difference (95 % interval)", "p"]
     assert grid.rows[0][3] == info_of("jerk").estimate(expected.rows["jerk"].difference)
+
+
+def test_a_table_shows_the_metrics_that_are_asked_for_and_a_dash_where_there_is_none():
+    success, time = Estimate(0.5, 0.4, 0.6, 40, 1.0), Estimate(9.0, 8.0, 10.0, 20, 11.0)
+    records = [{"scenario": "a", "success_rate": success, "sct": time, "navigation_time": time}, {"scenario": "b"}]
+    infos = {name: info_of(name) for name in ("success_rate", "navigation_time")}
+    grid = estimate_grid("", records, infos, brief=["navigation_time"])
+    assert list(grid.header) == ["scenario", "success, %", "time, s"]
+    assert grid.rows == [["a", "50.0 (40.0 to 60.0)", "9.000"], ["b", "-", "-"]]
 
 
 @pytest.mark.parametrize(

@@ -50,12 +50,14 @@ def table(
         label: With --format latex, its label.
     """
     from crowdbench.metrics import MAIN
-    from crowdbench.runs.table import RunTable
+    from crowdbench.runs.table import PRIVILEGED, RunTable
 
     if (caption or label) and format is not Format.LATEX:
         raise InputError("--caption and --label go with --format latex")
     if columns == METRIC:
-        grid, note = RunTable.read(directories).grid(metric or MAIN), ""
+        runs = RunTable.read(directories)
+        grid = runs.grid(metric or MAIN)
+        note = PRIVILEGED if any(run.result.get("privileged") for run in runs.runs) else ""
     elif len(metric or []) > 1:
         raise InputError(f"a table with --columns {columns} shows one metric: give --metric once")
     else:
@@ -64,7 +66,7 @@ def table(
     if format is Format.LATEX:
         text = floating(text, caption, label, note)
     elif format is Format.MARKDOWN and note:
-        text = f"{grid.title[0].upper()}{grid.title[1:]}:\n\n{text}\n\n{note}"
+        text = f"{text}\n\n{note}"
     print(text)
 
 

@@ -80,6 +80,16 @@ class RunTable:
         """All runs."""
         return [run for runs in self.columns.values() for run in runs.values()]
 
+    @property
+    def labelled(self) -> dict[str, RunResult]:
+        """All runs by planner, and by scenario too where there are several."""
+        several = len(self.columns) > 1
+        return {
+            f"{planner}, {column}" if several else planner: run
+            for column, runs in self.columns.items()
+            for planner, run in runs.items()
+        }
+
     def infos(self, metrics: Sequence[str]) -> dict[str, MetricInfo]:
         """Return the descriptions of metrics. Raises InputError where a run lacks one of them."""
         for run in self.runs:
@@ -143,12 +153,12 @@ def estimate_grid(
 
     Args:
         title: Its title.
-        records: For each row its labels by their headings, and then an `Estimate` by metric; one that is missing is
-            undefined.
+        records: For each row its labels by their headings, which are texts, and an `Estimate` by metric; one that is
+            missing is undefined.
         infos: The descriptions of the metrics in the columns.
         brief: Metrics without their intervals.
     """
-    labels = [name for name in records[0] if name not in infos]
+    labels = [name for name, value in records[0].items() if isinstance(value, str)]
 
     def cell(name: str, found: Estimate) -> str:
         return infos[name].number(found.mean) if name in brief else infos[name].estimate(found)
