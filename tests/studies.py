@@ -1,5 +1,6 @@
 """Studies in an empty folder, and runs as if somebody had made them."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +97,11 @@ def episodes(success, **columns):
 
 
 def leave(run, out, table):
-    """As if a run had left this table of episodes."""
+    """As if a run had left this table of episodes; metrics that it lacks are undefined."""
+    others = {name: np.full(len(table), np.nan) for name in run.metrics} | {
+        "person_collision_rate": table.columns["collision_rate"]
+    }
+    table = dataclasses.replace(table, columns=others | table.columns)
     directory = run_directory(run, out)
     directory.mkdir(parents=True)
     write_run(directory, table, run._result(run.spec.cases, table, 0, 0.0))
