@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,6 +22,7 @@ NOTHING = "-"
 """Shown where a value is undefined."""
 
 
+@runtime_checkable
 class Interval(Protocol):
     """A mean with its 95 % interval."""
 
