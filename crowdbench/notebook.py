@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crowdbench.figures.style import check_file
-from crowdbench.metrics import METRICS, Metric, heading
+from crowdbench.metrics import METRICS, Metric
 from crowdbench.metrics.load import RESERVED
 from crowdbench.metrics.summary import Estimate
 from crowdbench.planners.base import Planner
@@ -22,6 +22,7 @@ from crowdbench.runs.rollout import Progress
 from crowdbench.runs.shards import make_run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.runs.store import RunResult
+from crowdbench.runs.table import metric_grid
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.defaults import RECORD
@@ -132,14 +133,9 @@ class Result:
         return self.directory
 
     def __repr__(self) -> str:
-        rates, rows = set(self.episodes.rates), []
-        for name, found in self.metrics.items():
-            if found.n:
-                factor, digits = (100.0, 1) if name in rates else (1.0, 3)
-                mean, low, high = (f"{factor * value:.{digits}f}" for value in (found.mean, found.low, found.high))
-                rows.append([heading(name, name in rates), mean, f"{low} to {high}", str(found.n)])
-        table = markdown(["metric", "mean", "95 % interval", "cases"], rows)
-        return f"**{self.planner}** on {self.scenario}, cases {self.cases}\n\n{table}"
+        title = f"**{self.planner}** on {self.scenario}, cases {self.cases}"
+        grid = metric_grid(title, self.metrics, self.episodes.rates)
+        return f"{title}\n\n{markdown(grid.header, grid.rows)}"
 
     def _repr_markdown_(self) -> str:
         """What Jupyter shows."""

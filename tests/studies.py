@@ -1,5 +1,6 @@
 """Studies in an empty folder, and runs as if somebody had made them."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 from crowdbench.cli import app
 from crowdbench.core.types import Outcome
-from crowdbench.runs.results import EPISODES, Episodes
+from crowdbench.runs.results import Episodes
+from crowdbench.runs.store import write_run
 from crowdbench.study.folder import run_directory
 from crowdbench.study.study import read_study
 from crowdbench.utils.errors import InputError
@@ -95,10 +97,14 @@ def episodes(success, **columns):
 
 
 def leave(run, out, table):
-    """As if a run had left this table of episodes."""
+    """As if a run had left this table of episodes; metrics that it lacks are undefined."""
+    others = {name: np.full(len(table), np.nan) for name in run.metrics} | {
+        "person_collision_rate": table.columns["collision_rate"]
+    }
+    table = dataclasses.replace(table, columns=others | table.columns)
     directory = run_directory(run, out)
     directory.mkdir(parents=True)
-    table.write(directory / EPISODES)
+    write_run(directory, table, run._result(run.spec.cases, table, 0, 0.0))
 
 
 def fill(asked, out, **rows):

@@ -33,7 +33,7 @@ square = ["square_crossing_5"]
 def episodes(success, rng):
     """Episodes with these successes, in which all failures are collisions."""
     columns = {"success_rate": success, "collision_rate": ~success, "sct": success * rng.normal(0.7, 0.1, len(success))}
-    assert columns.keys() == CRITERIA.keys()
+    assert tuple(columns) == CRITERIA
     each = np.arange(len(success))
     return Episodes(each, each, each, columns)
 

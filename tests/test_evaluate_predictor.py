@@ -164,7 +164,7 @@ def test_scenes_are_resampled_apart_from_each_other():
 def slowly(predict, scenario, cases, ahead):
     """ADE and FDE `[ahead]`: one pedestrian after the other, until it comes near its goal."""
     world = scenario.worlds(cases)
-    track, _ = _walk_alone(scenario, world)
+    track, _ = _walk_alone(scenario, world, scenario.rules.max_steps)
     errors = []
     for w in range(len(world)):
         for p in np.flatnonzero(world.present[w, 1:]):

@@ -52,9 +52,10 @@ def test_it_is_shown_as_a_table_with_units(found):
     success = found.metrics["success_rate"]
     assert shown.startswith("**orca** on circle_crossing_5, cases test:0:20\n\n| metric |")
     assert (
-        f"| success, % | {100 * success.mean:.1f} | {100 * success.low:.1f} to {100 * success.high:.1f} | 20 |" in shown
+        f"| success_rate | {100 * success.mean:.1f} % | {100 * success.low:.1f} to {100 * success.high:.1f} |  | 20 |"
+        in shown
     )
-    assert re.search(r"\| jerk, m/s\^3 \| [\d.]+ \| [\d.]+ to [\d.]+ \| 20 \|", shown)
+    assert re.search(r"\| jerk \| [\d.]+ m/s\^3 \| [\d.]+ to [\d.]+ \| [\d.]+ \| 20 \|", shown)
 
 
 def test_episodes_are_a_table_of_arrow_and_pandas(found):
@@ -93,8 +94,8 @@ def test_a_kept_run_shows_its_failures_and_what_differs(tmp_path, monkeypatch):
     found = orca.compare(other)
     assert found.names == ("orca", "straight")
     text = found._repr_markdown_()
-    assert text.startswith("12 shared cases, ")
-    assert "| metric | orca | straight | difference | 95 % interval | p |" in text
+    assert text.startswith("orca and straight: 12 shared cases, ")
+    assert "| metric | orca | straight | difference (95 % interval) | p |" in text
     assert repr(found) == text
     picture = orca.render(3)
     picture.save(tmp_path / "case.png")

@@ -100,7 +100,7 @@ def test_what_was_interrupted_goes_on_and_repeats_nothing(tiny, capsys):
     assert "run 1 of 1: stops on circle_crossing_5, cases test:0:6" in printed.err
     assert before.items() < finished().items()
     assert re.findall("^## .*", printed.out, re.MULTILINE) == ["## Table 1: first", "## Table 2: second"]
-    assert "| learned | 2 | 90 % |" in printed.out
+    assert "| learned | 2 | 90 |" in printed.out
     assert re.search(
         "^Claims: [01] holds, [01] refuted, [01] undecided, 0 without a verdict .one network..$",
         printed.out,

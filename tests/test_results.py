@@ -10,19 +10,19 @@ from helpers import Still, drive, make, reseal
 
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli import app
-from crowdbench.cli.results import comparison_table
-from crowdbench.cli.tables import print_table, result_table
+from crowdbench.cli.tables import print_table
 from crowdbench.core.types import Outcome
 from crowdbench.metrics import METRICS
 from crowdbench.planners.base import Planner
 from crowdbench.planners.reactive import ORCAPlanner
 from crowdbench.record.contents import read
 from crowdbench.runs import rollout
-from crowdbench.runs.compare import compare
+from crowdbench.runs.compare import compare, comparison_grid
 from crowdbench.runs.paired import mcnemar
 from crowdbench.runs.result_file import read_result
-from crowdbench.runs.results import Episodes, planner_label
+from crowdbench.runs.results import Episodes, planner_label, read_estimate
 from crowdbench.runs.spec import RunSpec, directory_name
+from crowdbench.runs.table import metric_grid
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError, Interrupted
@@ -288,13 +288,14 @@ def test_only_booleans_are_rates_whatever_a_metric_is_called(tmp_path, capsys):
     metrics = {"success_rate": METRICS["success_rate"], "mistake_rate": mistake_rate}
     result = go(tmp_path / "a", cases="5", metrics=metrics)
     assert result["rates"] == ["success_rate"]
-    print_table(result_table("", result, metrics, all_metrics=True))
+    found = {name: read_estimate(table) for name, table in result["metrics"].items()}
+    print_table(metric_grid("", found, result["rates"], metrics))
     shown = capsys.readouterr().out
     assert re.search(r"success_rate +[\d.]+ %", shown)
     assert re.search(r"mistake_rate +3\.500 1/min", shown)
-    print_table(comparison_table(compare(tmp_path / "a", tmp_path / "a")))
+    print_table(comparison_grid([compare(tmp_path / "a", tmp_path / "a")]))
     compared = capsys.readouterr().out
-    assert re.search(r"success_rate +[\d.]+ % +[\d.]+ % +0\.0 +", compared)
+    assert re.search(r"success, % +[\d.]+ +[\d.]+ +0\.0 \(", compared)
 
 
 def test_a_run_shows_its_main_metrics_and_how_to_see_its_failures(tmp_path, capsys):

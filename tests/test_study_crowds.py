@@ -1,20 +1,39 @@
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from studies import CROWDS, episodes, leave, read
 
+from crowdbench.catalog import load_scenario
 from crowdbench.metrics.summary import bootstrap
 from crowdbench.runs.compare import compare
+from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.result_file import read_result
-from crowdbench.study.crowds import CrowdRow, FilledCrowd, Pair
+from crowdbench.runs.store import RunResult
+from crowdbench.runs.table import RunTable, comparisons, verdict_grid
+from crowdbench.study.crowds import OVER_SOLVED, FilledCrowd
 from crowdbench.study.folder import make_in_folder, run_directory
-from crowdbench.study.measures import LEAST_SHARED
 from crowdbench.utils.tables import printed_by
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
-MEASURES = ("navigation_time", "discomfort", "jerk", "minimum_gap")
+MEASURES = OVER_SOLVED
+
+
+def result(name, table):
+    """A run of ORCA with these episodes."""
+    scenario = {"name": "circle_crossing_5", **load_scenario("circle_crossing_5").table}
+    planner = {"name": name, "options": {}}
+    run = {"planner": planner, "replanning": {}, "scenario": "", "cases": f"test:{len(table)}", "code": ""}
+    stated = {"overrides": {}, "privileged": False}
+    return RunResult(Path(name), {"run": run, "scenario": scenario, "interrupted": False, "stated": stated}, table)
+
+
+def pair(one, two):
+    """Two planners, compared, and the cell that says how the second differs."""
+    found = comparisons({"a": result("a", one), "b": result("b", two)}, ["success_rate", *MEASURES])
+    return found[0], verdict_grid(found).rows[0][1]
 
 
 def side_by_side(**better):
@@ -27,39 +46,39 @@ def side_by_side(**better):
 
 
 def test_a_pair_differs_in_the_measures_whose_intervals_exclude_0():
-    pair = Pair.of(("a", "b"), *side_by_side(navigation_time=1.0, minimum_gap=0.5, jerk=-0.5))
-    assert pair.better == {"navigation_time": "b", "minimum_gap": "a", "jerk": "a"}
-    assert pair.cell() == "better: time; worse: jerk, gap"
-    assert (pair.p, pair.both_solved) == (1.0, 12)
-    assert Pair.of(("a", "b"), *side_by_side()).cell() == "no significant difference"
+    found, cell = pair(*side_by_side(navigation_time=1.0, minimum_gap=0.5, jerk=-0.5))
+    assert cell == "better: time; worse: jerk, smallest gap"
+    assert (found.rows["success_rate"].p, found.both_solved) == (1.0, 12)
+    assert pair(*side_by_side())[1] == "no significant difference"
 
 
 def test_success_differs_by_mcnemar():
     columns = {name: np.ones(12) for name in MEASURES}
     all_of_them, most, half = (episodes([1] * n + [0] * (12 - n), **columns) for n in (12, 7, 6))
-    assert Pair.of(("a", "b"), all_of_them, half).better == {"success_rate": "a"}
-    assert Pair.of(("a", "b"), half, all_of_them).cell() == "better: success"
-    assert Pair.of(("a", "b"), half, all_of_them).p == 2 * 0.5**6
-    assert Pair.of(("a", "b"), all_of_them, most).cell() == "no significant difference"
+    assert pair(all_of_them, half)[1] == "worse: success"
+    found, cell = pair(half, all_of_them)
+    assert cell == "better: success"
+    assert found.rows["success_rate"].p == 2 * 0.5**6
+    assert pair(all_of_them, most)[1] == "no significant difference"
 
 
 def test_a_few_shared_successes_are_no_evidence_and_the_cell_says_so():
-    def pair(shared):
+    def cell(shared):
         columns = {name: np.ones(10) for name in MEASURES}
         success = [1] * shared + [0] * (10 - shared)
         slower = columns | {"navigation_time": np.full(10, 2.0)}
-        return Pair.of(("a", "b"), episodes(success, **columns), episodes(success, **slower)).cell()
+        return pair(episodes(success, **columns), episodes(success, **slower))[1]
 
-    assert pair(LEAST_SHARED) == "worse: time"
-    assert pair(LEAST_SHARED - 1) == "no significant difference (5 solved by both)"
-    assert pair(0) == "no significant difference (0 solved by both)"
+    assert cell(LEAST_SHARED) == "worse: time"
+    assert cell(LEAST_SHARED - 1) == "no significant difference (5 solved by both)"
+    assert cell(0) == "no significant difference (0 solved by both)"
 
 
 def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     study = read('description = "What is compared"\n' + CROWDS.replace('"8"', '"20"'))
     for better, runs in zip((0, 4), study.tables[0].by_scenario, strict=True):
         one, two = side_by_side(navigation_time=1.0)
-        two.columns["success_rate"][12 : 12 + better] = True
+        two = episodes([1] * (12 + better) + [0] * (8 - better), **{name: two.columns[name] for name in MEASURES})
         # What a failure has says nothing of those who arrive.
         one.columns["minimum_gap"][12:] = -5.0
         one.columns["minimum_gap"][:12] = 0.25
@@ -72,18 +91,20 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
     assert head == [printed_by("study tiny.toml"), "What is compared", "## Crowds"]
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
-    assert lines[0] == ["success", "orca", "orca_margin"]
+    assert lines[0] == ["success, %", "orca", "orca_margin"]
     assert lines[2:4] == [
-        ["circle_crossing_5", "**60.0 %**", "**60.0 %**"],
-        ["square_crossing_5", "60.0 %", "**80.0 %**"],
+        ["circle_crossing_5", "**60.0**", "**60.0**"],
+        ["square_crossing_5", "60.0", "**80.0**"],
     ]
     crowd = lines[4:]
-    assert crowd[0] == ["planner", "success", "collision", "at fault", "time-out", "time", "discomfort", "jerk", "gap"]
-    assert crowd[2][:5] == ["orca", "60.0 % (38.7 to 78.1)", "40.0 %", "20.0 %", "0.0 %"]
+    failures = ["collisions, %", "at fault, %", "timeouts, %"]
+    over_solved = ["time, s", "discomfort, %", "jerk, m/s^3", "smallest gap, m"]
+    assert crowd[0] == ["planner", "success, %", *failures, *over_solved]
+    assert crowd[2][:5] == ["orca", "60.0 (38.7 to 78.1)", "40.0", "20.0", "0.0"]
     time = bootstrap(one.columns["navigation_time"][:12], np.ones(12))
-    assert crowd[2][5] == f"{time.mean:.2f} s ({time.low:.2f} to {time.high:.2f})"
-    assert crowd[2][6] == "12.50 % (12.50 to 12.50)"
-    assert crowd[2][8] == "0.250 m (0.250 to 0.250)"
+    assert crowd[2][5] == f"{time.mean:.3f} ({time.low:.3f} to {time.high:.3f})"
+    assert crowd[2][6] == "12.50 (12.50 to 12.50)"
+    assert crowd[2][8] == "0.250 (0.250 to 0.250)"
     assert crowd[4] == ["significantly better or worse than", "orca"]
     assert crowd[6][0] == "orca_margin"
     assert crowd[6][1].startswith("better: time")
@@ -104,24 +125,22 @@ def test_a_pair_differs_as_crowdbench_compare_says(tmp_path):
     found = table.fill(tmp_path)
     for runs, crowd in zip(table.by_scenario, found.crowds, strict=True):
         expected = compare(*(run_directory(one, tmp_path) for one in runs))
-        (pair,) = crowd.pairs
-        assert pair.both_solved == expected.both_solved > LEAST_SHARED
-        assert pair.p == expected.rows["success_rate"].p
-        for name, difference in pair.differences.items():
-            row = expected.rows[name].difference
-            assert (difference.mean, difference.low, difference.high) == pytest.approx((row.mean, row.low, row.high))
-        rates = [entrant.success_rate.mean for entrant in crowd.planners]
+        (found,) = crowd.pairs
+        assert found.both_solved == expected.both_solved > LEAST_SHARED
+        assert found.rows == {name: expected.rows[name] for name in ("success_rate", *MEASURES)}
+        rates = [row["success_rate"].mean for row in crowd.planners]
         assert rates == [read_result(run_directory(one, tmp_path))["metrics"]["success_rate"]["mean"] for one in runs]
 
 
 def test_collisions_with_walls_are_shown_where_there_are_any():
-    run = read(CROWDS).tables[0].runs[0]
     columns = {name: np.ones(12) for name in MEASURES}
     walls = np.arange(12) >= 9
     for hit, header in [
-        (walls, "| collision | at fault | with a wall | time-out |"),
-        (walls & ~walls, "| collision | at fault | time-out |"),
+        (walls, "| collisions, % | at fault, % | collisions with obstacles, % | timeouts, % |"),
+        (walls & ~walls, "| collisions, % | at fault, % | timeouts, % |"),
     ]:
-        made = CrowdRow.of(run, episodes([1] * 9 + [0] * 3, **columns, wall_collision_rate=hit))
-        assert header in FilledCrowd("doorway", [made], []).markdown()
-        assert ("| 25.0 % | 0.0 % | 25.0 % |" in FilledCrowd("doorway", [made], []).markdown()) == hit.any()
+        table = episodes([1] * 9 + [0] * 3, **columns)
+        table.columns["wall_collision_rate"] = hit
+        text = FilledCrowd.of(RunTable({"doorway": {"orca": result("orca", table)}})).markdown()
+        assert header in text
+        assert ("| 25.0 | 0.0 | 25.0 |" in text) == hit.any()

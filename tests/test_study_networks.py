@@ -27,20 +27,21 @@ def test_a_row_of_networks_is_what_one_computes_by_hand(tmp_path):
     assert text.startswith("## Learned planners\n\nOn circle_crossing_5, cases test:0:10.\n")
     header, _, line = [line for line in text.splitlines() if line.startswith("| ")]
     assert [cell.strip() for cell in header.strip("|").split("|")] == [
-        "planner", "networks", "success, reported", "success", "time, reported", "time", "success, CrowdNav's rule",
+        "planner", "networks", "reported success, %", "success, %", "reported time, s", "time, s",
+        "success, %, CrowdNav's rule",
     ]  # fmt: skip
     cells = [cell.strip() for cell in line.strip("|").split("|")]
-    assert cells[:3] == ["mine", "2", "99 %"]
-    assert cells[3] == "70.0 % (0.0 to 100.0)"
-    assert cells[4] == "10.6 s"
-    assert re.fullmatch(r"11\.50 s \(\d\.\d\d to 1\d\.\d\d\)", cells[5])
-    assert cells[6].startswith("60.0 % (")
+    assert cells[:3] == ["mine", "2", "99"]
+    assert cells[3] == "70.0 (0.0 to 100.0)"
+    assert cells[4] == "10.6"
+    assert re.fullmatch(r"11\.500 \(\d\.\d{3} to 1\d\.\d{3}\)", cells[5])
+    assert cells[6].startswith("60.0 (")
     *_, heading, each, again_heading, again = [line for line in text.splitlines() if line]
     assert (heading, each) == ("Success of each network:", "- mine: one 90.0 %, two 50.0 %")
     assert again_heading.startswith("Second reading")
     second, first = again.removeprefix("- mine with one: ").split("; ")
-    assert re.fullmatch(r"75\.0 % \(.*\) in 9\.50 s \(.*\) on test:12:24", second)
-    assert re.fullmatch(r"90\.0 % \(.*\) in 11\.00 s \(.*\) on test:0:10", first)
+    assert re.fullmatch(r"75\.0 % \(.*\) in 9\.500 s \(.*\) on test:12:24", second)
+    assert re.fullmatch(r"90\.0 % \(.*\) in 11\.000 s \(.*\) on test:0:10", first)
     assert r"\*" not in asked.page(asked.fill(tmp_path), "study tiny.toml")
 
 
@@ -60,7 +61,7 @@ def test_the_variant_may_be_run_by_the_first_network_alone_and_the_heading_says_
         leave(each, tmp_path, episodes(success, navigation_time=[9.0] * len(each.spec.cases)))
     found = asked.tables[0].fill(tmp_path)
     assert found.rows[0].variant_success_rate == wilson(episodes([1] * 8 + [0] * 2).columns["success_rate"])
-    assert "| success, CrowdNav's rule (first network) |" in found.markdown()
+    assert "| success, %, CrowdNav's rule (first network) |" in found.markdown()
 
 
 def test_a_table_may_have_no_variant_and_no_second_reading(tmp_path):
@@ -70,7 +71,7 @@ def test_a_table_may_have_no_variant_and_no_second_reading(tmp_path):
         leave(each, tmp_path, episodes([1] * each.spec.cases.stop, navigation_time=[9.0] * each.spec.cases.stop))
     text = asked.tables[0].fill(tmp_path).markdown()
     header, _, line = [line for line in text.splitlines() if line.startswith("|")]
-    assert header == "| planner | networks | success, reported | success | time, reported | time |"
+    assert header == "| planner | networks | reported success, % | success, % | reported time, s | time, s |"
     assert line.count("|") == header.count("|")
     assert "Second reading" not in text
 

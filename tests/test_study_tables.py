@@ -7,8 +7,8 @@ import pytest
 from studies import episodes, fill, read, refused, study
 
 from crowdbench.metrics.summary import bootstrap, wilson
+from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.study.intervals import difference_over_networks, mean_over_networks
-from crowdbench.study.measures import LEAST_SHARED
 from crowdbench.study.planners import PlannersTable
 from crowdbench.utils.toml import Location
 
@@ -88,13 +88,13 @@ def test_reported_stands_beside_measured(tmp_path):
     assert text.startswith("## Beside\n\nOn circle_crossing_5, replan_every=2, look_first=8, cases test:0:20.\n")
     header, mine, other, orca = cells(text)
     assert header == [
-        "planner", "networks", "success, reported", "success", "time, reported", "time",
-        "largest change of velocity", "jerk",
+        "planner", "networks", "reported success, %", "success, %", "reported time, s", "time, s",
+        "largest change of velocity, m/s", "jerk, m/s^3",
     ]  # fmt: skip
-    assert mine[:3] == ["mine", "2", "97.2 %"]
-    assert mine[3].startswith("92.5 % (")
-    assert mine[4] == "12.58 s"
-    assert mine[6:] == ["1.00 m/s (1.00 to 1.00)", "5.00 m/s³ (5.00 to 5.00)"]
+    assert mine[:3] == ["mine", "2", "97.2"]
+    assert mine[3].startswith("92.5 (")
+    assert mine[4] == "12.58"
+    assert mine[6:] == ["1.000 (1.000 to 1.000)", "5.000 (5.000 to 5.000)"]
     assert (other[2], other[4]) == ("", "")
     assert orca[:3] == ["orca", "", ""]
     alone = found.rows[2].measured
@@ -127,7 +127,7 @@ def test_failures_count_for_success_alone(tmp_path):
 def test_what_nobody_reports_has_no_column(tmp_path):
     asked = read(re.sub("reported.*", "", TABLE))
     found = fill(asked, tmp_path, mine=[table([1] * 20)] * 2, other=[table([1] * 20)] * 2, orca=[table([1] * 20)])
-    headings = ["planner", "networks", "success", "time", "largest change of velocity", "jerk"]
+    headings = ["planner", "networks", "success, %", "time, s", "largest change of velocity, m/s", "jerk, m/s^3"]
     assert cells(found.markdown())[0] == headings
 
 
@@ -264,7 +264,7 @@ def test_a_claim_is_shown_with_its_margin_and_verdict(tmp_path):
 @pytest.mark.slow
 def test_a_study_may_have_such_a_table(capsys):
     study(TABLE.replace('"20"', '"3"').replace("replan_every = 2", "") + CLAIM)
-    assert "| mine | 2 | 97.2 % |" in capsys.readouterr().out
+    assert "| mine | 2 | 97.2 |" in capsys.readouterr().out
     assert len(list(Path("runs/study-tiny").iterdir())) == 5
 
 

@@ -37,20 +37,20 @@ from crowdbench.utils.toml import (
 
 FILE = "board.toml"
 
-METRIC_TITLES = {
-    "success_rate": "success, %",
-    "collision_rate": "collisions, %",
-    "at_fault_rate": "at fault, %",
-    "timeout_rate": "time-outs, %",
-    "navigation_time": "time, s",
-    "sct": "SCT",
-    "minimum_gap": "smallest gap, m",
-    "intimate_zone": "intimate zone, %",
-    "max_velocity_change": "largest change of velocity, m/s",
-    "jerk": "jerk, m/s³",
-    "imposed_delay": "imposed delay, s",
-}
-"""The metrics that boards show, the last one where somebody sees the vehicle, and what they are called there."""
+MEASURED = (
+    "success_rate",
+    "collision_rate",
+    "at_fault_rate",
+    "timeout_rate",
+    "navigation_time",
+    "sct",
+    "minimum_gap",
+    "intimate_zone",
+    "max_velocity_change",
+    "jerk",
+    "imposed_delay",
+)
+"""The metrics that boards show."""
 
 _NO_RULES = {"title", "description", "position", "recorded", "ranked"}
 """Keys of a board that are not in its digest: no figure and no score depends on them."""
@@ -135,7 +135,7 @@ class Board:
     @property
     def metrics(self) -> Mapping[str, Metric]:
         """The metrics that an entry's runs measure. Others follow from the commands of the public cases."""
-        return {name: METRICS[name] for name in METRIC_TITLES}
+        return {name: METRICS[name] for name in MEASURED}
 
     @property
     def cases(self) -> Cases:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.boards.board import Board
+from crowdbench.metrics import UNDISTURBED, info_of
 from crowdbench.metrics.summary import NOTHING, Estimate
 
 
@@ -19,14 +20,14 @@ def board_figures(board: Board, scenarios: Mapping[str, Mapping[str, Estimate]])
         scenarios: The estimates by scenario and metric; a scenario without any counts as 0.
 
     Returns:
-        The means by metric, each undefined where it is undefined in a scenario; but the imposed delay is the mean over
-        the scenarios in which pedestrians see the vehicle.
+        The means by metric, each undefined where it is undefined in a scenario; but metrics that compare with the
+        undisturbed crowd are means over the scenarios in which pedestrians see the vehicle.
     """
     figures = {}
     for metric in board.metrics:
         each = [estimates.get(metric) for estimates in scenarios.values()]
         shares = board.weights
-        if metric == "imposed_delay":
+        if UNDISTURBED in info_of(metric).needs:
             shares = shares * [one is not None and not np.isnan(one.mean) for one in each]
             each = [one if share else None for one, share in zip(each, shares, strict=True)]
             shares = shares / shares.sum() if shares.any() else shares * np.nan

@@ -7,15 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.metrics import info_of
 from crowdbench.runs.results import Episodes
 
 ALPHA = 0.001
 """The probability, at most, with which an honest entry is called lower than claimed."""
 
-CRITERIA = {"success_rate": 1, "collision_rate": -1, "sct": 1}
-"""The metrics that are tested, and whether more of each is better (1) or worse (-1)."""
-
-WORDS = {"success_rate": "success", "collision_rate": "collisions", "sct": "success weighted by completion time"}
+CRITERIA = ("success_rate", "collision_rate", "sct")
+"""The metrics that are tested."""
 
 
 def lower_than_claimed(public: Mapping[str, Episodes], other: Mapping[str, Episodes]) -> list[str]:
@@ -34,11 +33,11 @@ def lower_than_claimed(public: Mapping[str, Episodes], other: Mapping[str, Episo
     """
     limit = ALPHA / (len(CRITERIA) * len(public))
     return [
-        f"{WORDS[metric]} in {name} was {_mean(public[name], metric):.4g} as reported and is "
+        f"{info_of(metric).title} in {name} was {_mean(public[name], metric):.4g} as reported and is "
         f"{_mean(other[name], metric):.4g} in {len(other[name])} other cases (p = {p:.1e})"
         for name in public
-        for metric, sign in CRITERIA.items()
-        if (p := p_value(*(float(sign) * run[name].columns[metric] for run in (public, other)))) < limit
+        for metric in CRITERIA
+        if (p := p_value(*(info_of(metric).sign * run[name].columns[metric] for run in (public, other)))) < limit
     ]
 
 

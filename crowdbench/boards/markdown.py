@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 from crowdbench.boards.board import read_boards
 from crowdbench.boards.season import read_season
 from crowdbench.boards.standings import Standing, Standings, read_entries, standings
-from crowdbench.boards.verdict import Range
-from crowdbench.metrics.summary import Estimate
+from crowdbench.metrics import info_of
 from crowdbench.utils import files
 from crowdbench.utils.tables import markdown
 
 README = "README.md"
+
+SUCCESS = info_of("success_rate")
 
 INTRODUCTION = """# Leaderboards
 
@@ -36,17 +36,6 @@ the digests of all entries and from round {season.round} of drand.
 """
 
 FILLING = "The boards are being filled: there are no entries yet."
-
-COLUMNS = {
-    "collision_rate": ("collisions", " %", 1),
-    "at_fault_rate": ("at fault", " %", 1),
-    "sct": ("SCT", "", 3),
-    "navigation_time": ("time", " s", 2),
-    "intimate_zone": ("time within 0.45 m", " %", 1),
-    "imposed_delay": ("imposed delay", " s", 1),
-    "jerk": ("jerk", "", 1),
-}
-"""Of each metric beside success: the heading of its column, its unit, and its digits after the decimal point."""
 
 
 def write_readme(root: Path) -> Path:
@@ -88,28 +77,17 @@ def _cells(table: Standings, one: Standing) -> dict[str, str]:
     cells = {
         "rank": "" if one.rank is None else f"{one.rank.rank} ({one.rank.first} to {one.rank.last})",
         "entry": f"{one.entry.name}{pareto}, {one.entry.spec.submitted_by}",
-        "success": _with_interval(figures["success_rate"], 2, " %"),
-        "score": _number(100.0 * one.score, 2),
+        SUCCESS.heading: SUCCESS.estimate(figures["success_rate"]),
+        "score": f"{100.0 * one.score:.2f}" if one.rank else "",
     }
     if table.has_methods:
-        success = _with_interval(method.metrics["success_rate"], 1, " %") if method else "as the entry"
+        success = SUCCESS.estimate(method.metrics["success_rate"], with_unit=True) if method else "as the entry"
         networks = f", {method.networks} networks" if method else ""
         cells["method"] = f"{one.method_rank}: {success}{networks}" if one.method_rank else ""
     for metric in table.shown:
-        title, unit, digits = COLUMNS[metric]
-        cells[title] = _with_interval(figures[metric], digits, unit)
+        info = info_of(metric)
+        cells[info.heading] = info.estimate(figures[metric])
     untimed = "not timed" if one.verification and one.verification.untimed else ""
     cells["decision"] = untimed if speed is None else f"{speed.calibrated_p99_ms:.0f} ms{slow}"
     cells[""] = one.reason
     return cells
-
-
-def _with_interval(estimate: Estimate | Range, digits: int, unit: str = "") -> str:
-    mean, low, high = (_number(value, digits, unit) for value in (estimate.mean, estimate.low, estimate.high))
-    return f"{mean} ({low.removesuffix(unit)} to {high.removesuffix(unit)})" if mean else ""
-
-
-def _number(value: float, digits: int, unit: str = "") -> str:
-    """A number with its unit, in per cent where that is the unit; empty where it is undefined."""
-    factor = 100 if unit == " %" else 1
-    return "" if math.isnan(value) else f"{factor * value:.{digits}f}{unit}"

@@ -12,7 +12,7 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, progress
 from crowdbench.cli.options import assignments, help_from_docstring
-from crowdbench.cli.tables import interval, number, print_table
+from crowdbench.cli.tables import print_table
 from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Grid
@@ -152,13 +152,16 @@ def _print_errors(
 
 def _horizons_table(title: str, dt: float, measured: Mapping[str, Errors]) -> Grid:
     """ADE and FDE in metres of one predictor at every horizon, on each dataset, with steps of `dt` seconds."""
+    from crowdbench.metrics.info import MetricInfo
+
+    info = MetricInfo("error", "m")
     rows = []
     for dataset, errors in measured.items():
         for choice, curves in errors.choices().items():
             label = dataset if errors.modes == 1 else f"{dataset}, {choice}"
             for steps, pair in enumerate(zip(curves.ade, curves.fde, strict=True), 1):
-                cells = (cell for each in pair for cell in (number(each.mean), interval(each.low, each.high)))
-                rows.append((label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *cells))
+                texts = (text for each in pair for text in (info.number(each.mean), info.interval(each.low, each.high)))
+                rows.append((label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *texts))
     header = ("", "steps", "time [s]", "ADE [m]", "95 % interval", "FDE [m]", "95 % interval")
     return Grid(title, header, rows, align="lrrllll")
 
@@ -167,12 +170,15 @@ def _predictors_table(
     title: str, columns: Mapping[str, tuple[str, int]], predictors: Mapping[str, Mapping[str, Errors]]
 ) -> Grid:
     """ADE / FDE in metres of several predictors: by heading, the dataset and the horizon in steps of each column."""
+    from crowdbench.metrics.info import MetricInfo
+
+    info = MetricInfo("error", "m")
     rows = []
     for name, measured in predictors.items():
         curves = {dataset: errors.choices() for dataset, errors in measured.items()}
         for row, choice in enumerate(curves[next(iter(curves))]):
             chosen = [(curves[dataset][choice], steps - 1) for dataset, steps in columns.values()]
-            cells = (f"{number(one.ade[at].mean)} / {number(one.fde[at].mean)}" for one, at in chosen)
+            cells = (f"{info.number(one.ade[at].mean)} / {info.number(one.fde[at].mean)}" for one, at in chosen)
             rows.append((name if row == 0 else "", choice, *cells))
     header = ("predictor", "", *columns)
     return Grid(title, header, rows, align="ll".ljust(len(header), "r"))

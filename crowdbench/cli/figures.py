@@ -49,22 +49,24 @@ def table(
         caption: With --format latex, the caption of a floating table.
         label: With --format latex, its label.
     """
-    from crowdbench.figures.cross_table import cross_table
-    from crowdbench.figures.table import table as make_table
+    from crowdbench.metrics import MAIN
+    from crowdbench.runs.table import PRIVILEGED, RunTable
 
     if (caption or label) and format is not Format.LATEX:
         raise InputError("--caption and --label go with --format latex")
     if columns == METRIC:
-        grid, note = make_table(directories, metric or []), ""
+        runs = RunTable.read(directories)
+        grid = runs.grid(metric or MAIN)
+        note = PRIVILEGED if any(run.result.get("privileged") for run in runs.runs) else ""
     elif len(metric or []) > 1:
         raise InputError(f"a table with --columns {columns} shows one metric: give --metric once")
     else:
-        grid, note = cross_table(directories, columns, (metric or ["success_rate"])[0])
+        grid, note = RunTable.read(directories, columns).cross((metric or ["success_rate"])[0])
     text = format_tables([grid], format)
     if format is Format.LATEX:
         text = floating(text, caption, label, note)
     elif format is Format.MARKDOWN and note:
-        text = f"{grid.title[0].upper()}{grid.title[1:]}:\n\n{text}\n\n{note}"
+        text = f"{text}\n\n{note}"
     print(text)
 
 

@@ -159,7 +159,11 @@ def _plugin_page(kind: str, name: str) -> Page:
     text = parse_docstring(factory.__doc__)[0] if plugins.functions else plugins.docstring(name)
     text = text or f"{name} has no docstring: its file says nothing about the {plugins.word}."
     if kind == "metrics":
-        return Page(text)
+        from crowdbench.metrics import info_of
+
+        info = info_of(name)
+        better = f"; {info.better} is better" if info.better else ""
+        return Page(f"{text}\n\nIn tables: {info.heading}{better}." + f" Source: {info.source}." * bool(info.source))
     if kind == "pedestrians":
         return Page(text, parameter_rows(found, factory), "Parameters: --set name=value")
     if kind == "layouts":

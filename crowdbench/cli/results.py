@@ -6,13 +6,13 @@ import dataclasses
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crowdbench.cli.console import announce_compilation, progress, say
 from crowdbench.cli.options import help_from_docstring
-from crowdbench.cli.tables import interval, number, print_table, result_table
+from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError
 from crowdbench.utils.tables import Format, Grid, format_tables
 
@@ -33,23 +33,16 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         metric: A metric. Repeatable; else all for two runs, some for more.
         format: Write the comparison alone, as a table; latex needs the package booktabs.
     """
-    from crowdbench.figures.table import comparison
-    from crowdbench.runs.compare import compare_to
+    from crowdbench.runs.compare import compare_to, comparison_grid
 
     found = compare_to(reference, others)
     for doubt in dict.fromkeys(doubt for one in found for doubt in one.doubts):
         say(f"crowdbench: {doubt}")
+    grid = comparison_grid(found, metric or [])
     if format is not None:
-        print(format_tables([comparison(found, metric or [])], format))
+        print(format_tables([grid], format))
         return
-    if len(found) == 1 and not metric:
-        table = comparison_table(found[0])
-    else:
-        cases = ", ".join(dict.fromkeys(str(one.cases) for one in found))
-        grid = comparison(found, metric or [])
-        title = f"Compared with {found[0].names[0]}: {cases} shared cases"
-        table = Grid(title, grid.header, grid.rows, align="ll".ljust(len(grid.header), "r"))
-    print_table(table)
+    print_table(grid)
     print("\nRates (p: McNemar's exact test) and metrics that include failures are over all shared cases, the others")
     print("over the cases that both runs solve. Intervals are of the paired difference, and go with p.")
     if len(found) > 1:
@@ -59,20 +52,6 @@ def compare(reference: Path, others: list[Path], metric: list[str] | None = None
         where = f"{one.scenario}: " if several else ""
         for line in changed_cases(one) or [f"no case ends differently in {one.names[1]}"]:
             print(f"{where}{line}")
-
-
-def comparison_table(found: Comparison) -> Grid:
-    """Two runs side by side, with their paired differences."""
-    rows = []
-    for name, row in found.rows.items():
-        if row.difference.n:
-            share = row.p is not None
-            values = (number(value, share) + (" %" if share else "") for value in (row.a, row.b))
-            difference = number(row.difference.mean, share), interval(row.difference.low, row.difference.high, share)
-            rows.append((name, *values, *difference, "" if row.p is None else f"{row.p:.2g}"))
-    a, b = found.names
-    title = f"{a} and {b}: {found.cases} shared cases, {found.both_solved} solved by both"
-    return Grid(title, ("metric", a, b, "difference", "95 % interval", "p"), rows, align="lrrrlr")
 
 
 def changed_cases(found: Comparison) -> list[str]:
@@ -146,7 +125,7 @@ def _worst(run: Path, metric: str, recorded: list[int]) -> int:
     """
     import numpy as np
 
-    from crowdbench.metrics import MORE_IS_BETTER, no_metric
+    from crowdbench.metrics import info_of, no_metric
     from crowdbench.runs.results import EPISODES, Episodes
 
     if not run.is_dir():
@@ -154,7 +133,7 @@ def _worst(run: Path, metric: str, recorded: list[int]) -> int:
     episodes = Episodes.read(run / EPISODES)
     if metric not in episodes.columns:
         raise InputError(f"{run} {no_metric(metric, episodes.columns)}")
-    values = episodes.columns[metric].astype(float) * (-1.0 if metric in MORE_IS_BETTER else 1.0)
+    values = episodes.columns[metric].astype(float) * (-1.0 if info_of(metric).better == "more" else 1.0)
     values[~np.isin(episodes.case, recorded)] = np.nan
     if np.isnan(values).all():
         raise InputError(f"{metric} is not defined in any recorded case of {run}")
@@ -194,22 +173,23 @@ def score(
     from crowdbench.record.contents import read
     from crowdbench.runs.result_file import check_result, warn_of_other_code
     from crowdbench.runs.results import RECORDING, Episodes, to_json
+    from crowdbench.runs.table import metric_grid
 
     if recording.is_dir():
         for warning in warn_of_other_code(recording, check_result(recording, (RECORDING,))):
             say(f"crowdbench: {warning}")
     metrics, contents = load_metrics(metric or []), read(recording_of(recording))
     episodes = Episodes.of(contents.trace, metrics)
-    result: dict[str, Any] = {}
-    if len(episodes) == contents.cases:  # the rates of a part would be biased, because failures are preferred
-        result = {"metrics": to_json(episodes.summary()), "rates": episodes.rates}
+    # The rates of a part would be biased, because failures are preferred.
+    summary = episodes.summary() if len(episodes) == contents.cases else {}
     if as_json:
         about = {"planner": contents.planner, "scenario": contents.scenario, "cases": contents.cases}
         rows = dataclasses.replace(episodes, block=None).to_arrow().to_pylist()
+        result = {"metrics": to_json(summary), "rates": episodes.rates} if summary else {}
         print(json.dumps({**about, "episodes": rows, **result}, indent=2))
-    elif result:
+    elif summary:
         title = f"{contents.planner} on {contents.scenario}, from {recording}"
-        print_table(result_table(title, result, metrics))
+        print_table(metric_grid(title, summary, episodes.rates, metrics, all_metrics=False))
     else:
         print_table(_episodes_table(contents.cases, episodes))
 
@@ -223,9 +203,11 @@ def _episodes_table(cases: int, episodes: Episodes) -> Grid:
     shown = ["navigation_time", "path_length", "minimum_gap", "discomfort", "max_velocity_change", "jerk"]
     shown += [name for name in episodes.columns if name not in METRICS]
     outcomes = [Outcome(outcome).label for outcome in episodes.outcome]
-    values = ([number(value) for value in episodes.columns[name]] for name in shown)
+    infos = episodes.infos
+    values = ([infos[name].number(value) for value in episodes.columns[name]] for name in shown)
     rows = list(zip(map(str, episodes.case.tolist()), outcomes, *values, strict=True))
-    return Grid(title, ("case", "outcome", *shown), rows, align="rl".ljust(2 + len(shown), "r"))
+    header = ("case", "outcome", *(infos[name].heading for name in shown))
+    return Grid(title, header, rows, align="rl".ljust(len(header), "r"))
 
 
 def _replay(

@@ -11,7 +11,7 @@ import typer
 
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import OnOption, ThreadsOption, assignments, help_from_docstring, is_on_ray, use_threads
-from crowdbench.cli.tables import print_table, result_table
+from crowdbench.cli.tables import print_table
 from crowdbench.runs.spec import LOOK_FIRST, Replanning
 from crowdbench.utils.defaults import BATCH, DECISION_LIMIT, FIRST_RECORDED, MOST_FAILURES, RECORD
 
@@ -184,7 +184,11 @@ def print_result(
     if as_json:
         print(json.dumps(result, indent=2))
         return
-    print_table(result_table(f"{title}, cases {result['run']['cases']}", result, metrics, all_metrics))
+    from crowdbench.runs.results import read_estimate
+    from crowdbench.runs.table import metric_grid
+
+    found = {name: read_estimate(table) for name, table in result["metrics"].items()}
+    print_table(metric_grid(f"{title}, cases {result['run']['cases']}", found, result["rates"], metrics, all_metrics))
     if not all_metrics:
         print(f"{len(result['metrics'])} metrics in all: --all-metrics")
     if "tracks" in result["scenario"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,7 @@ import typer
 from crowdbench.cli.boards import ROOT
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress, say
 from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
-from crowdbench.cli.tables import board_table, print_table
+from crowdbench.cli.tables import print_table
 from crowdbench.utils.errors import InputError, MachineFault
 from crowdbench.utils.tables import plain
 
@@ -45,10 +46,13 @@ def run_board(
     use_threads(threads)
     from crowdbench.boards.board import find_board
     from crowdbench.boards.board_means import board_figures
+    from crowdbench.metrics import MAIN, info_of
+    from crowdbench.metrics.summary import Estimate
     from crowdbench.runs.load import load_run
     from crowdbench.runs.result_file import read_result
     from crowdbench.runs.results import read_estimate
     from crowdbench.runs.spec import RunSpec
+    from crowdbench.runs.table import estimate_grid
     from crowdbench.scenario.cases import Cases
     from crowdbench.study.folder import run_directory
 
@@ -70,7 +74,12 @@ def run_board(
         print(json.dumps(plain({"board": rules.name, "cases": str(driven_cases), "metrics": found}), indent=2))
     else:
         driver = next(iter(runs.values())).driver.name
-        print_table(board_table(f"{driver} on board {rules.name}, cases {driven_cases} of each scenario", found))
+        # A scenario that a planner cannot drive counts 0.
+        nothing = {"success_rate": Estimate(0.0, nan, nan, 0, nan)}
+        rows = [{"scenario": name, **(each or nothing)} for name, each in found.items()]
+        infos = {name: info_of(name) for name in (*MAIN, "intimate_zone")}
+        title = f"{driver} on board {rules.name}, cases {driven_cases} of each scenario"
+        print_table(estimate_grid(title, rows, infos, brief=[*infos][1:]))
         print(f"\nKept in {directory}")
 
 

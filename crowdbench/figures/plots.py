@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from crowdbench.core.types import Outcome
-from crowdbench.figures.series import by_planner, runs, trainings
+from crowdbench.figures.series import trainings
 from crowdbench.figures.style import COLOURS, DASHES, MARKERS, axes
-from crowdbench.metrics import METRICS, no_metric, unit_of
+from crowdbench.metrics import info_of, no_metric
 from crowdbench.metrics.summary import bootstrap, rate
 from crowdbench.runs.store import RunResult
+from crowdbench.runs.table import RunTable
 from crowdbench.utils.errors import InputError
 
 MOST = len(COLOURS)
@@ -35,7 +36,7 @@ def success_over_time(directories: Sequence[Path], out: Path) -> None:
     Raises:
         InputError: One of them is not a run, they are too many, or the file cannot be written.
     """
-    found = runs(directories)
+    found = RunTable.read(directories).labelled
     _check_few(len(found))
     with axes(out) as ax:
         for number, (label, run) in enumerate(found.items()):
@@ -64,9 +65,9 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
     Raises:
         InputError: One of them is not a run, or has no such metric, or the file cannot be written.
     """
-    found = runs(directories)
-    values = [_values(label, run, metric) for label, run in found.items()]
-    unit = unit_of(METRICS[metric]).translate(_POWERS) if metric in METRICS else ""
+    found = RunTable.read(directories).labelled
+    info = info_of(metric, all(metric in run.episodes.rates for run in found.values()))
+    values = [info.factor * _values(label, run, metric) for label, run in found.items()]
     with axes(out, height=0.7 + 0.35 * len(found)) as ax:
         places = list(range(len(found), 0, -1))
         box = {"color": COLOURS[0]}
@@ -87,7 +88,7 @@ def distribution(directories: Sequence[Path], metric: str, out: Path) -> None:
             ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
             ax.errorbar([mean.mean], [place], xerr=ends, fmt="D", ms=3, color=COLOURS[5], capsize=2, zorder=3)
         ax.set_yticks(places, [*found])
-        ax.set(xlabel=metric.replace("_", " ") + (f", {unit}" if unit else ""))
+        ax.set(xlabel=info.heading.translate(_POWERS))
         ax.grid(visible=False, axis="y")
 
 
@@ -101,7 +102,9 @@ def success_over_density(directories: Sequence[Path], out: Path) -> None:
     Raises:
         InputError: One of them is not a run or has recorded people, or the file cannot be written.
     """
-    groups = by_planner(directories)
+    groups: dict[str, list[RunResult]] = {}
+    for run in RunTable.read(directories).runs:
+        groups.setdefault(run.label, []).append(run)
     _check_few(len(groups))
     with axes(out) as ax:
         from matplotlib.ticker import MaxNLocator

@@ -1,4 +1,4 @@
-"""What figures are drawn of: runs and trainings on disk, with their labels."""
+"""Trainings on disk, of which figures are drawn, with their labels."""
 
 from __future__ import annotations
 
@@ -8,47 +8,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.runs.store import RunResult
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
 
 CURVE, CARD = "curve.csv", "weights.json"
-
-
-def runs(directories: Sequence[Path]) -> dict[str, RunResult]:
-    """Read runs. Each is called by its planner, and by its scenario too where these differ.
-
-    Args:
-        directories: Their directories.
-
-    Returns:
-        The runs by label.
-
-    Raises:
-        InputError: One of them is not a run, or two of them have the same label.
-    """
-    results = [RunResult.read(directory) for directory in directories]
-    has_scenario = len({run.result["scenario"]["name"] for run in results}) > 1
-    labels = [run.label + (f", {run.result['scenario']['name']}" if has_scenario else "") for run in results]
-    for directory, label in zip(directories, labels, strict=True):
-        if labels.count(label) > 1:
-            raise InputError(f"{directory} and another run are both of {label}: a figure cannot tell them apart")
-    return dict(zip(labels, results, strict=True))
-
-
-def by_planner(directories: Sequence[Path]) -> dict[str, list[RunResult]]:
-    """Read runs, those of the same planner together.
-
-    Args:
-        directories: Their directories.
-
-    Raises:
-        InputError: One of them is not a run.
-    """
-    found: dict[str, list[RunResult]] = {}
-    for run in map(RunResult.read, directories):
-        found.setdefault(run.label, []).append(run)
-    return found
 
 
 def trainings(

@@ -1,19 +1,19 @@
 """The metrics: functions of a trace that give one value per episode, NaN where a metric is undefined.
 
 The first line of each docstring is what `crowdbench list metrics` shows; its unit stands in brackets.
-A metric with booleans is a rate. To add a metric, write its function in the module of its subject, and name it in
-`SUBJECTS`.
+A metric with booleans is a rate. To add a metric, write its function in the module of its subject, describe it by
+`describe`, and name it in `SUBJECTS`.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection
+from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Shaped
 
-from crowdbench.core.types import Trace
 from crowdbench.metrics.contacts import (
     at_fault_rate,
     at_fault_seen_rate,
@@ -40,6 +40,11 @@ from crowdbench.metrics.distances import (
     time_to_collision,
 )
 from crowdbench.metrics.freezing import frozen_time
+from crowdbench.metrics.info import UNDISTURBED as UNDISTURBED
+from crowdbench.metrics.info import Metric as Metric
+from crowdbench.metrics.info import MetricInfo as MetricInfo
+from crowdbench.metrics.info import describe as describe
+from crowdbench.metrics.info import read_unit
 from crowdbench.metrics.motion import (
     cumulative_heading_change,
     jerk,
@@ -68,8 +73,6 @@ from crowdbench.metrics.outcomes import (
 )
 from crowdbench.metrics.social import deflection, imposed_delay, imposed_detour, social_work
 
-Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
-
 SUBJECTS: dict[str, tuple[Metric, ...]] = {
     "end": (success_rate, collision_rate, person_collision_rate, wall_collision_rate, timeout_rate),
     "time": (navigation_time, navigation_time_or_limit),
@@ -92,32 +95,17 @@ METRICS: dict[str, Metric] = {metric.__name__: metric for metrics in SUBJECTS.va
 """The built-in metrics by name."""
 
 
-def _names(*metrics: Metric) -> frozenset[str]:
-    return frozenset(metric.__name__ for metric in metrics)
-
-
-OVER_ALL = _names(
-    navigation_time_or_limit,
-    spl,
-    sct,
-    discounted_return,
-    frozen_time,
-    failures_to_progress,
-    impact_speed,
-    vehicle_share,
+MAIN = (
+    "success_rate",
+    "collision_rate",
+    "at_fault_rate",
+    "timeout_rate",
+    "navigation_time",
+    "sct",
+    "jerk",
+    "minimum_gap",
 )
-"""Metrics that count failures. Two planners are compared in all cases, not only in those that both solve."""
-
-MORE_IS_BETTER = _names(success_rate, spl, sct, discounted_return) | _names(
-    minimum_gap, clearing_distance, personal_space_compliance, social_distance, time_to_collision
-)
-"""Metrics whose smallest value is the worst; of the others it is the largest."""
-
-UNDISTURBED = _names(deflection, imposed_delay, imposed_detour)
-"""Metrics that compare with the same case without the vehicle: the crowd is simulated a second time for them."""
-
-POOLED = _names(discomfort_frequency)
-"""Metrics that are averaged over the steps of all episodes, not over episodes."""
+"""The metrics of a table where none are asked for."""
 
 
 def is_rate(values: Shaped[np.ndarray, "case"]) -> bool:
@@ -125,22 +113,21 @@ def is_rate(values: Shaped[np.ndarray, "case"]) -> bool:
     return values.dtype == bool
 
 
-def unit_of(metric: Metric) -> str:
-    """The unit of a metric, in brackets at the end of its docstring's first line; empty where it has none."""
-    first = str(metric.__doc__ or "").partition("\n")[0]
-    unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
-    return "" if unit == "1" else unit
+def info_of(name: str, is_rate: bool = False, metric: Metric | None = None) -> MetricInfo:
+    """Return the description of a metric.
 
+    A metric of a user without a description has the title of its name and the unit of its docstring. It may read all
+    that a trace has.
 
-ABBREVIATIONS = ("sct", "spl")
-"""Metrics that papers call by their initials."""
-
-
-def heading(name: str, is_rate: bool) -> str:
-    """What the column of a metric is called, with its unit, which is % for a rate."""
-    unit = "%" if is_rate else unit_of(METRICS[name]) if name in METRICS else ""
-    words = name.upper() if name in ABBREVIATIONS else name.removesuffix("_rate").replace("_", " ")
-    return f"{words}, {unit}" if unit else words
+    Args:
+        name: Name of the metric.
+        is_rate: True where its values are booleans, which makes it a share.
+        metric: The metric, where it is at hand; built-in metrics are found by their name.
+    """
+    function = metric or METRICS.get(name)
+    title, unit = name.removesuffix("_rate").replace("_", " "), read_unit(function) if function else ""
+    info = getattr(function, "info", None) or MetricInfo(title, unit, needs=frozenset({UNDISTURBED}))
+    return replace(info, share=True) if is_rate else info
 
 
 def no_metric(name: str, known: Collection[str]) -> str:

@@ -2,75 +2,96 @@
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from jaxtyping import Bool, Float
 
 from crowdbench.core.types import Trace
-from crowdbench.sim.contacts import LITTLE, Fault, find_contacts
+from crowdbench.metrics.info import describe
+from crowdbench.sim.contacts import LITTLE, Contacts, Fault, find_contacts
+
+_CONTACTS: WeakKeyDictionary[Trace, Contacts] = WeakKeyDictionary()
 
 
+def contacts_of(trace: Trace) -> Contacts:
+    """Return the contacts of a trace, which are computed once for all metrics of this file."""
+    if trace not in _CONTACTS:
+        _CONTACTS[trace] = find_contacts(trace)
+    return _CONTACTS[trace]
+
+
+@describe("impact speed", "less", over_all=True)
 def impact_speed(trace: Trace) -> Float[np.ndarray, "world"]:
     """Relative speed of the vehicle and the pedestrian with whom it collided, over collisions with pedestrians [m/s].
 
     That of the point of the vehicle that was touched, in the last step.
     """
-    return find_contacts(trace).speed
+    return contacts_of(trace).speed
 
 
+@describe("at fault", "less", share=True)
 def at_fault_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended in a collision in which the vehicle had a share of 0.1 or more [1]."""
-    return find_contacts(trace).share >= LITTLE
+    return contacts_of(trace).share >= LITTLE
 
 
+@describe("at fault though seen", "less", share=True)
 def at_fault_seen_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes in which the vehicle was at fault for a collision with somebody who saw it [1].
 
     It had a share of 0.1 or more in it, as in `at_fault_rate`.
     """
-    contacts = find_contacts(trace)
+    contacts = contacts_of(trace)
     return (contacts.share >= LITTLE) & contacts.saw
 
 
+@describe("struck while standing", "less", share=True)
 def struck_standing_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with a pedestrian touching the vehicle, which stood [1].
 
     Its path in the last second was under 5 cm.
     """
-    return find_contacts(trace).fault == Fault.STRUCK_STANDING
+    return contacts_of(trace).fault == Fault.STRUCK_STANDING
 
 
+@describe("struck from behind", "less", share=True)
 def struck_behind_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with a pedestrian walking into the vehicle from behind [1].
 
     The vehicle's share is under 0.1, and the pedestrian was more than 120 degrees from its heading.
     """
-    return find_contacts(trace).fault == Fault.STRUCK_BEHIND
+    return contacts_of(trace).fault == Fault.STRUCK_BEHIND
 
 
+@describe("struck otherwise", "less", share=True)
 def struck_otherwise_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with a pedestrian walking into the vehicle from the side or from before [1].
 
     The vehicle's share is under 0.1.
     """
-    return find_contacts(trace).fault == Fault.STRUCK
+    return contacts_of(trace).fault == Fault.STRUCK
 
 
+@describe("hit alone", "less", share=True)
 def hit_alone_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with the vehicle driving into somebody or something by itself [1].
 
     Its share is over 0.9.
     """
-    return find_contacts(trace).fault == Fault.ALONE
+    return contacts_of(trace).fault == Fault.ALONE
 
 
+@describe("hit both ways", "less", share=True)
 def hit_both_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended with the vehicle and a pedestrian moving into each other [1]."""
-    return find_contacts(trace).fault == Fault.BOTH
+    return contacts_of(trace).fault == Fault.BOTH
 
 
+@describe("share of the vehicle", "less", over_all=True)
 def vehicle_share(trace: Trace) -> Float[np.ndarray, "world"]:
     """Part of the approach in the last second before a collision that was the vehicle's, over collisions [1].
 
     It is phi of `crowdbench.sim.contacts`; 1 for a collision with an obstacle.
     """
-    return find_contacts(trace).share
+    return contacts_of(trace).share

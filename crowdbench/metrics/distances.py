@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from crowdbench.core.geometry import dot, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
+from crowdbench.metrics.info import describe
 from crowdbench.metrics.sums import total
 
 Pairs = Int[np.ndarray, "pair"]
@@ -24,6 +25,7 @@ INTRUSION_DISTANCE = 0.6
 """Distance between centres in metres below which the vehicle is in a pedestrian's way (Liu et al. 2023)."""
 
 
+@describe("smallest gap", "more")
 def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
     """Smallest gap between vehicle and pedestrians, as the simulator's collision check measured it [m].
 
@@ -33,6 +35,7 @@ def minimum_gap(trace: Trace) -> Float[np.ndarray, "world"]:
     return _finite_or_nan(np.nanmin(trace.gap, axis=1))
 
 
+@describe("clearing distance", "more", source="Francis et al. (2023)")
 def clearing_distance(trace: Trace) -> Float[np.ndarray, "world"]:
     """Smallest distance between the vehicle's rim and the obstacles [m].
 
@@ -41,11 +44,13 @@ def clearing_distance(trace: Trace) -> Float[np.ndarray, "world"]:
     return _finite_or_nan(np.nanmin(trace.wall_gap, axis=1))
 
 
+@describe("discomfort", "less", share=True, digits=4)
 def discomfort(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of an episode's steps with a gap to a pedestrian below 0.2 m [1]."""
     return total(1.0 * (trace.gap < DISCOMFORT_GAP)) / trace.steps
 
 
+@describe("discomfort frequency", "less", share=True, digits=4, pooled=True, source="Chen et al. (2019)")
 def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of all steps with a gap below 0.2 m that did not end the episode, pooled as in CrowdNav [1].
 
@@ -55,21 +60,25 @@ def discomfort_frequency(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(1.0 * ((trace.gap < DISCOMFORT_GAP) & before_last)) / trace.steps
 
 
+@describe("intimate zone", "less", share=True, source="Hall (1966)")
 def intimate_zone(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of an episode's steps with a gap to a pedestrian within Hall's intimate distance, 0.45 m [1]."""
     return _in_zone(trace, "intimate")
 
 
+@describe("personal zone", "less", share=True, source="Hall (1966)")
 def personal_zone(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of an episode's steps with a gap to a pedestrian within Hall's personal distance, 1.2 m [1]."""
     return _in_zone(trace, "personal")
 
 
+@describe("social zone", "less", share=True, source="Hall (1966)")
 def social_zone(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of an episode's steps with a gap to a pedestrian within Hall's social distance, 3.6 m [1]."""
     return _in_zone(trace, "social")
 
 
+@describe("personal space compliance", "more", share=True, source="Francis et al. (2023)")
 def personal_space_compliance(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of an episode's steps without a gap to a pedestrian below 0.5 m [1].
 
@@ -78,6 +87,7 @@ def personal_space_compliance(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(1.0 * (trace.gap >= PERSONAL_SPACE)) / trace.steps
 
 
+@describe("intrusion time", "less", share=True, source="Liu et al. (2023)")
 def intrusion_time_ratio(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of steps in which a pedestrian that is seen will be within 0.6 m of where the vehicle is, in 5 steps [1].
 
@@ -87,6 +97,7 @@ def intrusion_time_ratio(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(1.0 * np.isfinite(_intrusions(trace))) / trace.steps
 
 
+@describe("social distance", "more", source="Liu et al. (2023)")
 def social_distance(trace: Trace) -> Float[np.ndarray, "world"]:
     """Smallest distance between centres in each step that `intrusion_time_ratio` counts, the mean of these [m].
 
@@ -98,6 +109,7 @@ def social_distance(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(np.where(intrusions, nearest, 0.0)) / np.where(count > 0, count, np.nan)
 
 
+@describe("group intrusion", "less", share=True, source="Katyal et al. (2022)")
 def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     """Share of an episode's steps that end with the vehicle within a group of pedestrians, or between two of them [1].
 
@@ -115,6 +127,7 @@ def group_intrusion(trace: Trace) -> Float[np.ndarray, "world"]:
     return np.where((first >= 0).any(axis=1), total(1.0 * within) / trace.steps, np.nan)
 
 
+@describe("time to collision", "more")
 def time_to_collision(trace: Trace) -> Float[np.ndarray, "world"]:
     """Smallest time until the vehicle would touch a pedestrian if both kept their velocities of the step [s].
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from crowdbench.core.geometry import Discs, nearest_in_step, norm
 from crowdbench.core.types import DISCOMFORT_GAP, Trace
+from crowdbench.metrics.info import describe
 from crowdbench.metrics.motion import STANDSTILL
 from crowdbench.metrics.sums import total
 from crowdbench.sim.obstacles import touches_in_step
@@ -20,6 +21,7 @@ OPEN_TIME = 2.0
 """For so many seconds the way ahead must be free where a vehicle that stands is frozen."""
 
 
+@describe("frozen time", "less", over_all=True)
 def frozen_time(trace: Trace) -> Float[np.ndarray, "world"]:
     """Time that the vehicle stood although its way was open for the next 2 s [s].
 

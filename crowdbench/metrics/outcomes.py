@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from crowdbench.core.geometry import norm
 from crowdbench.core.reward import discount, episode_rewards
 from crowdbench.core.types import Outcome, Trace
+from crowdbench.metrics.info import describe
 from crowdbench.metrics.sums import total
 from crowdbench.sim.routes import goals_in_trace
 
@@ -29,41 +30,49 @@ COUNTED = {
 """The outcomes that each of these rates counts."""
 
 
+@describe("success", "more", share=True)
 def success_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes in which the vehicle reached its goal [1]."""
     return np.isin(trace.outcome, COUNTED["success_rate"])
 
 
+@describe("collisions", "less", share=True)
 def collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended in a collision, with a pedestrian or an obstacle [1]."""
     return np.isin(trace.outcome, COUNTED["collision_rate"])
 
 
+@describe("collisions with pedestrians", "less", share=True)
 def person_collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended in a collision with a pedestrian [1]."""
     return np.isin(trace.outcome, COUNTED["person_collision_rate"])
 
 
+@describe("collisions with obstacles", "less", share=True)
 def wall_collision_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ended in a collision with an obstacle [1]."""
     return np.isin(trace.outcome, COUNTED["wall_collision_rate"])
 
 
+@describe("timeouts", "less", share=True)
 def timeout_rate(trace: Trace) -> Bool[np.ndarray, "world"]:
     """Share of episodes that ran out of time [1]."""
     return np.isin(trace.outcome, COUNTED["timeout_rate"])
 
 
+@describe("time", "less")
 def navigation_time(trace: Trace) -> Float[np.ndarray, "world"]:
     """Time from start to goal, over successes [s]."""
     return np.where(success_rate(trace), trace.steps * trace.rules.dt, np.nan)
 
 
+@describe("time or limit", "less", over_all=True)
 def navigation_time_or_limit(trace: Trace) -> Float[np.ndarray, "world"]:
     """Time from start to goal, a failure counting as the time limit [s]."""
     return np.where(success_rate(trace), trace.steps * trace.rules.dt, trace.rules.time_limit)
 
 
+@describe("failures to progress", "less", over_all=True, source="Francis et al. (2023)")
 def failures_to_progress(trace: Trace) -> Float[np.ndarray, "world"]:
     """How often the vehicle did not come 0.5 m nearer to its goal within 5 s [1].
 
@@ -82,6 +91,7 @@ def failures_to_progress(trace: Trace) -> Float[np.ndarray, "world"]:
     return failures
 
 
+@describe("discounted return", "more", over_all=True)
 def discounted_return(trace: Trace) -> Float[np.ndarray, "world"]:
     """Sum of discounted rewards from the start [1]."""
     factor = discount(trace.preferred_speed[:, :1], trace.rules.dt) ** np.arange(trace.gap.shape[1])

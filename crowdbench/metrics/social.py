@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from crowdbench.core.geometry import norm, wrap_angle
 from crowdbench.core.types import Trace
+from crowdbench.metrics.info import UNDISTURBED, describe
 from crowdbench.metrics.sums import total
 
 Vectors = Float[np.ndarray, "*batch 2"]
@@ -37,6 +38,7 @@ OBSTACLE_RANGE = 0.2
 """In metres."""
 
 
+@describe("deflection", "less", needs=frozenset({UNDISTURBED}))
 def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
     """Mean distance of pedestrians from where they would be in the same case without the vehicle [m].
 
@@ -50,6 +52,7 @@ def deflection(trace: Trace) -> Float[np.ndarray, "world"]:
     return total(total(moved.swapaxes(1, 2))) / np.where(compared > 0, compared, np.nan)
 
 
+@describe("imposed delay", "less", needs=frozenset({UNDISTURBED}))
 def imposed_delay(trace: Trace) -> Float[np.ndarray, "world"]:
     """Time that all pedestrians together lose to the vehicle: that of their ways, less that without the vehicle [s].
 
@@ -61,6 +64,7 @@ def imposed_delay(trace: Trace) -> Float[np.ndarray, "world"]:
     return _imposed(trace, lambda step, remaining, walked, speed: step * trace.rules.dt + remaining / speed)
 
 
+@describe("imposed detour", "less", needs=frozenset({UNDISTURBED}))
 def imposed_detour(trace: Trace) -> Float[np.ndarray, "world"]:
     """Path that all pedestrians together walk because of the vehicle: that of their ways, less that without it [m].
 
@@ -69,6 +73,7 @@ def imposed_detour(trace: Trace) -> Float[np.ndarray, "world"]:
     return _imposed(trace, lambda step, remaining, walked, speed: walked + remaining)
 
 
+@describe("social work", "less", source="Pérez-Higueras et al. (2023)")
 def social_work(trace: Trace) -> Float[np.ndarray, "world"]:
     """Size of the social forces on the vehicle, and of those that it exerts on each pedestrian, over time [m/s].
 

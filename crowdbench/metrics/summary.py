@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from crowdbench.metrics import POOLED, is_rate
+from crowdbench.metrics import info_of, is_rate
 
 Column = Shaped[np.ndarray, "case"]
 Values = Float[np.ndarray, "case"]
@@ -49,12 +49,12 @@ def summarize(columns: Mapping[str, Column], steps: Column, block: Column | None
 
     Args:
         columns: The values of each metric, by its name; booleans are rates.
-        steps: The number of steps of each episode, the weight of metrics in `POOLED`.
+        steps: The number of steps of each episode, the weight of pooled metrics.
         block: The block of each episode, where those of the same block are not independent.
     """
     summary = {}
     for name, values in columns.items():
-        weights = steps.astype(float) if name in POOLED else np.ones(len(steps))
+        weights = steps.astype(float) if info_of(name).pooled else np.ones(len(steps))
         summary[name] = rate(values, block) if is_rate(values) else bootstrap(values.astype(float), weights, block)
     return summary
 

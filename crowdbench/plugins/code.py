@@ -16,6 +16,9 @@ from crowdbench.utils.compiled import store
 _SILENT = frozenset({"ctx", "kind", "type_comment"})
 """Fields of syntax trees that do not change what the code does."""
 
+DESCRIBES = "crowdbench.metrics.info", "describe"
+"""The module, and its decorator, that describe metrics for tables: neither changes a value."""
+
 PACKAGE = Path(__file__).parent.parent
 NAME = PACKAGE.name
 
@@ -24,7 +27,8 @@ def code_digest(modules: Iterable[str], further: Iterable[Path] = ()) -> str:
     """Return the sha256 of the code that some modules of crowdbench run.
 
     It covers every module of crowdbench that they import, directly or not, also in functions. Imports for type
-    checking do not count. A module counts by its syntax tree, without docstrings and comments, and not by its name.
+    checking do not count. A module counts by its syntax tree, without docstrings, comments and descriptions of metrics,
+    and not by its name.
 
     Args:
         modules: Names of modules of crowdbench, such as `crowdbench.runs.rollout`.
@@ -53,10 +57,8 @@ def _reach(modules: Iterable[str]) -> dict[str, Path]:
         name = waiting.pop()
         name = _public_names().get(name, name)
         path = _find(name)
-        if path is not None and name not in found:
+        if path is not None and name not in found and name != DESCRIBES[0]:
             found[name] = path
-            parts = name.split(".")
-            waiting += [".".join(parts[:depth]) for depth in range(2, len(parts))]
             waiting += _read(path)[1]
     return found
 
@@ -128,12 +130,14 @@ def _write(node: ast.AST, texts: list[str]) -> None:
         for part in value if isinstance(value, list) else [] if value is None else [value]:
             if not isinstance(part, ast.AST):
                 texts.append(f"{name} {part!r}")
-            elif not _is_text(part):
+            elif not _only_describes(part):
                 texts.append(name)
                 _write(part, texts)
     texts.append("")
 
 
-def _is_text(node: ast.AST) -> bool:
-    """Return whether a statement is nothing but a text, such as a docstring."""
+def _only_describes(node: ast.AST) -> bool:
+    """Return whether a node is a text, such as a docstring, or describes a metric for tables."""
+    if isinstance(node, ast.Call):
+        return isinstance(node.func, ast.Name) and node.func.id == DESCRIBES[1]
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from crowdbench.metrics import heading
+from crowdbench.metrics import MAIN, info_of
 from crowdbench.runs.paired import MetricDifference, Paired, compare_metric, holm
 from crowdbench.runs.results import EPISODES
 from crowdbench.runs.store import RunResult
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import flatten, markdown
+from crowdbench.utils.tables import Grid, flatten, markdown
 
 POOLED_SCENARIOS = "all {} scenarios"
 """What the scenarios of several runs are called together."""
@@ -49,16 +50,8 @@ class Comparison:
 
     def __repr__(self) -> str:
         """The metrics of both, and how they differ."""
-        rows = []
-        for name, row in self.rows.items():
-            if row.difference.n:
-                factor, digits = (1.0, 3) if row.p is None else (100.0, 1)
-                found = row.a, row.b, row.difference.mean, row.difference.low, row.difference.high
-                a, b, mean, low, high = (f"{factor * value:.{digits}f}" for value in found)
-                p = "" if row.p is None else f"{row.p:.2g}"
-                rows.append([heading(name, row.p is not None), a, b, mean, f"{low} to {high}", p])
-        header = ["metric", *self.names, "difference", "95 % interval", "p"]
-        return f"{self.cases} shared cases, {self.both_solved} solved by both\n\n{markdown(header, rows)}"
+        grid = comparison_grid([self])
+        return f"{grid.title}\n\n{markdown(grid.header, grid.rows)}"
 
 
 def compare(a: Path, b: Path) -> Comparison:
@@ -71,7 +64,7 @@ def compare(a: Path, b: Path) -> Comparison:
     Raises:
         InputError: One of them is not as its run wrote it, they are not runs of the same scenario, or share no case.
     """
-    return _compare(RunResult.read(a), RunResult.read(b))
+    return compare_results(RunResult.read(a), RunResult.read(b))
 
 
 def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
@@ -91,15 +84,53 @@ def compare_to(reference: Path, others: Sequence[Path]) -> list[Comparison]:
     """
     first, *rest = [RunResult.read(directory) for directory in (reference, *others)]
     if len(rest) == 1 or len({_scenario(run) for run in (first, *rest)}) == 1:
-        return _correct([_compare(first, run) for run in rest])
+        return _correct([compare_results(first, run) for run in rest])
     by_scenario = _group(first, rest)
     pairs = [(runs[0], run) for runs in by_scenario for run in runs[1:]]
-    found = [_compare(*pair) for pair in pairs]
+    found = [compare_results(*pair) for pair in pairs]
     pooled = []
     for label in dict.fromkeys(run.label for _, run in pairs):
         strata = [_shared(*pair) for pair in pairs if pair[1].label == label]
         pooled.append(_summarize(POOLED_SCENARIOS.format(len(strata)), (first.label, label), strata, []))
     return [*_correct(found), *_correct(pooled)]
+
+
+def comparison_grid(found: Sequence[Comparison], metrics: Sequence[str] = ()) -> Grid:
+    """Return runs beside the one that each was compared with: a row for each metric, scenario and run.
+
+    Args:
+        found: What `compare_to` returns.
+        metrics: Names of metrics; none for all that two runs have, and for those in `MAIN` of more runs.
+
+    Raises:
+        InputError: A run has no such metric.
+    """
+    first, single = found[0], len(found) == 1
+    shared = [name for name in first.rows if all(name in one.rows for one in found)]
+    if lacking := [name for name in metrics if name not in shared]:
+        raise InputError(f"not all runs have a metric {lacking[0]}; they have {', '.join(shared)}")
+    main = [name for name in MAIN if name in shared]
+    chosen = [name for name in shared if first.rows[name].difference.n] if single else main
+    rows, records = [], []
+    for name, one in itertools.product(metrics or chosen, found):
+        row, info = one.rows[name], info_of(name, first.rows[name].p is not None)
+        tests = ["" if p is None else f"{p:.2g}" for p in (row.p, row.corrected)]
+        values = [info.number(row.a), info.number(row.b), info.estimate(row.difference), *tests]
+        rows.append([info.heading, one.scenario, one.names[1], *values])
+        about = {"metric": name, "scenario": one.scenario, "reference": one.names[0], "run": one.names[1]}
+        records.append({**about, "cases": one.cases, **vars(row)})
+    several = len({one.scenario for one in found}) > 1
+    b = first.names[1] if single else "the run"
+    header = ["metric", "scenario", "run", first.names[0], b, "difference (95 % interval)", "p", "p corrected"]
+    hidden = {1: not several, 2: single, 7: single}
+    shown = [number for number in range(len(header)) if not hidden.get(number)]
+    if single:
+        title = f"{first.names[0]} and {b}: {first.cases} shared cases, {first.both_solved} solved by both"
+    else:
+        cases = ", ".join(dict.fromkeys(str(one.cases) for one in found))
+        title = f"Compared with {first.names[0]}: {cases} shared cases"
+    align = "".join("l" if number < 3 else "r" for number in shown)
+    return Grid(title, [header[n] for n in shown], [[row[n] for n in shown] for row in rows], records, align)
 
 
 def _scenario(run: RunResult) -> str:
@@ -136,7 +167,7 @@ def _correct(found: Sequence[Comparison]) -> list[Comparison]:
 
 
 def _shared(a: RunResult, b: RunResult) -> Paired:
-    _check_comparable(a, b)
+    check_comparable(a, b)
     _, *rows = np.intersect1d(a.episodes.case, b.episodes.case, return_indices=True)
     if len(rows[0]) == 0:
         raise InputError(f"{a.directory} ({a.cases}) and {b.directory} ({b.cases}) share no case to compare")
@@ -144,14 +175,22 @@ def _shared(a: RunResult, b: RunResult) -> Paired:
     return Paired(one, two, one.columns["success_rate"] & two.columns["success_rate"])
 
 
-def _compare(a: RunResult, b: RunResult) -> Comparison:
+def compare_results(a: RunResult, b: RunResult, metrics: Sequence[str] | None = None) -> Comparison:
+    """Compare two runs in metrics, all where none are named. Raises InputError as `compare` does."""
     names = (a.label, b.label) if a.label != b.label else (str(a.directory), str(b.directory))
-    return _summarize(a.result["scenario"]["name"], names, [_shared(a, b)], _doubts((a, b)))
+    return _summarize(a.result["scenario"]["name"], names, [_shared(a, b)], _doubts((a, b)), metrics)
 
 
-def _summarize(scenario: str, names: tuple[str, str], strata: Sequence[Paired], doubts: list[str]) -> Comparison:
-    """Compare two planners in scenarios, the strata."""
-    metrics = [name for name in strata[0].one.columns if all(_has(each, name) for each in strata)]
+def _summarize(
+    scenario: str,
+    names: tuple[str, str],
+    strata: Sequence[Paired],
+    doubts: list[str],
+    chosen: Sequence[str] | None = None,
+) -> Comparison:
+    """Compare two planners in scenarios, the strata, by the chosen metrics or by all."""
+    wanted = strata[0].one.columns if chosen is None else chosen
+    metrics = [name for name in wanted if all(_has(each, name) for each in strata)]
     changed = None
     if len(strata) == 1:
         one, two = strata[0].one, strata[0].two
@@ -184,7 +223,7 @@ def _doubts(runs: Sequence[RunResult]) -> list[str]:
     return doubts
 
 
-def _check_comparable(one: RunResult, two: RunResult) -> None:
+def check_comparable(one: RunResult, two: RunResult) -> None:
     """Raise InputError where two runs are not of the same scenario and split, or do not say what was solved."""
     a, b = one.directory, two.directory
     scenarios = one.result["scenario"], two.result["scenario"]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from crowdbench.metrics import OVER_ALL, POOLED, is_rate
+from crowdbench.metrics import info_of, is_rate
 from crowdbench.metrics.summary import (
     CONFIDENCE,
     NOTHING,
@@ -26,6 +26,14 @@ from crowdbench.runs.results import Episodes
 
 EXACT = 12
 """Blocks of cases for which the test of two rates tries all ways to exchange the runs."""
+
+
+LEAST_SHARED = 6
+"""Cases that both planners must solve before a difference over these cases counts.
+
+With fewer, even a difference of the same sign in every case is likely by chance (2 * 0.5**5 > 0.05), and a bootstrap,
+which draws from nothing but these cases, would not notice.
+"""
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,14 @@ class MetricDifference:
     difference: Estimate
     p: float | None
     corrected: float | None
+
+    @property
+    def is_significant(self) -> bool:
+        """True where the test, or the 95 % interval over `LEAST_SHARED` cases or more, finds a difference."""
+        if self.p is not None:
+            return self.p < 1.0 - CONFIDENCE
+        found = self.difference
+        return found.n >= LEAST_SHARED and (found.low > 0.0 or found.high < 0.0)
 
 
 @dataclass(frozen=True)
@@ -67,7 +83,7 @@ def compare_metric(name: str, strata: Sequence[Paired]) -> MetricDifference:
     is_share = all(is_rate(column) for pair in pairs for column in pair)
     p = _test(strata, pairs) if is_share else None
     for each, (x, y) in zip(strata, pairs, strict=True):
-        chosen = ~np.isnan(x.astype(float) + y) & (each.solved | is_share | (name in OVER_ALL))
+        chosen = ~np.isnan(x.astype(float) + y) & (each.solved | is_share | info_of(name).over_all)
         if chosen.any():
             parts.append(_Part.of(name, each, chosen))
     if not parts:
@@ -108,7 +124,7 @@ class _Part:
         """Compare the chosen cases."""
         x, y = (table.columns[name][chosen].astype(float) for table in (shared.one, shared.two))
         weights = [
-            table.steps[chosen] * 1.0 if name in POOLED else np.ones(len(x)) for table in (shared.one, shared.two)
+            table.steps[chosen] * 1.0 if info_of(name).pooled else np.ones(len(x)) for table in (shared.one, shared.two)
         ]
         block = None if shared.one.block is None else shared.one.block[chosen]
         columns = *by_block(x, weights[0], block), *by_block(y, weights[1], block)

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.metrics import Metric, unit_of
+from crowdbench.metrics import Metric, info_of
 from crowdbench.runs.results import RECORDING, Episodes
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.defaults import BATCH, FIRST_RECORDED, MOST_FAILURES, RECORDED_CROWD, WITH_EPISODES
@@ -95,7 +95,7 @@ def open_recorder(
 
 def units_of(metrics: Mapping[str, Metric]) -> dict[str, str]:
     """The unit of each metric that has one."""
-    return {name: unit for name, metric in metrics.items() if (unit := unit_of(metric))}
+    return {name: unit for name, metric in metrics.items() if (unit := info_of(name, metric=metric).unit)}
 
 
 def most_failures(pedestrians: int) -> int:

@@ -6,7 +6,7 @@ import csv
 import dataclasses
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Int, Shaped
 
 from crowdbench.core.types import Outcome, Trace
-from crowdbench.metrics import Metric, is_rate
+from crowdbench.metrics import Metric, MetricInfo, info_of, is_rate
 from crowdbench.metrics.load import LARGEST, measure
 from crowdbench.metrics.summary import Estimate, summarize
 from crowdbench.utils import files
@@ -87,6 +87,11 @@ class Episodes:
         return [name for name, values in self.columns.items() if is_rate(values)]
 
     @property
+    def infos(self) -> dict[str, MetricInfo]:
+        """The descriptions of the metrics, by name."""
+        return {name: info_of(name, is_rate(values)) for name, values in self.columns.items()}
+
+    @property
     def blocks(self) -> dict[str, int]:
         """The number of blocks of recorded time, as results say it; nothing where nobody is recorded."""
         return {} if self.block is None else {"blocks": len(np.unique(self.block))}
@@ -97,9 +102,10 @@ class Episodes:
         block = None if self.block is None else self.block[rows]
         return Episodes(self.case[rows], self.outcome[rows], self.steps[rows], columns, block)
 
-    def summary(self) -> dict[str, Estimate]:
-        """Each metric's mean and interval."""
-        return summarize(self.columns, self.steps, self.block)
+    def summary(self, names: Iterable[str] | None = None) -> dict[str, Estimate]:
+        """Each metric's mean and interval; of all metrics where none are named."""
+        columns = self.columns if names is None else {name: self.columns[name] for name in names}
+        return summarize(columns, self.steps, self.block)
 
     def counts(self) -> dict[str, int]:
         """How many episodes ended in each outcome, by its label."""

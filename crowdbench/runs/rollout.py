@@ -70,7 +70,7 @@ def rollout(
             called, and the commands are executed in open loop.
         keep_logs: Whether the trace keeps what the planner logs.
         undisturbed: Whether the trace tells where people who see the vehicle would walk without it, which some metrics
-            read (`metrics.UNDISTURBED`), and which takes as long as simulating the crowd once more.
+            read (`MetricInfo.needs`), and which takes as long as simulating the crowd once more.
         progress: Called after each step with what it added to the episodes, in parts of an episode.
         watch: Called with the worlds before each step.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crowdbench.core.types import Outcome, Rules
-from crowdbench.metrics import POOLED, is_rate
+from crowdbench.metrics import info_of, is_rate
 from crowdbench.metrics.outcomes import COUNTED
 from crowdbench.metrics.summary import weighted_mean
 from crowdbench.runs.recording import COMMANDS, Commands, read_commands
@@ -142,7 +142,7 @@ def _mean(name: str, episodes: Episodes) -> tuple[int, float | None]:
     """In how many episodes a metric is defined, and its mean, if it is in any."""
     values = episodes.columns[name].astype(float)
     is_defined = ~np.isnan(values)
-    weights = episodes.steps * 1.0 if name in POOLED else np.ones(len(values))
+    weights = episodes.steps * 1.0 if info_of(name).pooled else np.ones(len(values))
     n = int(is_defined.sum())
     return n, float(weighted_mean(values[is_defined], weights[is_defined])) if n else None
 

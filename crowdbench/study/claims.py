@@ -11,16 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from crowdbench.metrics.info import MetricInfo
 from crowdbench.metrics.summary import Estimate
+from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.results import Episodes
 from crowdbench.study.intervals import Values, difference_over_networks, reduction_over_networks
-from crowdbench.study.measures import LEAST_SHARED, PLANNER_MEASURES, SUCCESS, Measure
+from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, SUCCESS_RATE, values_of
 from crowdbench.study.schema import ClaimSpec
 from crowdbench.utils.tables import markdown
 from crowdbench.utils.toml import Location
 
 POINTS = dataclasses.replace(SUCCESS, unit="points")
-REDUCTION = Measure("reduction", "reduction", "%", sign=1, digits=1, scale=100.0)
+REDUCTION = MetricInfo("reduction", share=True)
 
 ROUNDING = 1e-9
 """An interval must lie clear of a margin by more than this, so that no rounded sum decides."""
@@ -69,14 +71,14 @@ class Assessment:
     def cells(self) -> list[str]:
         """As `claims_table` shows it."""
         measure = PLANNER_MEASURES[self.measure]
-        word, unit = measure.word, POINTS if measure is SUCCESS else measure
+        title, unit = measure.title, POINTS if measure is SUCCESS else measure
         if self.kind == "reduction":
-            word, unit = f"reduction of {word}", REDUCTION
+            title, unit = f"reduction of {title}", REDUCTION
         return [
             f"{self.text} ({self.source})",
-            f"{self.row} against {self.than}: {word}",
-            f"> {unit.number(self.bound)}",
-            unit.estimate(self.figure),
+            f"{self.row} against {self.than}: {title}",
+            f"> {unit.amount(self.bound)}",
+            unit.estimate(self.figure, with_unit=True),
             " and ".join(str(number) for number in dict.fromkeys(self.networks)),
             str(self.cases),
             f"**{self.verdict}**",
@@ -107,7 +109,7 @@ def check_claim(claim: ClaimSpec, networks: Mapping[str, Sequence[str]], locatio
         raise than.wrong(repr(claim.than), f"a row with all networks of {claim.row}, or with none of them")
     measure = PLANNER_MEASURES[claim.measure]
     if claim.kind == "reduction" and measure.sign > 0:
-        raise location.at("kind").wrong(repr(claim.kind), f'"difference", since less {measure.word} is no gain')
+        raise location.at("kind").wrong(repr(claim.kind), f'"difference", since less {measure.title} is no gain')
 
 
 def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Assessment:
@@ -121,11 +123,11 @@ def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Asse
     measure = PLANNER_MEASURES[claim.measure]
     paired = set(one) == set(two)
     ours, theirs = list(one.values()), [two[name] for name in (one if paired else two)]
-    values = measure.of(ours), measure.of(theirs)
+    values = values_of(claim.measure, ours), values_of(claim.measure, theirs)
     if measure is SUCCESS:
         cases, figure = values[0].shape[1], _gain_in_success(*values, paired)
     else:
-        solved = np.concatenate([SUCCESS.of(ours), SUCCESS.of(theirs)]).astype(bool).all(axis=0)
+        solved = values_of(SUCCESS_RATE, [*ours, *theirs]).astype(bool).all(axis=0)
         cases, (x, y) = int(solved.sum()), (each[:, solved] for each in values)
         if claim.kind == "reduction":
             figure = reduction_over_networks(x, y, paired)

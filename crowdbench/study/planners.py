@@ -14,11 +14,12 @@ from crowdbench.runs.load import load_run
 from crowdbench.runs.results import Episodes, planner_label
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import Replanning, RunSpec
+from crowdbench.runs.table import PRIVILEGED
 from crowdbench.study.claims import NOTES as CLAIM_NOTES
 from crowdbench.study.claims import Assessment, assess, check_claim, claims_table
 from crowdbench.study.folder import read_episodes
 from crowdbench.study.intervals import mean_over_networks
-from crowdbench.study.measures import PLANNER_MEASURES, PRIVILEGED, SUCCESS, TIME, Measure, Row
+from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, SUCCESS_RATE, values_of
 from crowdbench.study.schema import PlannersSpec, RowSpec
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location
@@ -30,6 +31,9 @@ NOTES = (
     "networks where each of them solves every case, or no case. All figures but success are over the cases that are "
     "solved."
 )
+SECOND_READING = (SUCCESS_RATE, "navigation_time")
+"""The metrics of a second reading."""
+
 ALONE = "The networks of a row differ only in the seed of their training."
 
 
@@ -108,7 +112,7 @@ class PlannerRow:
         second = None
         if self.second_reading is not None:
             both = runs[0], read_episodes(self.second_reading, out)
-            figures = [{each.metric: _estimate(each, [run]) for each in (SUCCESS, TIME)} for run in both]
+            figures = [{name: _estimate(name, [run]) for name in SECOND_READING} for run in both]
             second = SecondReading(str(self.second_reading.spec.cases), *figures)
         return FilledPlannerRow(
             planner=self.label,
@@ -116,9 +120,9 @@ class PlannerRow:
             weights=self.weights,
             networks=sum(map(bool, self.networks)),
             reported=self.reported,
-            measured={metric: _estimate(PLANNER_MEASURES[metric], runs) for metric in measures},
-            success_rates=SUCCESS.of(runs).mean(axis=1).tolist(),
-            variant_success_rate=_estimate(SUCCESS, variant) if variant else None,
+            measured={metric: _estimate(metric, runs) for metric in measures},
+            success_rates=values_of(SUCCESS_RATE, runs).mean(axis=1).tolist(),
+            variant_success_rate=_estimate(SUCCESS_RATE, variant) if variant else None,
             second_reading=second,
         )
 
@@ -187,10 +191,12 @@ class SecondReading:
 
 
 @dataclass(frozen=True)
-class FilledPlannerRow(Row):
-    """A row with its figures; `planner` is what the table calls the planner.
+class FilledPlannerRow:
+    """A row with its figures.
 
     Attributes:
+        planner: What the table calls the planner.
+        privileged: Whether it uses what no vehicle could know.
         weights: The weights of its networks, where it was given any.
         networks: Number of its networks; 0 for a planner without any.
         reported: What others report, by metric.
@@ -200,6 +206,8 @@ class FilledPlannerRow(Row):
         second_reading: What the first network does on other cases, if the row has them.
     """
 
+    planner: str
+    privileged: bool
     weights: list[str]
     networks: int
     reported: dict[str, float]
@@ -207,6 +215,11 @@ class FilledPlannerRow(Row):
     success_rates: list[float]
     variant_success_rate: Estimate | None
     second_reading: SecondReading | None
+
+    @property
+    def name(self) -> str:
+        """The planner, with an asterisk where it is privileged."""
+        return f"{self.planner} *" if self.privileged else self.planner
 
 
 @dataclass(frozen=True)
@@ -241,14 +254,16 @@ class FilledPlannersTable:
             ["networks", *(str(row.networks) if row.networks else "" for row in self.rows)],
         ]
         for metric in self.rows[0].measured:
-            measure = PLANNER_MEASURES[metric]
+            info = PLANNER_MEASURES[metric]
             if any(metric in row.reported for row in self.rows):
-                reported = [measure.reported(row.reported.get(metric)) for row in self.rows]
-                columns.append([f"{measure.word}, reported", *reported])
-            columns.append([measure.word, *(measure.estimate(row.measured[metric]) for row in self.rows)])
+                # With as many digits as others give.
+                numbers = (row.reported.get(metric) for row in self.rows)
+                reported = ["" if number is None else f"{info.factor * number:.6g}" for number in numbers]
+                columns.append([f"reported {info.heading}", *reported])
+            columns.append([info.heading, *(info.estimate(row.measured[metric]) for row in self.rows)])
         if self.variant:
             rates = [row.variant_success_rate for row in self.rows]
-            columns.append([f"success, {self.variant}", *(SUCCESS.estimate(rate) for rate in rates if rate)])
+            columns.append([f"{SUCCESS.heading}, {self.variant}", *(SUCCESS.estimate(rate) for rate in rates if rate)])
         header, *rows = zip(*columns, strict=True)
         return [Grid(self.title, header, rows, self.rows)]
 
@@ -266,27 +281,28 @@ class FilledPlannersTable:
 def _each_network(row: FilledPlannerRow) -> str:
     """A line with the success of each network."""
     each = zip(row.weights, row.success_rates, strict=True)
-    return f"- {row.name}: " + ", ".join(f"{weights} {SUCCESS.number(rate)}" for weights, rate in each)
+    return f"- {row.name}: " + ", ".join(f"{weights} {SUCCESS.amount(rate)}" for weights, rate in each)
 
 
 def _both_readings(row: FilledPlannerRow, reading: SecondReading, cases: str) -> str:
     """A line with the second reading beside the first one on `cases`."""
     second, first = (
-        " in ".join(each.estimate(found[each.metric]) for each in (SUCCESS, TIME))
+        " in ".join(PLANNER_MEASURES[name].estimate(found[name], with_unit=True) for name in SECOND_READING)
         for found in (reading.second, reading.first)
     )
     network = f" with {row.weights[0]}" if row.weights else ""
     return f"- {row.name}{network}: {second} on {reading.cases}; {first} on {cases}"
 
 
-def _estimate(measure: Measure, runs: Sequence[Episodes]) -> Estimate:
-    """A measure over several networks; all but success is over the cases that are solved."""
-    solved = SUCCESS.of(runs).astype(bool)
-    if measure is not SUCCESS:
-        return mean_over_networks(np.where(solved, measure.of(runs), np.nan))
+def _estimate(metric: str, runs: Sequence[Episodes]) -> Estimate:
+    """A metric over several networks; all but success is over the cases that are solved."""
+    success = values_of(SUCCESS_RATE, runs)
+    solved = success.astype(bool)
+    if metric != SUCCESS_RATE:
+        return mean_over_networks(np.where(solved, values_of(metric, runs), np.nan))
     # Where all values are the same, the interval would have no width. The networks drive the same cases, and count as
     # one then: the interval is rather too wide than too narrow.
     if solved.all() or not solved.any() or len(solved) == 1:
         return wilson(solved[0])
-    found = mean_over_networks(SUCCESS.of(runs))
+    found = mean_over_networks(success)
     return replace(found, low=max(found.low, 0.0), high=min(found.high, 1.0))

@@ -32,7 +32,7 @@ class Grid:
         header: The headings of its columns.
         rows: Its cells, as people read them.
         records: What is in each row, as programs read it: dataclasses, or values by name.
-        align: How commands align each column where they print it for people: `l` for left, `r` for right.
+        align: How each column is aligned: `l` for left, `r` for right.
     """
 
     title: str
@@ -58,8 +58,8 @@ def format_tables(grids: Sequence[Grid], kind: Format) -> str:
     if kind is Format.CSV:
         titled = [({"table": grid.title} if len(grids) > 1 else {}, one) for grid in grids for one in grid.records]
         return _csv([{**title, **flatten(plain(one))} for title, one in titled])
-    write, title = (markdown, "### ") if kind is Format.MARKDOWN else (_latex, "% ")
-    texts = [write(grid.header, grid.rows) for grid in grids]
+    title = "### " if kind is Format.MARKDOWN else "% "
+    texts = [markdown(grid.header, grid.rows) if kind is Format.MARKDOWN else _latex(grid) for grid in grids]
     if len(grids) == 1:
         return texts[0]
     return "\n\n".join(f"{title}{grid.title}\n\n{text}" for grid, text in zip(grids, texts, strict=True))
@@ -104,10 +104,11 @@ def floating(tabular: str, caption: str | None, label: str | None, note: str) ->
     return "\n".join([r"\begin{table}", r"\centering", *head, *lines, r"\end{table}"])
 
 
-def _latex(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def _latex(grid: Grid) -> str:
     """With the rules of the package booktabs."""
-    first, *others = (" & ".join(map(_escaped, cells)) + r" \\" for cells in (header, *rows))
-    lines = [rf"\begin{{tabular}}{{l{'r' * (len(header) - 1)}}}", r"\toprule", first, r"\midrule", *others]
+    first, *others = (" & ".join(map(_escaped, cells)) + r" \\" for cells in (grid.header, *grid.rows))
+    align = grid.align or "l".ljust(len(grid.header), "r")
+    lines = [rf"\begin{{tabular}}{{{align}}}", r"\toprule", first, r"\midrule", *others]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
 
 

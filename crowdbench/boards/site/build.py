@@ -10,13 +10,14 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from crowdbench.boards.board import METRIC_TITLES, Board, read_boards
+from crowdbench.boards.board import MEASURED, Board, read_boards
 from crowdbench.boards.markdown import FILLING
 from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
 from crowdbench.boards.site import tables, texts
 from crowdbench.boards.site.failures import failures
 from crowdbench.boards.site.figures import success_against_time
 from crowdbench.boards.standings import Standings, read_entries, standings
+from crowdbench.metrics import METRICS, info_of
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import new_directory
 
@@ -78,7 +79,9 @@ def _templates() -> jinja2.Environment:
     )
     templates.filters |= {function.__name__: function for function in texts.FILTERS}
     sort = Markup((TEMPLATES / "sort.js").read_text(encoding="utf-8"))
-    templates.globals |= {"METRICS": METRIC_TITLES, "METRICS_SAY": texts.METRICS_SAY, "MANNERS": texts.MANNERS}
+    headings = {name: info_of(name).heading for name in MEASURED}
+    meanings = {name: str(METRICS[name].__doc__).partition(" [")[0] for name in MEASURED}
+    templates.globals |= {"METRICS": headings, "METRICS_SAY": meanings, "MANNERS": texts.MANNERS}
     templates.globals |= {"MARK": Markup(MARK), "SORT": sort, "FILLING": FILLING}
     templates.globals["tables"] = tables
     return templates

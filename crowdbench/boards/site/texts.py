@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from crowdbench.boards.board import METRIC_TITLES
+from crowdbench.metrics import info_of
 
 NOTHING = "\N{EN DASH}"
 """Shown where there is no value."""
@@ -41,9 +41,8 @@ def metric(value: float | None, name: str) -> str:
         value: The value; None and NaN are undefined.
         name: The metric's name.
     """
-    if value is None or not METRIC_TITLES[name].endswith("%"):
-        return number(value, 3 if name == "sct" else 2)
-    return number(100.0 * value, 1)
+    info = info_of(name)
+    return number(None if value is None else info.factor * value, info.places)
 
 
 def milliseconds(value: float) -> str:
@@ -87,14 +86,6 @@ def options_text(options: Mapping[str, Any]) -> str:
     """The options of a planner as JSON."""
     return json.dumps(options, sort_keys=True, ensure_ascii=False)
 
-
-METRICS_SAY = {
-    "at_fault_rate": "Share of cases with a collision in which the vehicle had a share of 0.1 or more",
-    "sct": "Success weighted by completion time: least over real time, 0 for a failure",
-    "intimate_zone": "Share of time with a gap below 0.45 m to somebody",
-    "imposed_delay": "Time that all pedestrians of a case together lose to the vehicle, where they see it",
-}
-"""What the headings of columns say when they are pointed at."""
 
 MANNERS = ("at_fault_rate", "intimate_zone", "imposed_delay", "jerk")
 """The metrics of manners, which stand with their intervals."""

@@ -142,7 +142,7 @@ def _nested(function: Callable[..., np.ndarray], first: Any, *others: Any) -> An
     return {name: _nested(function, value, *(other[name] for other in others)) for name, value in first.items()}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trace:
     """Episodes as a rollout returns them. Metrics are functions of a trace.
 

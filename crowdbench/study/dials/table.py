@@ -208,7 +208,7 @@ class FilledDial:
     def curve(self, row: DialRow) -> Grid:
         """The success of a planner at each level, with bars."""
         each = zip(self.dial.levels, row.success, row.cases, strict=True)
-        rows = [[f"{level:g}", SUCCESS.number(rate), draw_bar(rate), str(n)] for level, rate, n in each]
+        rows = [[f"{level:g}", SUCCESS.amount(rate), draw_bar(rate), str(n)] for level, rate, n in each]
         return Grid(row.planner, [self.dial.key, "success", "", "cases"], rows, align="rrlr")
 
     def sentence(self, row: DialRow) -> str:

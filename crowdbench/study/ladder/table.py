@@ -137,10 +137,11 @@ class FilledLadder:
         """A row for each rung, with a bar, and one for the best planner."""
         gains = ["", *(f"{_say_points(step.gain)}, {step.reason}" for step in self.steps)]
         rows = [
-            [rung, SUCCESS.estimate(each), draw_bar(each.mean), RUNGS[rung], gain]
+            [rung, SUCCESS.estimate(each, with_unit=True), draw_bar(each.mean), RUNGS[rung], gain]
             for (rung, each), gain in zip(self.success.items(), gains, strict=True)
         ]
-        rows.append(["best", SUCCESS.estimate(self.best_success), draw_bar(self.best_success.mean), self.best, ""])
+        best = SUCCESS.estimate(self.best_success, with_unit=True), draw_bar(self.best_success.mean)
+        rows.append(["best", *best, self.best, ""])
         title = f"{self.scenario}, cases {self.cases}"
         return Grid(title, ["rung", "success", "", "knows", "points above the rung below, due to"], rows, align="lrlll")
 
@@ -148,11 +149,11 @@ class FilledLadder:
         """Its row in a table."""
         cells = [self.scenario]
         for rung, step in itertools.zip_longest(RUNGS, self.steps):
-            cells.append(SUCCESS.number(self.success[rung].mean) if rung in self.success else "-")
+            cells.append(SUCCESS.amount(self.success[rung].mean) if rung in self.success else "-")
             if rung != "C":
                 cells.append(_say_points(step.gain) if step else "-")
         weak = ", above P2: the search is too weak here" if self.best_success.mean > self.success["P2"].mean else ""
-        return [*cells, f"{SUCCESS.number(self.best_success.mean)} ({self.best}{weak})"]
+        return [*cells, f"{SUCCESS.amount(self.best_success.mean)} ({self.best}{weak})"]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,7 +16,7 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.study.crowds import load_runs
 from crowdbench.study.folder import read_episodes
-from crowdbench.study.measures import SUCCESS
+from crowdbench.study.measures import SUCCESS_RATE
 from crowdbench.study.rankings.kendall import Cases, Scores, agreement, draw_families, kendall, mean_scores
 from crowdbench.study.schema import RankingsSpec
 from crowdbench.utils.tables import Grid, markdown
@@ -96,7 +96,7 @@ def _read_cases(runs: Sequence[Run], out: Path) -> Cases:
     """What the planners did in a scenario."""
     found = [read_episodes(run, out) for run in runs]
     slope = Scale().slope
-    score = np.stack([each.columns[SUCCESS.metric] + slope * each.columns["sct"] for each in found])
+    score = np.stack([each.columns[SUCCESS_RATE] + slope * each.columns["sct"] for each in found])
     block, tracks = found[0].block, runs[0].scenario.tracks
     source = tracks.scene if tracks else runs[0].scenario.name
     return Cases(source, score, np.arange(score.shape[1]) if block is None else block)

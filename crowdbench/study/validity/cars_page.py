@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from crowdbench.study.measures import Measure
+from crowdbench.metrics.info import MetricInfo
 from crowdbench.study.validity import cars, energy
 from crowdbench.study.validity.cars import Vectors, Windows
 from crowdbench.utils.tables import markdown
@@ -24,7 +24,7 @@ TRIED: Mapping[str, Mapping[str, Sequence[float]]] = {
 }
 """The parameters that are tried for each policy on the first halves of the clips."""
 
-METRES = Measure("distance", "energy distance", "m", sign=-1, digits=3)
+METRES = MetricInfo("energy distance", "m", "less")
 
 TEXT = f"""\
 Cars among pedestrians on a campus (DUT, Yang et al. 2019). In windows of {cars.SECONDS:g} s, one every
@@ -111,4 +111,4 @@ def _means(found: BesideCars) -> str:
 
 
 def _say(value: energy.Range) -> str:
-    return f"{METRES.number(value.mean)} ({value.low:.3f} to {value.high:.3f})"
+    return METRES.estimate(value, with_unit=True)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
+from crowdbench.metrics.info import MetricInfo
 from crowdbench.study.intervals import mean_over_networks
-from crowdbench.study.measures import Measure
 from crowdbench.study.validity import door
 from crowdbench.study.validity.experiments import EVERYBODY, LAST, LENGTH, STUCK, TIME, WIDTH, People, Setting
 from crowdbench.utils.tables import markdown, printed_by
@@ -20,9 +20,9 @@ from crowdbench.utils.tables import markdown, printed_by
 Results = Mapping[Setting, Any]
 """What was measured of each setting: a `Passages` of a door, a `Walk` of all others."""
 
-SPEED = Measure("speed", "speed", "m/s", sign=1, digits=2)
-SHARE = Measure("share", "share", "%", sign=1, digits=0, scale=100.0)
-FLOW = Measure("flow", "specific flow", "/(m s)", sign=1, digits=2)
+SPEED = MetricInfo("speed", "m/s", digits=2)
+SHARE = MetricInfo("share", share=True, digits=2)
+FLOW = MetricInfo("specific flow", "/(m s)", digits=2)
 
 JAM_DENSITY = 5.4
 """People per square metre at which nobody moves any more (Weidmann 1993)."""
@@ -136,7 +136,7 @@ def _speeds(results: Results, policies: list[str], experiment: str, people: Peop
         published = single_file_speed(density) if in_file else weidmann_speed(density, people.free_speed)
         walks = [results[Setting(experiment, policy, people, density)] for policy in policies]
         cells = [text for walk in walks for text in (_estimate(SPEED, walk.speed), _mean(walk.overlapping))]
-        rows.append([f"{density:g}", SPEED.number(published), *cells])
+        rows.append([f"{density:g}", SPEED.amount(published), *cells])
     header = [heading for policy in policies for heading in (policy, "overlapping")]
     return f"{people.title}:\n\n" + markdown([at, "published", *header], rows)
 
@@ -146,7 +146,7 @@ def _lanes(results: Results, policy: str) -> str:
     rows = []
     for setting, walk in _of(results, "two ways", policy):
         free = float(results[replace(setting, experiment="one way")].speed.mean())
-        cells = [_estimate(SHARE, walk.order), _estimate(SPEED, walk.speed), SPEED.number(free), _count(walk.stuck)]
+        cells = [_estimate(SHARE, walk.order), _estimate(SPEED, walk.speed), SPEED.amount(free), _count(walk.stuck)]
         rows.append([setting.people.title, f"{setting.at:g}", *cells])
     header = ["people", "per m²", "order of lanes", "speed", "speed in one direction", "worlds stuck"]
     return f"{policy}:\n\n" + markdown(header, rows)
@@ -156,7 +156,7 @@ def _doors(results: Results, policy: str) -> str:
     """The flow through doors under one policy, by kinds of people and width."""
     rows = []
     for setting, passages in _of(results, "door", policy):
-        published = FLOW.reported(DOOR_FLOW.get(setting.at)) or "-"
+        published = FLOW.amount(DOOR_FLOW.get(setting.at, math.nan))
         flow = _estimate(FLOW, passages.flow() / setting.at)
         cells = [published, flow, _mean(passages.share), _count(passages.blocked)]
         rows.append([setting.people.title, f"{setting.at:g} m", *cells])
@@ -194,13 +194,13 @@ def _of(results: Results, experiment: str, policy: str) -> list[tuple[Setting, A
     return [(s, result) for s, result in results.items() if (s.experiment, s.policy) == (experiment, policy)]
 
 
-def _estimate(measure: Measure, values: Shaped[np.ndarray, "world"]) -> str:
+def _estimate(info: MetricInfo, values: Shaped[np.ndarray, "world"]) -> str:
     """A mean over worlds with its 95 % interval; a dash where no world has a value."""
-    return measure.estimate(mean_over_networks(values.astype(float)[None]))
+    return info.estimate(mean_over_networks(values.astype(float)[None]), with_unit=True)
 
 
 def _mean(shares: Shaped[np.ndarray, "world"]) -> str:
-    return SHARE.number(float(shares.mean()))
+    return SHARE.amount(float(shares.mean()))
 
 
 def _count(worlds: Shaped[np.ndarray, "world"]) -> str:

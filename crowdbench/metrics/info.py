@@ -1,0 +1,132 @@
+"""The description of a metric: its title, unit and direction, and what it needs. Tables and runs ask nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench.core.types import Trace
+
+Metric = Callable[[Trace], Bool[np.ndarray, "world"] | Float[np.ndarray, "world"]]
+M = TypeVar("M", bound=Callable[..., Any])
+
+UNDISTURBED = "undisturbed"
+"""What a metric needs that reads `Trace.undisturbed`: the crowd is simulated a second time, without the vehicle."""
+
+NOTHING = "-"
+"""Shown where a value is undefined."""
+
+
+@runtime_checkable
+class Interval(Protocol):
+    """A mean with its 95 % interval."""
+
+    @property
+    def mean(self) -> float:
+        """The mean."""
+
+    @property
+    def low(self) -> float:
+        """The lower bound."""
+
+    @property
+    def high(self) -> float:
+        """The upper bound."""
+
+
+@dataclass(frozen=True)
+class MetricInfo:
+    """The description of a metric.
+
+    Attributes:
+        title: Its title in every table.
+        unit: The SI unit of its values; empty for a number without a unit.
+        better: Which values are better; empty where neither more nor less is.
+        share: True for a share, which tables show in per cent.
+        digits: Digits of its values after the decimal point; a share in per cent has two fewer.
+        needs: What is computed only for metrics that need it: `UNDISTURBED`.
+        over_all: True where it counts failures: planners are compared in all cases, and not only in those both solve.
+        pooled: True where it is averaged over the steps of all episodes, and not over episodes.
+        source: The paper that defines it; empty for a definition of this benchmark.
+    """
+
+    title: str
+    unit: str = ""
+    better: Literal["more", "less", ""] = ""
+    share: bool = False
+    digits: int = 3
+    needs: frozenset[str] = frozenset()
+    over_all: bool = False
+    pooled: bool = False
+    source: str = ""
+
+    @property
+    def sign(self) -> int:
+        """1 where more is better, -1 where less is, 0 otherwise."""
+        return {"more": 1, "less": -1, "": 0}[self.better]
+
+    @property
+    def factor(self) -> float:
+        """What a value is multiplied by to be shown."""
+        return 100.0 if self.share else 1.0
+
+    @property
+    def places(self) -> int:
+        """Digits after the decimal point, as shown."""
+        return self.digits - 2 * self.share
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit that tables show."""
+        return self.unit or "%" * self.share
+
+    @property
+    def heading(self) -> str:
+        """The title with the unit, such as `time, s`: the heading of a column."""
+        return f"{self.title}, {self.shown_unit}" if self.shown_unit else self.title
+
+    def number(self, value: float) -> str:
+        """A value without its unit, such as `99.7`."""
+        return f"{self.factor * value:.{self.places}f}" if math.isfinite(value) else NOTHING
+
+    def amount(self, value: float) -> str:
+        """A value with its unit, such as `99.7 %`."""
+        return f"{self.number(value)} {self.shown_unit}".strip() if math.isfinite(value) else NOTHING
+
+    def interval(self, low: float, high: float) -> str:
+        """The bounds of an interval, such as `99.3 to 99.9`."""
+        return f"{self.number(low)} to {self.number(high)}"
+
+    def estimate(self, estimate: Interval, with_unit: bool = False) -> str:
+        """A mean with its interval, if it has one, such as `99.7 (99.3 to 99.9)` or `99.7 % (99.3 to 99.9)`."""
+        mean = (self.amount if with_unit else self.number)(estimate.mean)
+        has_interval = mean != NOTHING and math.isfinite(estimate.high - estimate.low)
+        return f"{mean} ({self.interval(estimate.low, estimate.high)})" if has_interval else mean
+
+
+def describe(title: str, better: Literal["more", "less", ""] = "", **facts: Any) -> Callable[[M], M]:
+    """Attach a description to a metric. Its unit is the one in brackets on the first line of the docstring.
+
+    Args:
+        title: Its title in every table.
+        better: Which values are better.
+        facts: Other fields of `MetricInfo`.
+    """
+
+    def attach(metric: M) -> M:
+        vars(metric)["info"] = MetricInfo(title, read_unit(metric), better, **facts)
+        return metric
+
+    return attach
+
+
+def read_unit(metric: object) -> str:
+    """The unit in brackets at the end of the first line of a docstring; empty for `[1]` and where there is none."""
+    first = str(metric.__doc__ or "").partition("\n")[0]
+    unit = first.rpartition("[")[2].rstrip("].") if "[" in first else ""
+    return "" if unit == "1" else unit

@@ -1,0 +1,265 @@
+"""One table of runs on disk: planners by metrics or scenarios, with 95 % intervals and paired tests."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from crowdbench.metrics import MAIN, METRICS, Metric, MetricInfo, info_of, no_metric
+from crowdbench.metrics.summary import NOTHING, Estimate
+from crowdbench.runs.compare import Comparison, check_comparable, compare_results
+from crowdbench.runs.paired import LEAST_SHARED, holm
+from crowdbench.runs.store import RunResult
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Grid
+
+SCENARIO = "scenario"
+
+NOTE = "Bold: the best of a column. †: not distinguishable from it, paired by case ({test})."
+RATES = "p ≥ 0.05 by McNemar's exact test, corrected for the runs of the column by Holm's method"
+MEANS = "the 95 % interval of the difference, over the cases that both solve or over all, holds 0"
+
+PRIVILEGED = (
+    r"\* uses the pedestrians' next velocities, which no vehicle could know: shown for comparison, never ranked."
+)
+"""A note on planners that are marked with an asterisk."""
+
+Runs = Mapping[str, RunResult]
+"""Runs of a scenario, by planner."""
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """Runs by column and planner. Runs in the same column have the same scenario and cases.
+
+    Attributes:
+        columns: The runs by planner of each scenario, or of each value of an option of the planner or key of the
+            scenario.
+    """
+
+    columns: Mapping[str, Runs]
+
+    @classmethod
+    def read(cls, directories: Sequence[Path], columns: str = SCENARIO) -> RunTable:
+        """Read runs.
+
+        Args:
+            directories: Their directories.
+            columns: `scenario`, or the name of an option of the planner or of a key of the scenario.
+
+        Raises:
+            InputError: A directory is not a run, was made without the option, or is in the same place as another; or
+                runs in the same column have different scenarios or cases.
+        """
+        table: dict[str, dict[str, RunResult]] = {}
+        for run in map(RunResult.read, directories):
+            row, column = _place(run, columns)
+            runs = table.setdefault(column, {})
+            if row in runs:
+                both = f"{run.directory} and {runs[row].directory}"
+                raise InputError(f"{both} are both of {row} and {column}: leave one of them out")
+            runs[row] = run
+            first = next(iter(runs.values()))
+            check_comparable(first, run)
+            if first.cases != run.cases:
+                raise InputError(
+                    f"{first.directory} has the cases {first.cases} and {run.directory} has {run.cases}: "
+                    "make both runs with the same cases"
+                )
+        return cls(table)
+
+    @property
+    def runs(self) -> list[RunResult]:
+        """All runs."""
+        return [run for runs in self.columns.values() for run in runs.values()]
+
+    @property
+    def labelled(self) -> dict[str, RunResult]:
+        """All runs by planner, and by scenario too where there are several."""
+        several = len(self.columns) > 1
+        return {
+            f"{planner}, {column}" if several else planner: run
+            for column, runs in self.columns.items()
+            for planner, run in runs.items()
+        }
+
+    def infos(self, metrics: Sequence[str]) -> dict[str, MetricInfo]:
+        """Return the descriptions of metrics. Raises InputError where a run lacks one of them."""
+        for run in self.runs:
+            for name in metrics:
+                if name not in run.episodes.columns:
+                    raise InputError(f"the run of {run.label} {no_metric(name, run.episodes.columns)}")
+        return {name: info_of(name, all(name in run.episodes.rates for run in self.runs)) for name in metrics}
+
+    def grid(self, metrics: Sequence[str], solved: bool = False, brief: Collection[str] = ()) -> Grid:
+        """Return a row for each run and a column for each metric.
+
+        Args:
+            metrics: Names of metrics.
+            solved: True for means over the cases that the planner itself solves, but for metrics that count failures.
+            brief: Metrics without their intervals.
+
+        Raises:
+            InputError: A run lacks one of the metrics.
+        """
+        infos, records = self.infos(metrics), []
+        for scenario, runs in self.columns.items():
+            for planner, run in runs.items():
+                place = {SCENARIO: scenario} if len(self.columns) > 1 else {}
+                marked = f"{planner} *" if run.result["stated"]["privileged"] else planner
+                records.append({**place, "planner": marked, **estimates(run, infos, solved)})
+        return estimate_grid(" and ".join(self.columns), records, infos, brief)
+
+    def cross(self, metric: str) -> tuple[Grid, str]:
+        """Return one metric with a row for each planner, and what its marks mean. Raises InputError as `grid` does."""
+        info = self.infos([metric])[metric]
+        planners = dict.fromkeys(planner for runs in self.columns.values() for planner in runs)
+        found = {
+            column: {planner: estimates(run, {metric: info})[metric] for planner, run in runs.items()}
+            for column, runs in self.columns.items()
+        }
+        marks = {column: _mark(runs, found[column], metric, info) for column, runs in self.columns.items()}
+        rows = [
+            [planner, *(_cell(found[one].get(planner), marks[one].get(planner, ""), info) for one in found)]
+            for planner in planners
+        ]
+        records = [
+            {"planner": planner, **{one: each[planner] for one, each in found.items() if planner in each}}
+            for planner in planners
+        ]
+        note = NOTE.format(test=RATES if all(metric in run.episodes.rates for run in self.runs) else MEANS)
+        return Grid(info.heading, [info.heading, *found], rows, records), note
+
+
+def estimates(run: RunResult, infos: Mapping[str, MetricInfo], solved: bool = False) -> dict[str, Estimate]:
+    """Return the means of metrics of a run with their intervals, see `RunTable.grid`."""
+    episodes = run.episodes
+    own = episodes.take(episodes.columns["success_rate"]) if solved else episodes
+    count_all = {name for name, info in infos.items() if name in episodes.rates or info.over_all}
+    return {name: (episodes if name in count_all else own).summary([name])[name] for name in infos}
+
+
+def estimate_grid(
+    title: str, records: Sequence[Mapping[str, Any]], infos: Mapping[str, MetricInfo], brief: Collection[str] = ()
+) -> Grid:
+    """Return a table of estimates.
+
+    Args:
+        title: Its title.
+        records: For each row its labels by their headings, which are texts, and an `Estimate` by metric; one that is
+            missing is undefined.
+        infos: The descriptions of the metrics in the columns.
+        brief: Metrics without their intervals.
+    """
+    labels = [name for name, value in records[0].items() if isinstance(value, str)]
+
+    def cell(name: str, found: Estimate) -> str:
+        return infos[name].number(found.mean) if name in brief else infos[name].estimate(found)
+
+    rows = [
+        [*(str(record[label]) for label in labels), *(cell(name, record.get(name, NOTHING)) for name in infos)]
+        for record in records
+    ]
+    header = [*labels, *(info.heading for info in infos.values())]
+    return Grid(title, header, rows, records, align=("l" * len(labels)).ljust(len(header), "r"))
+
+
+def metric_grid(
+    title: str,
+    found: Mapping[str, Estimate],
+    rates: Collection[str],
+    functions: Mapping[str, Metric] = MappingProxyType({}),
+    all_metrics: bool = True,
+) -> Grid:
+    """Return the estimates of one run with a row for each metric, by the name that commands take.
+
+    Args:
+        title: Its title.
+        found: The estimates by metric.
+        rates: The metrics that are rates.
+        functions: Metrics of a user by name, whose units are shown.
+        all_metrics: False for those in `MAIN` and those of a user alone.
+    """
+    own = [name for name in found if name not in METRICS]
+    rows = []
+    for name in found if all_metrics else [*(name for name in MAIN if name in found), *own]:
+        one, info = found[name], info_of(name, name in rates, functions.get(name))
+        if one.n:
+            largest = "" if name in rates else info.number(one.max)
+            rows.append((name, info.amount(one.mean), info.interval(one.low, one.high), largest, str(one.n)))
+    return Grid(title, ("metric", "mean", "95 % interval", "max", "n"), rows, align="lrlrr")
+
+
+def comparisons(runs: Runs, metrics: Sequence[str]) -> list[Comparison]:
+    """Compare each pair of runs of a scenario."""
+    return [compare_results(*pair, metrics) for pair in itertools.combinations(runs.values(), 2)]
+
+
+def verdict_grid(found: Sequence[Comparison]) -> Grid:
+    """Return in which metrics the planner of a row is significantly better or worse than that of a column.
+
+    Args:
+        found: What `comparisons` returns for two runs or more.
+    """
+    cells = {one.names: _verdict(one) for one in found}
+    planners = list(dict.fromkeys(name for names in cells for name in names))
+    rows = [[row, *(cells.get((column, row), "") for column in planners[:-1])] for row in planners[1:]]
+    return Grid("pairs", ["significantly better or worse than", *planners[:-1]], rows, found)
+
+
+def _verdict(found: Comparison) -> str:
+    """In which metrics the second of two planners is better or worse."""
+    titles: dict[int, list[str]] = {1: [], -1: []}
+    for name, row in found.rows.items():
+        info = info_of(name)
+        if row.is_significant and info.sign:
+            titles[info.sign * (1 if row.difference.mean > 0.0 else -1)].append(info.title)
+    words = [f"{how}: {', '.join(titles[sign])}" for how, sign in (("better", 1), ("worse", -1)) if titles[sign]]
+    few = f" ({found.both_solved} solved by both)" if found.both_solved < LEAST_SHARED else ""
+    return ("; ".join(words) or "no significant difference") + few
+
+
+def scenario_title(run: RunResult) -> str:
+    """The scenario of a run and what is changed in it."""
+    changes = run.result["stated"]["overrides"].items()
+    return run.result["scenario"]["name"] + "".join(f", {key}={value}" for key, value in changes)
+
+
+def _place(run: RunResult, columns: str) -> tuple[str, str]:
+    """The row and the column of a run. Raises InputError where it has no such option or key."""
+    if columns == SCENARIO:
+        return run.label, scenario_title(run)
+    planner, overrides = run.result["run"]["planner"], run.result["stated"]["overrides"]
+    values = {**overrides, **planner["options"]}
+    if columns not in values:
+        raise InputError(f"{run.directory} was made without {columns}: name an option or a key that all runs have set")
+    options = {name: value for name, value in planner["options"].items() if name != columns}
+    label = planner["name"] + (f" ({', '.join(f'{k}={v}' for k, v in options.items())})" if options else "")
+    return label, f"{columns}={values[columns]}"
+
+
+def _mark(runs: Runs, found: Mapping[str, Estimate], metric: str, info: MetricInfo) -> dict[str, str]:
+    """`best` for the best run of a column, and † for those that cannot be told from it."""
+    known = {row: info.sign * one.mean for row, one in found.items() if not math.isnan(one.mean)}
+    if len(known) < 2 or not info.sign:
+        return {}
+    best = max(known, key=lambda row: known[row])
+    others = [row for row in known if row != best]
+    differences = [compare_results(runs[best], runs[row], [metric]).rows[metric] for row in others]
+    if all(each.p is not None for each in differences):
+        same = holm(np.array([each.p for each in differences], float)) >= 0.05
+    else:
+        same = np.array([each.difference.low <= 0.0 <= each.difference.high for each in differences])
+    return {best: "best", **{row: "†" for row, is_same in zip(others, same, strict=True) if is_same}}
+
+
+def _cell(estimate: Estimate | None, mark: str, info: MetricInfo) -> str:
+    mean, *interval = info.estimate(estimate or NOTHING).split(" ", 1)
+    return " ".join([f"**{mean}**" if mark == "best" else mean + mark, *interval])
