@@ -309,7 +309,7 @@ def test_an_entry_of_another_board_is_pending_and_neither_verified_nor_ranked(ro
     assert [one.reason for one in found.others] == ["pending", "pending"]
     assert not found.ranked
     assert all(np.isnan(one.figures["success_rate"].mean) for one in found.others)
-    assert "| careful, Ada |  |" in section(found)
+    assert "| careful, Ada | - |" in section(found)
 
 
 @pytest.mark.parametrize("target", ["catalog.planner_code", "boards.planner_files.package_files"])
@@ -433,7 +433,7 @@ def test_no_more_than_two_entries_of_a_submitter_are_ranked(root, monkeypatch):
 def test_the_readme_has_the_standings(root):
     text = write_readme(root).read_text()
     assert "## Small" in text
-    assert re.search(r"\| \d \(\d to \d\) \| orca.*, crowdbench \| \d+\.\d\d % ", text)
+    assert re.search(r"\| \d \(\d to \d\) \| orca.*, crowdbench \| \d+\.\d \(", text)
     assert re.search(r"\| \d \(\d to \d\) \| careful.*, Ada \|", text)
 
 
