@@ -8,6 +8,7 @@ import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from crowdbench.plugins import files
 from crowdbench.plugins.files import imported_modules
@@ -96,7 +97,7 @@ def _read(path: Path) -> tuple[str, list[str]]:
 
 
 @functools.cache
-def _kept() -> dict[str, tuple[str, list[str]]]:
+def _kept() -> dict[str, Any]:
     """Return what `_read` has returned, by the digest of the source. It is kept on disk, beside compiled kernels."""
     content = store.read(_entry())
     return json.loads(content) if content else {}
