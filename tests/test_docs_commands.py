@@ -21,7 +21,6 @@ RUN_ELSEWHERE = {
     "reproduce": ".ci/reproduce",
     "train": ".ci/train",
     "validity": "tests/test_validity.py",
-    "bench": "tests/test_bench.py",
     "certify": "tests/test_certify.py",
     "dial": "tests/test_dials.py",
     "ladder": "tests/test_ladder.py",

@@ -41,7 +41,6 @@ COMMANDS = {
     "export": "export:export",
     "evaluate-predictor": "evaluate_predictor:evaluate_predictor",
     "validity": "study:validity",
-    "bench": "bench:bench",
     "new-planner": "boards:new_planner",
     "submit": "boards:submit",
     "verify": "boards:verify",

@@ -25,14 +25,16 @@ class Measurement:
     unit: str
     crowdnav: float | None = None
 
-    @property
-    def ratio(self) -> float | None:
-        """How many times less time crowdbench takes than CrowdNav's code."""
-        return None if self.crowdnav is None else self.crowdnav / self.value
+    def row(self) -> tuple[str, str, str, str]:
+        """Return work, speed, CrowdNav's, and how many times less time crowdbench takes."""
+        own = f"{self.value:.3g} {self.unit}"
+        if self.crowdnav is None:
+            return self.work, own, "", ""
+        return self.work, own, f"{self.crowdnav:.3g} {self.unit}", f"{self.crowdnav / self.value:.1f}x"
 
 
 def seconds(work: Callable[[], object]) -> float:
-    """Time in seconds that a call takes."""
+    """Return the time in seconds that a call takes."""
     begin = time.perf_counter()
     work()
     return time.perf_counter() - begin

@@ -1,7 +1,7 @@
 """Compares the speed of crowdbench and navground: pip install "navground>=0.6,<0.8" "navground_learning>=0.2,<0.3"
 
 navground (https://pypi.org/project/navground) is a C++ library with ORCA agents and a PettingZoo environment. Both
-do the same work by turns in this one run: python examples/compare_navground.py
+do the same work by turns in this one run: python -m benchmarks.compare_navground
 
 The same work: agents with ORCA walk to the opposite point of a circle, or cross a square, and avoid at most ten others
 within 10 m. navground moves them too, and in addition pushes overlapping agents apart. A whole step of crowdbench is
@@ -25,9 +25,9 @@ from navground.learning.parallel_env import shared_parallel_env
 from navground.sim.state_estimations import BoundedStateEstimation
 from navground.sim.tasks import WaypointsTask
 
-from crowdbench.bench import simulator
-from crowdbench.bench.measurement import in_turns
-from crowdbench.bench.simulator import DT, FEW_STEPS, RADIUS, STEPS, THOUSANDS, circle
+from benchmarks import simulator
+from benchmarks.measurement import in_turns
+from benchmarks.simulator import DT, FEW_STEPS, RADIUS, STEPS, THOUSANDS, circle
 
 SCENARIO = """
 type: Antipodal

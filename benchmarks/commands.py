@@ -10,12 +10,24 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 
-from crowdbench.bench import time_and_memory
-from crowdbench.bench.measurement import Measurement
+from benchmarks.measurement import Measurement
 from crowdbench.utils.errors import InputError
 
 REPETITIONS = 3
 """Runs of a command; the median of their times counts."""
+
+TIMED = """
+import os, subprocess, sys, time
+begin = time.perf_counter()
+process = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
+_, status, usage = os.wait4(process.pid, 0)
+print(time.perf_counter() - begin, usage.ru_maxrss, os.waitstatus_to_exitcode(status))
+"""
+"""Prints time, peak memory and exit status of a command.
+
+It runs in a process of its own, because Linux counts the memory of the parent as memory of its child: the parent must
+be smaller than what is measured.
+"""
 
 
 def measure_start_up() -> Iterator[Measurement]:
@@ -91,7 +103,7 @@ def command(*arguments: str, **environment: str) -> tuple[float, float]:
         InputError: It fails.
     """
     measured = [sys.executable, "-m", "crowdbench", *arguments]
-    run = [sys.executable, "-I", "-S", time_and_memory.__file__, *measured]
+    run = [sys.executable, "-I", "-S", "-c", TIMED, *measured]
     process = subprocess.run(run, capture_output=True, env={**os.environ, **environment}, check=True)
     seconds, memory, status = process.stdout.split()
     if int(status):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -29,38 +28,6 @@ SHORTLISTS = (16, 8, 4)
 """Lengths of the shortlists that are measured."""
 
 
-@dataclass(frozen=True)
-class Variant:
-    """A variant of the lookahead of SARL-SGAN-KCE.
-
-    Attributes:
-        name: What it does differently.
-        seconds: Time for all its decisions, in seconds.
-        changed_commands: Number of decisions in which its command differs from the first variant's.
-        changed_outcomes: Number of episodes that end differently when it drives than when the first variant drives.
-    """
-
-    name: str
-    seconds: float
-    changed_commands: int
-    changed_outcomes: int
-
-
-@dataclass(frozen=True)
-class VariantComparison:
-    """Variants of the lookahead, compared on the same decisions.
-
-    Attributes:
-        variants: The variants. The first one is the reference: it has no speed-up that could change a command.
-        decisions: Number of decisions that each variant made.
-        episodes: Number of episodes that each variant drove.
-    """
-
-    variants: tuple[Variant, ...]
-    decisions: int
-    episodes: int
-
-
 def variants(**options: Any) -> dict[str, Planner]:
     """The variants of the planner by name. The first one values all commands under all futures.
 
@@ -80,20 +47,33 @@ def variants(**options: Any) -> dict[str, Planner]:
 
 def compare(
     planners: Mapping[str, Planner], cases: Cases, progress: Callable[[float], None] | None = None
-) -> VariantComparison:
+) -> list[tuple[str, ...]]:
     """Compare variants: on the decisions of the episodes that the first one drives, and on the outcomes of their own.
 
     Args:
         planners: The variants by name, the reference first.
         cases: The cases of `circle_crossing_5` that each variant drives.
         progress: Called as by `rollout`, for the episodes of all variants.
+
+    Returns:
+        For each variant, its name, the time of all its decisions, how many times faster than the first it is, the
+        episodes that end differently when it drives, and the decisions in which its command differs.
     """
     timed = _AllDecide(list(planners.values()))
     # The timed one drives last: everything is compiled then.
     *others, reference = (_outcomes(planner, cases, progress) for planner in [*timed.planners[1:], timed])
-    changed_outcomes = [int((outcome != reference).sum()) for outcome in [reference, *others]]
-    compared = map(Variant, planners, timed.seconds.tolist(), timed.changed_commands.tolist(), changed_outcomes)
-    return VariantComparison(tuple(compared), timed.decisions, len(cases))
+    return [
+        (
+            name,
+            f"{seconds:.3g} s",
+            f"{timed.seconds[0] / seconds:.1f}x",
+            f"{(outcome != reference).sum()} of {len(cases):,}",
+            f"{changed} of {timed.decisions:,}",
+        )
+        for name, seconds, changed, outcome in zip(
+            planners, timed.seconds, timed.changed_commands, [reference, *others], strict=True
+        )
+    ]
 
 
 class _AllDecide(Planner):

@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from jaxtyping import Float
 
-from crowdbench.bench.measurement import Measurement, in_turns
+from benchmarks.measurement import Measurement, in_turns
 from crowdbench.catalog import load_scenario
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import World

@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from crowdbench.bench.measurement import Measurement, in_turns, seconds
+from benchmarks.measurement import Measurement, in_turns, seconds
 from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.core.types import Observation
 from crowdbench.isolation import sandbox

@@ -1,0 +1,116 @@
+"""The command `python -m benchmarks`."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from crowdbench.cli.console import announce_compilation, progress
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
+from crowdbench.cli.tables import print_table
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Grid
+
+SCENARIO = "circle_crossing_5"
+"""Where a planner's decisions are timed, unless another scenario is named."""
+
+CASES = "val:21"
+"""The cases in which a planner's decisions are timed; the first one warms up."""
+
+VARIANT_CASES = "val:50"
+"""The cases that the variants of the lookahead drive."""
+
+
+@help_from_docstring
+def bench(
+    lookahead: bool = False,
+    planner: str | None = None,
+    scenario: str = SCENARIO,
+    option: list[str] | None = None,
+    overrides: list[str] | None = None,
+    threads: ThreadsOption = None,
+) -> None:
+    """Measure the speed of the simulator, of decisions, trainings and whole runs on this machine.
+
+    --scenario, --option, --set and --threads need --planner.
+
+    Args:
+        lookahead: Instead, measure the speed-ups of SARL-SGAN-KCE's lookahead and whether they change any command.
+        planner: Instead, measure how long this planner takes for a decision in one world alone, in 20 cases. A name
+            or a file of your own: ./mine.py.
+    """
+    if lookahead and planner is not None:
+        raise InputError("--lookahead and --planner are different measurements: give one of them")
+    if planner is None and (scenario != SCENARIO or option or overrides or threads):
+        raise InputError("--scenario, --option, --set and --threads need --planner: say which planner to measure")
+    use_threads(threads)  # before torch and numba are imported
+    announce_compilation()
+    if planner is not None:
+        _bench_planner(planner, scenario, option or [], overrides or [])
+    elif lookahead:
+        _bench_lookahead()
+    else:
+        _bench_all()
+
+
+def _bench_planner(planner: str, scenario: str, option: list[str], overrides: list[str]) -> None:
+    import numpy as np
+
+    from crowdbench import Cases, load_planner, load_scenario
+    from crowdbench.runs.decision_time import decide_alone
+    from crowdbench.runs.results import planner_label
+    from crowdbench.runs.spec import EVERY_STEP
+
+    options, cases = assignments(option, "--option"), Cases.parse(CASES)
+    name, loaded = load_planner(planner, options)
+    world = load_scenario(scenario, assignments(overrides, "--set"))
+    with progress(len(cases) - 1) as tell:
+        seconds = decide_alone(loaded, name, world, EVERY_STEP, cases, progress=tell).seconds
+    median, late = 1e3 * np.percentile(seconds, [50, 99])
+    print(
+        f"{planner_label(name, options)} on {world.name}: {len(seconds)} decisions in one world alone take "
+        f"{median:.3g} ms (median), {late:.3g} ms (99th percentile); a step takes {1e3 * world.rules.dt:g} ms"
+    )
+
+
+def _bench_lookahead() -> None:
+    from benchmarks import speed_ups
+    from crowdbench import Cases
+
+    planners, cases = speed_ups.variants(), Cases.parse(VARIANT_CASES)
+    episodes = len(planners) * len(cases)
+    with progress(episodes, f"of {episodes} episodes") as tell:
+        rows = speed_ups.compare(planners, cases, tell)
+    title = f"Variants of SARL-SGAN-KCE's lookahead, cases {cases}"
+    heads = "variant", "time", "ratio", "outcomes that differ", "commands that differ"
+    print_table(Grid(title, heads, rows, align="lrrrr"))
+    print("\nTimes are of decisions on the same observations, by turns.")
+    print("Each variant differs from the first one in one thing.")
+
+
+def _bench_all() -> None:
+    from benchmarks import commands, decisions, simulator
+
+    modules = simulator, decisions, commands
+    suite = [work for module in modules for name, work in vars(module).items() if name.startswith("measure_")]
+    rows: list[tuple[str, str, str, str]] = []
+    with progress(len(suite), f"of {len(suite)} measurements") as tell:
+        for measure in suite:
+            rows += (measured.row() for measured in measure())
+            tell(1)
+    print_table(Grid("Speed", ("work", "crowdbench", "CrowdNav, recorded", "ratio"), rows, align="lrrr"))
+    print("\nSARL's decisions are made with random weights, which cost as much as trained ones.")
+    print("CrowdNav's times were recorded earlier, on another machine: they are not measured in this run.")
+
+
+app = typer.Typer(add_completion=False, rich_markup_mode="markdown")
+app.command()(bench)
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does
+    try:
+        app()
+    except InputError as error:
+        sys.exit(f"benchmarks: {error}")
