@@ -214,3 +214,11 @@ def test_a_broken_installed_package_spoils_no_list(monkeypatch):
     assert ("theirs", "installed: nowhere.at_all:planner") in catalog.PLANNERS.names()
     with pytest.raises(InputError, match="installed planner theirs cannot be loaded: ModuleNotFoundError"):
         catalog.load_planner("theirs")
+
+
+def test_a_built_in_planner_may_be_a_folder_with_a_file_of_its_name():
+    assert list(catalog.planner_files("mpc", {})["planner"]) == ["mpc.py", "mpc_program.py"]
+    names = [name for name, _ in catalog.PLANNERS.names()]
+    assert names == sorted(names)
+    assert "mpc" in names
+    assert "mpc_program" not in names

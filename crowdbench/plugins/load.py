@@ -40,7 +40,7 @@ class Kind:
         word: What one of them is called.
         function: The function that a file of it defines.
         functions: Those that are built in as functions, by name.
-        folder: Where the files of others that are built in are, if there are any.
+        folder: Where the files, or folders with files, of others that are built in are, if there are any.
         entry_points: The group of entry points by which installed packages offer others, if they can.
         makes: What its function makes; None where the function itself is the plug-in.
         validate: Raises InputError where a plug-in that was made, with its name, breaks a rule of its kind.
@@ -55,9 +55,16 @@ class Kind:
     validate: Callable[[str, Any], None] | None = None
 
     def built_in(self) -> dict[str, Source]:
-        """Where each plug-in comes from that is built in, by name."""
-        paths = sorted(self.folder.glob("*.py")) if self.folder else []
-        return {**self.functions, **{path.stem: path for path in paths}}
+        """Return where each built-in plug-in comes from, by name: `name.py`, or `name/name.py` with files beside it."""
+        sources: dict[str, Source] = dict(self.functions)
+        if self.folder:
+            paths = [*self.folder.glob("*.py"), *self.folder.glob("*/*.py")]
+            sources |= {
+                path.stem: path
+                for path in sorted(paths, key=lambda path: path.stem)
+                if path.parent in (self.folder, self.folder / path.stem)
+            }
+        return sources
 
     def sources(self) -> dict[str, Source]:
         """Where each plug-in comes from that is built in or installed, by name. Takes 10 ms, unlike `built_in`."""

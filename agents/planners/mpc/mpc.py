@@ -1,4 +1,9 @@
-"""Model predictive control (MPC): one nonlinear program in each decision, solved by IPOPT through CasADi."""
+"""Model predictive control among pedestrians who move on at constant velocity, solved by IPOPT.
+
+Andersson et al., "CasADi: a software framework for nonlinear optimization and optimal control", Mathematical
+Programming Computation 11, 2019. Wächter and Biegler, "On the implementation of an interior-point filter line-search
+algorithm for large-scale nonlinear programming", Mathematical Programming 106, 2006.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +11,18 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
+from mpc_program import PEOPLE, TERMS, WALLS, Terms, build_program, import_casadi
 
 from crowdbench.core.geometry import norm
 from crowdbench.core.types import Observation, Outcome
 from crowdbench.planners.base import Planner
 from crowdbench.planners.filtered import Doubts, doubts
 from crowdbench.planners.last_plans import LastPlans
-from crowdbench.planners.mpc_program import PEOPLE, TERMS, WALLS, Terms, build_program, import_casadi
 from crowdbench.planners.scene import Sequence, Velocities, scene_of
 from crowdbench.planners.trials import limit_commands, time_left, try_sequences
 from crowdbench.predict import Prediction, Predictor
 from crowdbench.predict.base import validate_prediction
+from crowdbench.predict.load import load_predictor
 from crowdbench.utils.errors import require, require_count
 
 LOST = 10.0
@@ -24,6 +30,23 @@ LOST = 10.0
 
 FAR = 1e3
 """Where those are whom a program has room for and who do not exist, in metres."""
+
+
+def planner(
+    predictor: str = "constant_velocity", terms: Terms = TERMS, horizon: int = 14, iterations: int = 80
+) -> MPCPlanner:
+    """Make the planner. It needs CasADi: pip install 'crowdbench[mpc]'.
+
+    Args:
+        predictor: What predicts the pedestrians: a name (`crowdbench list predictors`) or a file.
+        terms: What a program weighs.
+        horizon: Number of steps [1].
+        iterations: Of IPOPT, at most [1].
+
+    Returns:
+        The planner.
+    """
+    return MPCPlanner(load_predictor(predictor)[1], terms, horizon, iterations)
 
 
 @dataclasses.dataclass(eq=False)
