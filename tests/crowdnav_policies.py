@@ -109,7 +109,7 @@ MINE = '''
 import math
 from collections import namedtuple
 
-from crowdbench.planners.crowdnav import CrowdNavPlanner
+from crowdnav import CrowdNavPlanner
 
 FullState = namedtuple("FullState", "px py vx vy radius gx gy v_pref theta")
 ObservableState = namedtuple("ObservableState", "px py vx vy radius")

@@ -3,8 +3,10 @@
 import dataclasses
 import math
 import re
+import shutil
 import sys
 from collections import namedtuple
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import ClassVar
 
@@ -28,13 +30,17 @@ from crowdnav_policies import (
 from helpers import drive, same, world
 from typer.testing import CliRunner
 
-from crowdbench.catalog import load_scenario
+from crowdbench.catalog import load_planner, load_scenario
 from crowdbench.cli import app
 from crowdbench.networks.weights import digest
-from crowdbench.planners import crowdnav
-from crowdbench.planners.crowdnav import CrowdNavPlanner
+from crowdbench.plugins.load import load_module
 from crowdbench.sim.sensor import observe
 from crowdbench.utils.errors import InputError
+
+FILE = Path(__file__).parent.parent / "adapters" / "crowdnav" / "crowdnav.py"
+
+crowdnav = load_module(FILE)
+CrowdNavPlanner = crowdnav.CrowdNavPlanner
 
 
 def scene(heading=0.0, **changes):
@@ -288,6 +294,7 @@ def test_a_policy_that_asks_its_environment_is_refused():
 
 def test_a_planner_of_one_line_keeps_the_contract(tmp_path):
     (tmp_path / "mine.py").write_text(MINE)
+    shutil.copy(FILE, tmp_path)
     done = CliRunner().invoke(app, ["check", str(tmp_path / "mine.py"), "--cases", "val:3"])
     assert done.exit_code == 0, done.output
     assert re.search(r"batch +0 of \d\d+ commands differ", done.output)
@@ -305,3 +312,32 @@ def test_a_policy_is_always_shown_somebody_where_there_is_anybody():
     alone = [(own, humans[0]) for own, humans in Keeps.shown if humans[0].velocity == (0.0, 0.0) and len(humans) == 1]
     assert all(humans for _, humans in Keeps.shown)
     assert alone[0][1].position == pytest.approx((alone[0][0][0], alone[0][0][1] - 20.0))
+
+
+def test_a_network_of_a_clone_drives(tmp_path, monkeypatch):
+    class Sarl(Straight):
+        query_env = True
+
+        def configure(self, config):
+            self.model = torch.nn.Linear(int(config.get("sarl", "inputs")), 1)
+
+        def get_model(self):
+            return self.model
+
+    factory = ModuleType("crowd_nav.policy.policy_factory")
+    factory.policy_factory = {"sarl": Sarl}
+    for name in ("crowd_nav", "crowd_nav.policy", "crowd_nav.policy.policy_factory"):
+        monkeypatch.setitem(sys.modules, name, factory)
+    for name in ("rvo2", "gym", "gym.envs.registration"):  # which the example replaces
+        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.chdir(tmp_path)
+    trained = tmp_path / "CrowdNav" / "crowd_nav" / "data" / "output"
+    trained.mkdir(parents=True)
+    (trained / "policy.config").write_text("[sarl]\ninputs = 3\n")
+    network = torch.nn.Linear(3, 1)
+    torch.save(network.state_dict(), trained / "rl_model.pth")
+    name, planner = load_planner(str(FILE))
+    assert name == "crowdnav"
+    assert planner.facts == {"policy": "Sarl", "weights": digest(network)}
+    assert same(drive(planner, "2"), drive(NativeStraight(), "2"))

@@ -1,6 +1,7 @@
 """Networks of CrowdNav++: what they are shown, and that each episode has its own memory."""
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,11 +10,15 @@ import torch
 from lookahead_scenes import DT, crowded
 
 from crowdbench import load_scenario
-from crowdbench.planners.crowdnav_plus import AWAY, STEPS, UNKNOWN, CrowdNavPlusPlanner
 from crowdbench.planners.driver import Driver
+from crowdbench.plugins.load import load_module
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
+
+adapter = load_module(Path(__file__).parent.parent / "adapters" / "crowdnav_plus" / "crowdnav_plus.py")
+AWAY, STEPS, UNKNOWN = adapter.AWAY, adapter.STEPS, adapter.UNKNOWN
+CrowdNavPlusPlanner = adapter.CrowdNavPlusPlanner
 
 
 class Network(torch.nn.Module):

@@ -89,7 +89,7 @@ def where_else(arguments):
         "weights=runs": ".ci/train",
         "--data": "tests/test_recorded.py",
         "number=10000": "tests/test_thousands.py",
-        "clone=": "tests/test_readme.py and tests/test_crowdnav_plus_planner.py",
+        "clone=": "tests/test_crowdnav_planner.py and tests/test_crowdnav_plus_planner.py",
         "$": "nowhere, because a shell has to fill in what it stands for",
     }
     return next((place for part, place in places.items() if part in text), "")

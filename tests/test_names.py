@@ -26,7 +26,7 @@ def undefined(text, file="text.py"):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("folder", ["crowdbench", "agents", "benchmarks", "examples", "tests"])
+@pytest.mark.parametrize("folder", ["crowdbench", "adapters", "agents", "benchmarks", "examples", "tests"])
 def test_every_name_is_defined(folder):
     files = sorted((ROOT / folder).rglob("*.py"))
     assert files

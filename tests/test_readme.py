@@ -1,21 +1,16 @@
 """What the README and the documentation show works as it stands there."""
 
 import re
-import sys
 from functools import partial
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-import torch
-from crowdnav_policies import NativeStraight, Straight
-from helpers import drive, same
+from helpers import drive
 
 from crowdbench.catalog import PEDESTRIANS, load_planner, load_scenario
 from crowdbench.check import check_layout, check_planner, check_policy
 from crowdbench.cli import app
-from crowdbench.networks.weights import digest
 from crowdbench.plugins.options import read_options
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
@@ -94,36 +89,6 @@ def test_the_reward_of_the_docs_pays(tmp_path):
         assert (paid <= expected).all()
         difference += (expected - paid).sum()
     assert difference > 0.0
-
-
-def test_the_policy_of_crowdnav_in_the_docs_drives(tmp_path, monkeypatch):
-    class Sarl(Straight):
-        query_env = True
-
-        def configure(self, config):
-            self.model = torch.nn.Linear(int(config.get("sarl", "inputs")), 1)
-
-        def get_model(self):
-            return self.model
-
-    factory = ModuleType("crowd_nav.policy.policy_factory")
-    factory.policy_factory = {"sarl": Sarl}
-    for name in ("crowd_nav", "crowd_nav.policy", "crowd_nav.policy.policy_factory"):
-        monkeypatch.setitem(sys.modules, name, factory)
-    for name in ("rvo2", "gym", "gym.envs.registration"):  # which the example replaces
-        monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.chdir(tmp_path)
-    trained = tmp_path / "CrowdNav" / "crowd_nav" / "data" / "output"
-    trained.mkdir(parents=True)
-    (trained / "policy.config").write_text("[sarl]\ninputs = 3\n")
-    network = torch.nn.Linear(3, 1)
-    torch.save(network.state_dict(), trained / "rl_model.pth")
-    (text,) = [block for block in blocks("docs/plugins.md") if "crowd_nav" in block]
-    (tmp_path / "sarl.py").write_text(text)
-    _, planner = load_planner(str(tmp_path / "sarl.py"))
-    assert planner.facts == {"policy": "Sarl", "weights": digest(network)}
-    assert same(drive(planner, "2"), drive(NativeStraight(), "2"))
 
 
 COMMANDS = [

@@ -1,12 +1,17 @@
-"""Policies of CrowdNav (Chen et al. 2019) and CrowdNav++ (Liu et al. 2023) as planners, without importing either.
+"""A network that CrowdNav (Chen et al. 2019) has trained as a planner, and any other policy in its manner.
 
-What is here follows from how these programs ask a policy: `policy.predict(state)` gets the state of one robot and what
-it sees of the humans, and returns a velocity, or a turn and a speed.
+    git clone https://github.com/vita-epfl/CrowdNav
+    crowdbench run --planner adapters/crowdnav/crowdnav.py --option clone=CrowdNav --isolated
+
+CrowdNav and CrowdNav++ (Liu et al. 2023) call `policy.predict(state)` with the state of one robot and what it sees of
+the humans. It returns a velocity, or a turn and a speed.
 """
 
 from __future__ import annotations
 
+import configparser
 import copy
+import importlib
 import math
 import sys
 from collections import namedtuple
@@ -14,10 +19,13 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
+import gymnasium
 import numpy as np
+import torch
 from jaxtyping import Float, Int
 
 from crowdbench.core.types import Observation
+from crowdbench.networks.weights import digest
 from crowdbench.planners.base import OneWorldPlanner
 from crowdbench.utils.errors import InputError, plugin_errors
 
@@ -26,6 +34,29 @@ STATES = "crowd_sim.envs.utils.state"
 
 FAR = 20.0
 """How far away somebody stands, in metres, where a policy is shown a pedestrian and the vehicle sees none."""
+
+
+def planner(clone: str = "CrowdNav", output: str = "crowd_nav/data/output", policy: str = "sarl") -> CrowdNavPlanner:
+    """Make the planner of a network.
+
+    Args:
+        clone: Your clone of CrowdNav.
+        output: The folder in the clone with `policy.config` and `rl_model.pth`.
+        policy: The policy's name in CrowdNav: sarl, lstm_rl.
+
+    Returns:
+        The planner.
+    """
+    # Only its simulator needs these, which no longer install.
+    sys.modules |= {"rvo2": ModuleType("rvo2"), "gym": gymnasium, "gym.envs.registration": gymnasium.envs.registration}
+    sys.path.insert(0, clone)
+    chosen = importlib.import_module("crowd_nav.policy.policy_factory").policy_factory[policy]()
+    config = configparser.RawConfigParser()
+    config.read(f"{clone}/{output}/policy.config")
+    chosen.configure(config)
+    chosen.get_model().load_state_dict(torch.load(f"{clone}/{output}/rl_model.pth", weights_only=True))
+    chosen.query_env = False
+    return CrowdNavPlanner(chosen)
 
 
 class _Agent:
@@ -106,8 +137,6 @@ class CrowdNavPlanner(OneWorldPlanner):
         _examine(policy, self.name)
         facts = {"policy": self.name}
         if (network := _network(policy)) is not None:
-            from crowdbench.networks.weights import digest
-
             facts["weights"] = digest(network)  # no file that results name holds them
         self.facts = facts
         self._states = _state_classes(policy)
