@@ -21,7 +21,6 @@ from crowdbench.boards.board import read_board, read_boards
 from crowdbench.boards.entry import file_digests, read_entry, write_entry
 from crowdbench.boards.kept_runs import read_episodes
 from crowdbench.boards.season import freeze
-from crowdbench.boards.site import build_site, texts
 from crowdbench.boards.submission import Submission, submit
 from crowdbench.boards.verdict import (
     DecisionTime,
@@ -30,6 +29,7 @@ from crowdbench.boards.verdict import (
     verification_folder,
     write_verification,
 )
+from crowdbench.plugins.load import load_module
 from crowdbench.runs.results import to_json
 from crowdbench.utils.errors import InputError
 
@@ -37,6 +37,8 @@ pytestmark = pytest.mark.slow
 
 
 BOARDS = Path(__file__).parents[1] / "leaderboards"
+build_site = load_module(BOARDS / "site" / "build.py").build_site
+texts = load_module(BOARDS / "site" / "texts.py")
 HOSTILE = '"><script>alert(1)</script><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }} $x_{1}$ \u202e'
 
 
@@ -271,12 +273,6 @@ def test_a_folder_of_something_else_is_kept(tmp_path, root):
     with pytest.raises(InputError, match="holds something other than the pages of leaderboards"):
         build_site(root, tmp_path)
     assert (tmp_path / "thesis.txt").read_text() == "kept"
-
-
-def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch, tmp_path):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"need jinja2 and matplotlib, .* pip install 'crowdbench\[site\]'$"):
-        build_site(tmp_path, tmp_path / "site")
 
 
 @pytest.mark.parametrize(

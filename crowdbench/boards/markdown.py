@@ -17,8 +17,8 @@ SUCCESS = info_of("success_rate")
 
 INTRODUCTION = """# Leaderboards
 
-Made by `crowdbench leaderboard readme` from the entries in these folders; `crowdbench leaderboard build --out DIR`
-makes pages with figures from them. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank
+Made by `crowdbench leaderboard readme` from the entries in these folders; `python leaderboards/site/build.py --out
+DIR` makes pages with figures from them. [docs/boards.md](../docs/boards.md) says how to enter a planner and what a rank
 means.
 
 Entries stand in the order of their score: success in per cent, and up to half a point for being quick. A new rank

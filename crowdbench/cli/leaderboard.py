@@ -1,4 +1,4 @@
-"""`crowdbench leaderboard`, for maintainers: fill boards with the planners that ship, and make the pages."""
+"""`crowdbench leaderboard`, for maintainers: fill boards with the planners that ship."""
 
 from __future__ import annotations
 
@@ -19,22 +19,7 @@ if TYPE_CHECKING:
     from crowdbench.boards.board import Board
     from crowdbench.boards.shipped import Job
 
-app = typer.Typer(help="Make the entries and the pages of the leaderboards.", no_args_is_help=True)
-
-
-@app.command()
-@help_from_docstring
-def build(out: Annotated[Path, typer.Option()], board: list[str] | None = None, root: Path = ROOT) -> None:
-    """Build the pages of boards: plain files that need no server and no network.
-
-    Args:
-        out: Folder for the pages.
-        board: The name of a board; else all. Repeatable.
-    """
-    from crowdbench.boards.site import build_site
-
-    pages = build_site(root, out, board or [])
-    say(f"{pages} pages; open {out / 'index.html'}")
+app = typer.Typer(help="Make the entries of the leaderboards.", no_args_is_help=True)
 
 
 @app.command()

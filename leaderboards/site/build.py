@@ -1,29 +1,37 @@
-"""Builds the pages: one for all boards, one for each board, one for each entry."""
+"""The pages of the leaderboards: one for all boards, one for each board, one for each entry.
+
+They are plain files that need no server, no network and no JavaScript: python leaderboards/site/build.py --out pages
+"""
 
 from __future__ import annotations
 
 import shutil
+import sys
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import jinja2
+import page_tables
+import texts
+import typer
+from failures import failures
+from figures import success_against_time
 from markupsafe import Markup
 
 from crowdbench.boards.board import MEASURED, Board, read_boards
 from crowdbench.boards.markdown import FILLING
 from crowdbench.boards.season import SEASON, Season, TooEarly, read_season
-from crowdbench.boards.site import tables, texts
-from crowdbench.boards.site.failures import failures
-from crowdbench.boards.site.figures import success_against_time
 from crowdbench.boards.standings import Standings, read_entries, standings
+from crowdbench.cli.boards import ROOT
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.metrics import METRICS, info_of
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.files import new_directory
 
 INDEX = "index.html"
 
-MARK = '<meta name="generator" content="crowdbench leaderboard build">'
+MARK = '<meta name="generator" content="leaderboards/site/build.py of crowdbench">'
 """What the first page of every site holds, so that no other folder is replaced."""
 
 ENTRY_PAGES = "entries"
@@ -34,8 +42,35 @@ TEMPLATES = HERE / "templates"
 STYLE = HERE / "style.css"
 
 
-def build(root: Path, out: Path, names: Collection[str]) -> int:
-    """Build pages; see `crowdbench.boards.site.build_site`."""
+@help_from_docstring
+def main(out: Annotated[Path, typer.Option()], board: list[str] | None = None, root: Path = ROOT) -> None:
+    """Build the pages of boards.
+
+    Args:
+        out: Folder for the pages.
+        board: The name of a board; else all. Repeatable.
+    """
+    pages = build_site(root, out, board or [])
+    print(f"{pages} pages; open {out / INDEX}")
+
+
+def build_site(root: Path, out: Path, names: Collection[str] = ()) -> int:
+    """Build the pages of boards.
+
+    The same boards give the same bytes, apart from recordings (`.rrd`), in which Rerun numbers its chunks at random.
+
+    Args:
+        root: The folder of boards.
+        out: The folder of the pages. One that an earlier build has made is replaced.
+        names: The names of the boards; all if there are none.
+
+    Returns:
+        The number of pages.
+
+    Raises:
+        InputError: There is no such board, a board or an entry is not as it must be, or `out` holds something else or
+            cannot be written.
+    """
     templates = _templates()
     _check_replaceable(out)
     by_name = {board.name: board for board in read_boards(root)}
@@ -83,7 +118,7 @@ def _templates() -> jinja2.Environment:
     meanings = {name: str(METRICS[name].__doc__).partition(" [")[0] for name in MEASURED}
     templates.globals |= {"METRICS": headings, "METRICS_SAY": meanings, "MANNERS": texts.MANNERS}
     templates.globals |= {"MARK": Markup(MARK), "SORT": sort, "FILLING": FILLING}
-    templates.globals["tables"] = tables
+    templates.globals["tables"] = page_tables
     return templates
 
 
@@ -102,3 +137,12 @@ def _write(path: Path, templates: jinja2.Environment, template: str, **context: 
     path.parent.mkdir(parents=True, exist_ok=True)
     page = templates.get_template(template).render(context)
     path.write_text(page, encoding="utf-8", errors="replace", newline="\n")
+
+
+if __name__ == "__main__":
+    app = typer.Typer(add_completion=False)
+    app.command()(main)
+    try:
+        app()
+    except InputError as error:
+        sys.exit(f"leaderboards: {error}")

@@ -17,8 +17,8 @@ import shapely
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from texts import shorten
 
-from crowdbench.boards.site.texts import shorten
 from crowdbench.boards.standings import Standing, Standings
 from crowdbench.core.types import Trace
 from crowdbench.drawing import Color, Disc, Moment, Palette, Shape, draw_moment, extent

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures import trajectories
 
 from crowdbench.boards.board import Board
 from crowdbench.boards.entry import Entry
 from crowdbench.boards.kept_runs import read_episodes, read_public_run
-from crowdbench.boards.site.figures import trajectories
 from crowdbench.boards.standings import PENDING, is_pending
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.metrics import Metric

@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
+from texts import NOTHING, number
 
 from crowdbench.boards.ranking import Pair
-from crowdbench.boards.site.texts import NOTHING, number
 from crowdbench.boards.standings import Standing, Standings
 from crowdbench.core.types import Outcome
 from crowdbench.metrics.summary import Estimate
