@@ -11,7 +11,12 @@ from crowdbench.cli import COMMANDS, app
 from crowdbench.record import viewer
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted(ROOT.glob("adapters/*/README.md")),
+]
 
 RUN_ELSEWHERE = {
     "submit": ".ci/boards",
