@@ -41,18 +41,19 @@ def check(
         scenario: A name or ./mine.toml.
         cases: The cases of the scenario.
     """
-    from crowdbench.check.kinds import CHECKS, CheckRequest, find_kind
+    from crowdbench.check import check_plugin
+    from crowdbench.check.kinds import SUBJECTS, find_kind, load_subject
     from crowdbench.scenario.cases import Cases
 
     kind = find_kind(plugin) if kind is None else kind
-    if kind not in CHECKS:
-        *others, last = CHECKS
+    if kind not in SUBJECTS:
+        *others, last = SUBJECTS
         raise InputError(f"nothing is checked as {kind!r}: --kind is {', '.join(others)} or {last}")
     announce_compilation()
     options = assignments(option or [], "--option")
-    request = CheckRequest(plugin, options, scenario, Cases.parse(cases), decision_limit, data)
-    name, results = CHECKS[kind](request)
-    print_table(check_table(name, results), {"kept": "green", "broken": "red", "?": "yellow"})
+    subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
+    results = check_plugin(subject, Cases.parse(cases))
+    print_table(check_table(subject.name, results), {"kept": "green", "broken": "red", "?": "yellow"})
     if not all(result.kept for result in results):
         raise typer.Exit(1)
 
