@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Int
@@ -32,8 +33,8 @@ The size of the batch changes how values are rounded, which decides ties.
 MORE = 3
 """Number of absent pedestrians that padding adds."""
 
-LIMITED = 5
-"""Number of cases with limited sight."""
+FEW = 5
+"""Number of cases in further scenarios, such as one with limited sight."""
 
 UNEXAMINED = "not examined: the answers are not valid"
 
@@ -130,7 +131,7 @@ class Record:
                 raise Broken(f"{self.where}the plug-in took longer than the limit of {self.limit:g} s ({names[0]})")
             after = dict(_arrays(inputs))
             for path in before | after:
-                if (row := _find_change(before.get(path), after.get(path))) is not None:
+                if (row := _find_difference(before.get(path), after.get(path))) is not None:
                     raise Broken(f"{self.where}the plug-in changes {path} ({names[row]}), but must leave it as it is")
         return answer
 
@@ -154,7 +155,7 @@ class Subject(ABC, Generic[Plugin]):
         name: Name of the plug-in.
         scenario: The scenario.
         limit: Seconds that a call may take.
-        limited: A scenario with limited sight, in which the plug-in is driven too.
+        limited: A scenario with limited sight, in which the plug-in is driven through some cases too.
         neural: Whether the values are those of a neural network; if None, whether torch or ONNX is imported.
     """
 
@@ -170,41 +171,24 @@ class Subject(ABC, Generic[Plugin]):
     neural: bool | None = None
 
     @abstractmethod
-    def drive(self, plugin: Plugin, scenario: Scenario, cases: Cases, record: Record) -> str:
-        """Drive through cases, record all answers, and return a remark. Raises Broken where the contract is broken."""
+    def drive(self, plugin: Plugin, scenario: Scenario, cases: Cases, record: Record) -> str | None:
+        """Drive through cases, and record all answers. Raises Broken where the contract is broken.
+
+        Returns:
+            What else was observed, if anything.
+        """
+
+    def scenarios(self) -> Mapping[str, Scenario]:
+        """Return the scenarios, by what begins their names and errors. Only a few cases of all but the first count."""
+        return {"": self.scenario} | ({"with limited sight: ": self.limited} if self.limited else {})
+
+    def is_neural(self) -> bool:
+        """Return whether the values are those of a neural network."""
+        return not {"torch", "onnxruntime"}.isdisjoint(sys.modules) if self.neural is None else self.neural
 
     def variants(self) -> Mapping[str, Callable[[], Plugin]]:
         """Return what makes plug-ins whose answers must be the same, by when they would not be."""
         return {}
-
-
-class Drive(NamedTuple):
-    """A drive of a plug-in.
-
-    Attributes:
-        batches: The cases of each batch.
-        make: Makes the plug-in for each batch, if not as the subject does.
-        padding: Whether there are more absent pedestrians.
-        repeat: Number of times that the plug-in gets each input.
-    """
-
-    batches: Sequence[Sequence[int]]
-    make: Callable[[], Any] | None = None
-    padding: bool = False
-    repeat: int = 1
-
-    def run(self, subject: Subject[Any], cases: Cases, record: Record) -> str:
-        """Drive through the batches, also with limited sight, and return the remark."""
-        remark = ""
-        for batch in self.batches:
-            plugin = (self.make or subject.make)()
-            for where, scenario in {"": subject.scenario, "with limited sight: ": subject.limited}.items():
-                numbers = tuple(number for number in batch if not where or number < cases.start + LIMITED)
-                if scenario is not None and numbers:
-                    record.where = where
-                    some = CaseList(cases.split, 0, 0, numbers)
-                    remark += subject.drive(plugin, with_padding(scenario) if self.padding else scenario, some, record)
-        return remark
 
 
 def check_plugin(subject: Subject[Plugin], cases: Cases) -> list[CheckResult]:
@@ -213,44 +197,60 @@ def check_plugin(subject: Subject[Plugin], cases: Cases) -> list[CheckResult]:
     Raises InputError where something other than the plug-in breaks its contract, or it cannot be made.
     """
     plugin, numbers, first = subject.make(), cases.indices.tolist(), Record(subject.limit)
+
+    def drive(
+        record: Record, *batches: list[int], make: Callable[[], Plugin] = subject.make, more: bool = False
+    ) -> str:
+        remark = ""
+        for batch in batches:
+            plugin = make()
+            for where, scenario in subject.scenarios().items():
+                some = tuple(number for number in batch if not where or number < cases.start + FEW)
+                if some:
+                    record.where, scenario = where, with_padding(scenario) if more else scenario
+                    remark = subject.drive(plugin, scenario, CaseList(cases.split, 0, 0, some), record) or remark
+        return remark
+
+    def compare(name: str, again: Mapping[str, Callable[[Record], str]], ties: float, right: str) -> CheckResult:
+        for when, drive_again in again.items():
+            record = Record(subject.limit, first.answers, subject.repeat if name == "repeatable" else 1)
+            try:
+                drive_again(record)
+            except Broken as error:
+                return CheckResult(name, False, f"{when}: {error}")
+            pairs = {key: (answer, record.answers.get(key)) for key, answer in first.answers.items()}
+            found = [key for key, pair in pairs.items() if _find_difference(*pair, rounding) is not None]
+            if len(found) > ties * len(pairs):
+                count = f"{len(found)} of {len(pairs)} {subject.answers} differ {when}, first in {found[0]}"
+                return CheckResult(name, False, f"{count}: {right}")
+        same = "the same up to rounding" if rounding else "the same"
+        return CheckResult(name, True, f"{len(first.answers)} {subject.answers} are {same} {', '.join(again)}")
+
     try:
-        remark = Drive([numbers], lambda: plugin).run(subject, cases, first)
+        remark = drive(first, numbers, make=lambda: plugin)
     except Broken as error:
         unknown = [CheckResult(name, None, UNEXAMINED) for name in ("repeatable", "independent")]
         return [CheckResult("answers", False, str(error)), *unknown]
     time = f"{1e3 * np.mean(first.seconds):.3g} ms per call, at most {max(first.seconds):.3g} s"
     seen = f"{len(first.answers)} {subject.answers} are valid{remark}, the input is unchanged; {time}"
-    repeatable = {
-        "when it is asked again": Drive([numbers], lambda: plugin, repeat=subject.repeat),
-        "when a new one is made": Drive([numbers]),
+    rounding, ties = (ROUNDING, TIES) if subject.is_neural() else (0.0, 0.0)
+    repeatable: dict[str, Callable[[Record], str]] = {
+        "when it is asked again": lambda record: drive(record, numbers, make=lambda: plugin),
+        "when a new one is made": lambda record: drive(record, numbers),
     }
-    independent = {
-        "when a case is driven alone": Drive([[number] for number in numbers]),
-        "in batches of 3": Drive([numbers[start : start + 3] for start in range(0, len(numbers), 3)]),
-        "in reverse order": Drive([numbers[::-1]]),
-        **({f"with {MORE} more absent pedestrians": Drive([numbers], padding=True)} if subject.padding else {}),
-        **{when: Drive([numbers], make) for when, make in subject.variants().items()},
+    independent: dict[str, Callable[[Record], str]] = {
+        "when a case is driven alone": lambda record: drive(record, *([number] for number in numbers)),
+        "in batches of 3": lambda record: drive(record, *(numbers[i : i + 3] for i in range(0, len(numbers), 3))),
+        "in reverse order": lambda record: drive(record, numbers[::-1]),
     }
-    rounding, ties = (ROUNDING, TIES) if _is_neural(subject) else (0.0, 0.0)
-
-    def compare(name: str, drives: Mapping[str, Drive], right: str, ties: float) -> CheckResult:
-        for when, drive in drives.items():
-            record = Record(subject.limit, first.answers, drive.repeat)
-            try:
-                drive.run(subject, cases, record)
-            except Broken as error:
-                return CheckResult(name, False, f"{when}: {error}")
-            found = [key for key, one in first.answers.items() if not _is_same(one, record.answers.get(key), rounding)]
-            if len(found) > ties * len(first.answers):
-                count = f"{len(found)} of {len(first.answers)} {subject.answers} differ {when}, first in {found[0]}"
-                return CheckResult(name, False, f"{count}: {right}")
-        same = "the same up to rounding" if rounding else "the same"
-        return CheckResult(name, True, f"{len(first.answers)} {subject.answers} are {same} {', '.join(drives)}")
-
+    if subject.padding:
+        independent[f"with {MORE} more absent pedestrians"] = lambda record: drive(record, numbers, more=True)
+    for when, make in subject.variants().items():
+        independent[when] = functools.partial(lambda make, record: drive(record, numbers, make=make), make)
     return [
         CheckResult("answers", True, seen),
-        compare("repeatable", repeatable, REPEATABLE, 0.0),
-        compare("independent", independent, INDEPENDENT, ties),
+        compare("repeatable", repeatable, 0.0, REPEATABLE),
+        compare("independent", independent, ties, INDEPENDENT),
     ]
 
 
@@ -259,22 +259,15 @@ def with_padding(scenario: Scenario) -> Scenario:
     return WithPadding(**{each.name: getattr(scenario, each.name) for each in dataclasses.fields(scenario)})
 
 
-def _is_neural(subject: Subject[Any]) -> bool:
-    return not {"torch", "onnxruntime"}.isdisjoint(sys.modules) if subject.neural is None else subject.neural
-
-
-def _is_same(one: np.ndarray, other: np.ndarray | None, rounding: float) -> bool:
-    if other is None or one.shape != other.shape:
-        return False
-    return bool(np.isclose(one, other, rtol=0.0, atol=rounding, equal_nan=True).all())
-
-
-def _find_change(before: np.ndarray | None, after: np.ndarray | None) -> int | None:
-    """Return the first row of an array that has changed, None where none has."""
-    if before is None or after is None or before.shape != after.shape:
+def _find_difference(one: np.ndarray | None, other: np.ndarray | None, rounding: float = 0.0) -> int | None:
+    """Return the first row in which two arrays differ, None where they are the same."""
+    if one is None or other is None or one.shape != other.shape:
         return 0
-    same = (before == after) | ((before != before) & (after != after))
-    return None if same.all() else int(np.argwhere(~same)[0, 0])
+    same = (one == other) | ((one != one) & (other != other))
+    if rounding:
+        same |= np.abs(np.subtract(one, other, dtype=float)) <= rounding
+    rows = np.argwhere(~np.atleast_1d(same))
+    return int(rows[0, 0]) if len(rows) else None
 
 
 def _arrays(part: Any, path: str = "") -> Iterator[tuple[str, np.ndarray]]:

@@ -66,7 +66,7 @@ class PlannerSubject(Subject[Planner]):
     answers = "commands"
     repeat = 1
 
-    def drive(self, plugin: Planner, scenario: Scenario, cases: Cases, record: Record) -> str:
+    def drive(self, plugin: Planner, scenario: Scenario, cases: Cases, record: Record) -> None:
         """Drive through cases and record the commands."""
         record.limit = UNLIMITED  # the driver measures the time
         driver = _RecordingDriver(plugin, self.name, self.limit, record)
@@ -76,7 +76,6 @@ class PlannerSubject(Subject[Planner]):
         except Broken as error:
             if not (error.__cause__ and isinstance(error.__cause__.__context__, OneStepOnly)):
                 raise
-        return ""
 
 
 class _RecordingDriver(Driver):
@@ -110,21 +109,22 @@ class PolicySubject(Subject[PedestrianPolicy]):
     answers = "worlds' velocities"
     padding = True
 
-    def drive(self, plugin: PedestrianPolicy, scenario: Scenario, cases: Cases, record: Record) -> str:
+    def drive(self, plugin: PedestrianPolicy, scenario: Scenario, cases: Cases, record: Record) -> None:
         """Drive the test vehicle and record the velocities of the pedestrians."""
-        for visible in dict.fromkeys([scenario.rules.visible, False]):
-            policy = _RecordingPolicy(plugin, self.name, record, "" if visible else ", invisible vehicle")
-            policies = {**scenario.policies, self.name: policy}
-            rules = dataclasses.replace(scenario.rules, visible=visible)
-            _drive_test(_TestVehicle(cases), dataclasses.replace(scenario, policies=policies, rules=rules), cases)
-        return ""
+        policies = {**scenario.policies, self.name: _RecordingPolicy(plugin, self.name, record)}
+        _drive_test(_TestVehicle(cases), dataclasses.replace(scenario, policies=policies), cases)
+
+    def scenarios(self) -> Mapping[str, Scenario]:
+        """Return the scenario, and the same with a vehicle that pedestrians do not see."""
+        invisible = dataclasses.replace(self.scenario.rules, visible=False)
+        return {"": self.scenario, "invisible vehicle: ": dataclasses.replace(self.scenario, rules=invisible)}
 
 
 class _RecordingPolicy(PolicyWithMemory):
     """Records the velocities of a policy."""
 
-    def __init__(self, policy: PedestrianPolicy, name: str, record: Record, suffix: str) -> None:
-        self.policy, self.name, self.record, self.suffix = policy, name, record, suffix
+    def __init__(self, policy: PedestrianPolicy, name: str, record: Record) -> None:
+        self.policy, self.name, self.record = policy, name, record
 
     def memory(self, world: World, parameters: Parameters) -> Memory:
         """Return the memory at the start."""
@@ -145,8 +145,7 @@ class _RecordingPolicy(PolicyWithMemory):
         return followed, memory if after is None else after
 
     def _names(self, world: World) -> list[str]:
-        unseen = "" if self.suffix or world.present[:, 0].all() else ", unseen vehicle"
-        return _names(world.case, world.step, self.suffix + unseen)
+        return _names(world.case, world.step, "" if world.present[:, 0].all() else ", unseen vehicle")
 
 
 @dataclass
@@ -162,7 +161,7 @@ class PredictorSubject(Subject[Predictor]):
 
     modes: tuple[int, Callable[[int], Predictor]] | None = None
 
-    def drive(self, plugin: Predictor, scenario: Scenario, cases: Cases, record: Record) -> str:
+    def drive(self, plugin: Predictor, scenario: Scenario, cases: Cases, record: Record) -> None:
         """Drive the test vehicle and record predictions at every third step."""
 
         def predict(obs: Observation) -> None:
@@ -175,7 +174,6 @@ class PredictorSubject(Subject[Predictor]):
 
         vehicle = _TestVehicle(cases, predict, plugin.privileged)
         _drive_test(vehicle, scenario, cases)
-        return ""
 
     def _predict(
         self, plugin: Predictor, obs: Observation, steps: int
@@ -218,7 +216,7 @@ class MetricSubject(Subject[Metric]):
 
     answers = "values"
 
-    def drive(self, plugin: Metric, scenario: Scenario, cases: Cases, record: Record) -> str:
+    def drive(self, plugin: Metric, scenario: Scenario, cases: Cases, record: Record) -> None:
         """Drive the test vehicle and record the value of each episode, also without an undisturbed crowd."""
         whole = rollout(Driver(_TestVehicle(cases), "test", UNLIMITED), scenario, cases)
         # A scenario whose pedestrians do not see the vehicle has traces of the second kind.
@@ -226,7 +224,6 @@ class MetricSubject(Subject[Metric]):
             names = [f"case {case}{which}" for case in trace.case]
             values = record.ask(functools.partial(measure, self.name, plugin, trace), names, trace=trace)
             record.keep(names, list(values))
-        return ""
 
 
 @dataclass
@@ -235,7 +232,7 @@ class RewardSubject(Subject[Reward]):
 
     answers = "rewards"
 
-    def drive(self, plugin: Reward, scenario: Scenario, cases: Cases, record: Record) -> str:
+    def drive(self, plugin: Reward, scenario: Scenario, cases: Cases, record: Record) -> None:
         """Drive through cases and record the rewards of all steps."""
         checked = CheckedReward(self.name, plugin)
         view, world = View(scenario, "flat", "world", NEAREST), scenario.worlds(cases)
@@ -245,7 +242,6 @@ class RewardSubject(Subject[Reward]):
             names = _names(world.case, world.step)
             record.keep(names, list(record.ask(functools.partial(checked, step), names, step=step)))
             world = step.after.take(~step.ended)
-        return ""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""The command that checks whether a planner or another plug-in keeps the contract of its kind."""
+"""The command that checks a plug-in against the contract of its kind."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check(
     data: Path | None = None,
     decision_limit: float = DECISION_LIMIT,
 ) -> None:
-    """Check point by point whether a plug-in keeps the contract of its kind: valid answers, the same in any batch.
+    """Check a plug-in against the contract of its kind: valid answers, the same again and in any batch.
 
     Args:
         plugin: A file, ./mine.py, ./mine.py:function or a scenario's, ./mine.toml, or a name: a planner's, without
@@ -62,4 +62,4 @@ def check_table(name: str, results: Sequence[CheckResult]) -> Grid:
     """What the plug-in of a name keeps of its contract, and what was seen."""
     verdicts = {True: "kept", False: "broken", None: "?"}
     rows = [(verdicts[result.kept], result.name, result.seen) for result in results]
-    return Grid(f"The contract, as {name} keeps it", ("", "point", "seen"), rows, align="lll")
+    return Grid(f"The contract, as {name} keeps it", ("", "check", "seen"), rows, align="lll")
