@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from crowdbench.catalog import load_planner, load_scenario
+from crowdbench.check import check_plugin
 from crowdbench.core.types import HISTORY, Outcome, Rules, Trace, World
 from crowdbench.metrics import METRICS
 from crowdbench.planners.base import Planner
@@ -172,3 +173,10 @@ class Still(Planner):
 
     def plan(self, obs):
         return np.zeros((len(obs), 2))
+
+
+def failed_checks(subject, cases="val:3"):
+    """The sentences of the checks of a plug-in's contract that have failed, by their names."""
+    results = check_plugin(subject, Cases.parse(cases))
+    assert all(result.seen for result in results)
+    return {result.name: result.seen for result in results if not result.kept}

@@ -1,4 +1,4 @@
-"""Each point of a planner's contract is examined by itself: there is a planner that breaks it and nothing else."""
+"""`crowdbench check` on planners: each fault is found by one check, in a sentence."""
 
 import time
 
@@ -6,37 +6,27 @@ import numpy as np
 import pytest
 
 from crowdbench.catalog import load_planner, load_scenario
-from crowdbench.check import CheckResult, check_planner
+from crowdbench.check import CheckResult, check_plugin
+from crowdbench.check.subjects import PlannerSubject
 from crowdbench.cli.check import check_table
 from crowdbench.planners.base import Planner
 from crowdbench.scenario.cases import Cases
 from crowdbench.utils.errors import InputError
 
-POINTS = [
-    "exceptions",
-    "decision time",
-    "dtype",
-    "shape",
-    "finite",
-    "speed",
-    "observation",
-    "deterministic",
-    "batch",
-]
+PLACE = load_scenario("circle_crossing_5", {"time_limit": 4.0})
 
 
 def examined(make, cases="val:6", limit=60.0):
-    points = check_planner(make, "mine", load_scenario("circle_crossing_5"), Cases.parse(cases), limit)
-    assert [point.name for point in points][: len(POINTS)] == POINTS
-    return {point.name: point for point in points}
+    subject = PlannerSubject(make, "mine", PLACE, limit, neural=False)
+    return {result.name: result for result in check_plugin(subject, Cases.parse(cases))}
 
 
-def broken(points):
-    return {name: point.seen for name, point in points.items() if point.kept is False}
+def broken(results):
+    return {name: result.seen for name, result in results.items() if result.kept is False}
 
 
-def not_examined(points):
-    return {name for name, point in points.items() if point.kept is None}
+def not_examined(results):
+    return {name for name, result in results.items() if result.kept is None}
 
 
 class Straight(Planner):
@@ -91,46 +81,52 @@ def dice_for_case_2(obs, command):
 
 
 OFFENCES = {
-    "an exception": (lambda obs, command: 1 / 0, "exceptions", "raised ZeroDivisionError: division by zero"),
-    "a way out": (lambda obs, command: exit(), "exceptions", "raised SystemExit"),
-    "late": (late, "decision time", "took longer than the limit of 0.2 s (step 3, one of 6 cases)"),
-    "late and deaf": (late_and_deaf, "decision time", "took longer than the limit of 0.2 s (step 3, one of 6 cases)"),
-    "a list": (lambda obs, command: command.tolist(), "dtype", "returned a list instead of a float array"),
-    "integers": (lambda obs, command: np.zeros((len(obs), 2), int), "dtype", "returned a int64 array"),
+    "an exception": (lambda obs, command: 1 / 0, "planner mine raised ZeroDivisionError: division by zero"),
+    "a way out": (lambda obs, command: exit(), "raised SystemExit"),
+    "late": (late, "took longer than the limit of 0.2 s (step 3, one of 6 cases)"),
+    "late and deaf": (late_and_deaf, "took longer than the limit of 0.2 s (step 3, one of 6 cases)"),
+    "a list": (lambda obs, command: command.tolist(), "returned a list instead of a float array"),
+    "integers": (lambda obs, command: np.zeros((len(obs), 2), int), "returned a int64 array"),
     "a third number": (
         lambda obs, command: np.pad(command, ((0, 0), (0, 1))),
-        "shape",
         "returned shape [6, 3] instead of [6, 2]",
     ),
     "not a number": (
         lambda obs, command: with_case_2(command, obs, np.nan),
-        "finite",
         "returned [nan, nan], but a command must be finite (case 2, step 3)",
     ),
-    "infinite": (lambda obs, command: with_case_2(command, obs, np.inf), "finite", "returned [inf, inf]"),
+    "infinite": (lambda obs, command: with_case_2(command, obs, np.inf), "returned [inf, inf]"),
     "too fast": (
         lambda obs, command: with_case_2(command, obs, 9.0),
-        "speed",
         "asked for 12.7279 m/s, but the vehicle's maximum is 1 m/s (case 2, step 3)",
     ),
-    "meddling": (meddle, "observation", "changes obs.pedestrians.velocity (case 0, step 3)"),
-    "dice": (
-        dice_for_case_2,
-        "deterministic",
-        "1e-06 when it sees the same episodes again",
-    ),
+    "meddling": (meddle, "changes obs.pedestrians.velocity (case 0, step 3), but must leave it as it is"),
+    "a text": (lambda obs, command: "north", "returned a str instead of a float array"),
 }
 
 
 @pytest.mark.parametrize("name", OFFENCES)
-def test_an_offence_against_one_point_breaks_that_point_alone(name):
-    answer, point, expected = OFFENCES[name]
-    # Of so many commands one may differ in other batches, as a tie in rounding would.
-    cases = "val:12" if answer is dice_for_case_2 else "val:6"
-    points = examined(lambda: Breaks(answer), cases, limit=0.2 if point == "decision time" else 60.0)
-    assert set(broken(points)) == {point}
-    assert expected in points[point].seen
-    assert not_examined(points) == set()
+def test_an_invalid_answer_is_told(name):
+    answer, expected = OFFENCES[name]
+    results = examined(lambda: Breaks(answer), limit=0.2 if name.startswith("late") else 60.0)
+    assert set(broken(results)) == {"answers"}
+    assert expected in broken(results)["answers"]
+    assert not_examined(results) == {"repeatable", "independent"}
+
+
+def test_a_planner_that_never_answers_ends():
+    def hang(obs, command):
+        while True:
+            time.sleep(0.01)
+
+    assert "took longer than the limit of 0.2 s" in broken(examined(lambda: Breaks(hang), limit=0.2))["answers"]
+
+
+def test_dice_are_found():
+    results = examined(lambda: Breaks(dice_for_case_2))
+    assert "repeatable" in broken(results)
+    sentence = "1 of 64 commands differ when it is asked again, first in case 2, step 3: an answer may depend only on"
+    assert sentence in results["repeatable"].seen
 
 
 class Herd(Straight):
@@ -140,10 +136,10 @@ class Herd(Straight):
         return super().plan(obs) * (0.5 + 0.5 / len(obs))
 
 
-def test_a_planner_that_lets_the_batch_decide_breaks_that_point_alone():
-    points = examined(Herd, "val:4")
-    assert set(broken(points)) == {"batch"}
-    assert not_examined(points) == set()
+def test_a_planner_that_lets_the_batch_decide_is_found():
+    results = examined(Herd, "val:4")
+    assert set(broken(results)) == {"independent"}
+    assert not_examined(results) == set()
 
 
 class Triples(Straight):
@@ -166,9 +162,9 @@ class Ordered(Straight):
 
 @pytest.mark.parametrize(("make", "when"), [(Triples, "in batches of 3"), (Ordered, "in reverse order")])
 def test_commands_are_compared_in_batches_of_several_sizes_and_orders(make, when):
-    points = examined(make, "val:5")
-    assert set(broken(points)) == {"batch"}
-    assert f"commands differ by more than 1e-06 {when}" in points["batch"].seen
+    results = examined(make, "val:5")
+    assert set(broken(results)) == {"independent"}
+    assert f"commands differ {when}, first in case " in results["independent"].seen
 
 
 class Ahead(Straight):
@@ -191,51 +187,15 @@ AHEAD = {
 
 
 @pytest.mark.parametrize("name", AHEAD)
-def test_an_offence_in_plan_ahead_breaks_that_point_alone(name):
+def test_an_invalid_answer_of_plan_ahead_is_told(name):
     answer, expected = AHEAD[name]
-    points = examined(lambda: Ahead(answer), "val:4")
-    assert set(broken(points)) == {"plan_ahead"}
-    assert expected in points["plan_ahead"].seen
+    assert expected in broken(examined(lambda: Ahead(answer), "val:4"))["answers"]
 
 
-def test_plan_ahead_is_a_point_of_planners_that_have_it():
-    assert examined(Ahead, "val:2")["plan_ahead"].kept
-    assert "plan_ahead" not in examined(Straight, "val:2")
-
-
-def test_every_point_has_a_planner_that_breaks_it_alone():
-    assert {point for _, point, _ in OFFENCES.values()} | {"batch"} == set(POINTS)
-
-
-class Always(Planner):
-    """Answers the same way at each step."""
-
-    def __init__(self, answer):
-        self.answer = answer
-
-    def plan(self, obs):
-        return self.answer(obs)
-
-
-@pytest.mark.slow
-def test_what_cannot_be_examined_is_said():
-    after_shape = {"finite", "speed", "deterministic", "batch"}
-    points = examined(lambda: Always(lambda obs: np.zeros(len(obs))))
-    assert (set(broken(points)), not_examined(points)) == ({"shape"}, after_shape)
-    points = examined(lambda: Always(lambda obs: "north"))
-    assert (set(broken(points)), not_examined(points)) == ({"dtype"}, {"shape"} | after_shape)
-    points = examined(lambda: Always(lambda obs: 1 / 0))
-    assert (set(broken(points)), not_examined(points)) == ({"exceptions"}, set(POINTS) - {"exceptions"})
-    assert points["speed"].seen == "not examined: the planner returned no array of commands"
-
-
-@pytest.mark.slow
-def test_several_offences_are_all_found():
-    def answer(obs):
-        meddle(obs, None)
-        return np.full((len(obs), 2), 9)
-
-    assert set(broken(examined(lambda: Always(answer), "val:2"))) == {"dtype", "speed", "observation"}
+def test_plan_ahead_is_compared_too():
+    results = examined(lambda: Ahead(lambda commands, obs: commands * (0.5 + 0.5 / len(obs))), "val:4")
+    assert "first in case 0, step 0, plan_ahead" in broken(results)["independent"]
+    assert not broken(examined(Ahead, "val:2"))
 
 
 def test_a_planner_that_breaks_at_its_reset_is_told_so():
@@ -243,9 +203,8 @@ def test_a_planner_that_breaks_at_its_reset_is_told_so():
         def reset(self, rows):
             raise KeyError("weights")
 
-    points = examined(Mine)
-    assert broken(points)["exceptions"].startswith("planner mine raised KeyError in reset(): 'weights', in line ")
-    assert not_examined(points) == set(POINTS) - {"exceptions"}
+    sentence = broken(examined(Mine))["answers"]
+    assert sentence.startswith("planner mine raised KeyError in reset(): 'weights', in line ")
 
 
 class Remembers(Straight):
@@ -270,11 +229,10 @@ class SinglePrecision(Straight):
 
 
 @pytest.mark.slow
-def test_good_planners_keep_every_point():
-    for make in (lambda: load_planner("orca")[1], lambda: load_planner("social_force")[1], Straight, Remembers):
-        points = examined(make, "val:4")
-        assert all(point.kept for point in points.values())
-    assert examined(SinglePrecision, "val:2")["dtype"].seen.startswith("float32")
+def test_good_planners_pass():
+    good = lambda: load_planner("orca")[1], lambda: load_planner("social_force")[1], Straight, Remembers
+    for make in (*good, SinglePrecision):
+        assert all(result.kept for result in examined(make, "val:4").values())
 
 
 def test_commands_that_differ_each_time_break_both_repetitions():
@@ -282,7 +240,7 @@ def test_commands_that_differ_each_time_break_both_repetitions():
         def plan(self, obs):
             return super().plan(obs) * np.random.default_rng().uniform(0.9, 1.0, (len(obs), 1))
 
-    assert set(broken(examined(Dice, "val:4"))) == {"deterministic", "batch"}
+    assert set(broken(examined(Dice, "val:4"))) == {"repeatable", "independent"}
 
 
 def test_memory_that_reset_does_not_clear_is_found():
@@ -295,37 +253,54 @@ def test_memory_that_reset_does_not_clear_is_found():
             self.calls += 1
             return super().plan(obs) / (1.0 + 0.01 * self.calls)
 
-    assert set(broken(examined(Remembers, "val:4"))) == {"deterministic"}
+    assert "when it is asked again" in broken(examined(Remembers, "val:4"))["repeatable"]
 
 
-class Lonely(Straight):
-    """Answers otherwise from the second planner on, when each case has one of its own."""
+def test_a_network_with_random_weights_is_found():
+    class Untrained(Straight):
+        def __init__(self):
+            self.pace = np.random.default_rng().uniform(0.5, 1.0)
 
-    def __init__(self, made, answer):
-        made.append(self)
-        self.answer = answer if len(made) > 1 else super().plan
+        def plan(self, obs):
+            return super().plan(obs) * self.pace
 
-    def plan(self, obs):
-        return self.answer(obs)
+    assert "when a new one is made" in broken(examined(Untrained, "val:4"))["repeatable"]
+
+
+def test_only_networks_may_be_rounded_by_the_batch():
+    class Rounded(Straight):
+        def plan(self, obs):
+            return super().plan(obs) * (1.0 - 1e-9 * len(obs))
+
+    assert set(broken(examined(Rounded, "val:4"))) == {"independent"}
+    assert not broken(
+        {
+            each.name: each
+            for each in check_plugin(PlannerSubject(Rounded, "mine", PLACE, neural=True), Cases("val", 0, 4))
+        }
+    )
 
 
 @pytest.mark.parametrize(
     ("answer", "expected"),
     [
-        (
-            lambda obs: np.full((1, 2), np.nan),
-            "planner mine returned [nan, nan], but a command must be finite (case 3",
-        ),
+        (lambda obs: np.full((1, 2), np.nan), "planner mine returned [nan, nan], but a command must be finite (case 3"),
         (lambda obs: 1 / 0, "planner mine raised ZeroDivisionError"),
         (lambda obs: np.zeros(2), "planner mine returned shape [2] instead of [1, 2]"),
-        (lambda obs: meddle(obs, np.zeros((1, 2))), "planner mine changes obs.pedestrians.velocity (case 3"),
+        (lambda obs: meddle(obs, np.zeros((1, 2))), "the plug-in changes obs.pedestrians.velocity (case 3"),
     ],
 )
 def test_what_breaks_only_alone_is_found(answer, expected):
-    made = []
-    points = examined(lambda: Lonely(made, answer), "val:3:6")
-    assert set(broken(points)) == {"batch"}
-    assert points["batch"].seen.startswith(f"when a case runs alone: {expected}")
+    class Lonely(Straight):
+        def reset(self, rows):
+            self.is_alone = len(rows) == 1
+
+        def plan(self, obs):
+            return answer(obs) if self.is_alone else super().plan(obs)
+
+    found = broken(examined(Lonely, "val:3:6"))
+    assert set(found) == {"independent"}
+    assert found["independent"].startswith(f"when a case is driven alone: {expected}")
 
 
 def test_a_broken_pedestrian_policy_is_not_blamed_on_the_planner(tmp_path):
@@ -339,7 +314,7 @@ def test_a_broken_pedestrian_policy_is_not_blamed_on_the_planner(tmp_path):
     )
     place = load_scenario("circle_crossing_5", pedestrians=str(tmp_path / "mine.py"))
     with pytest.raises(InputError, match="pedestrian policy mine returned None"):
-        check_planner(Straight, "mine", place, Cases.parse("val:2"), 60.0)
+        check_plugin(PlannerSubject(Straight, "mine", place), Cases.parse("val:2"))
 
 
 def test_the_table_tells_what_is_kept_what_is_broken_and_what_was_not_examined():

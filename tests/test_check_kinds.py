@@ -1,25 +1,28 @@
-"""Policies, predictors, metrics and layouts: each point of a contract has a plug-in that breaks it and nothing else."""
+"""`crowdbench check` on policies, predictors, metrics, layouts, rewards and scenarios: each fault is found."""
 
 import dataclasses
 import functools
 import random
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
-from crowdbench.check import check_layout, check_metric, check_policy, check_predictor
-from crowdbench.check.examination import EXACT, NETWORKS
+from crowdbench.check import check_plugin
 from crowdbench.check.kinds import limited_sight
+from crowdbench.check.subjects import MetricSubject, PolicySubject, PredictorSubject, RewardSubject, ScenarioSubject
 from crowdbench.cli import app
+from crowdbench.envs.rewards import REWARDS
 from crowdbench.metrics import METRICS
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Oracle, Prediction, Predictor
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.layouts import LAYOUTS
 from crowdbench.scenario.layouts.floor_plan import floor_plan
-from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.placement import LayoutCall, Placement
+from crowdbench.scenario.respawn import LayoutWithRespawn
 from crowdbench.sim.pedestrians import PedestrianPolicy
 
 # Crowds of several sizes, so that there is padding, in short episodes.
@@ -29,22 +32,15 @@ CASES = Cases.parse("val:5")
 KEYS = PLACE.worlds(CASES).noise_key.tolist()
 """By these a plug-in here knows its cases."""
 
-LIMITS = {"time": 0.05}
-"""Seconds for those who break that point; all others may take as long as they like."""
 
-STATELESS = {"deterministic", "batch", "padding"}
-
-
-def verdicts(points):
-    """The names of the points that are broken, and of those that could not be examined."""
-    assert all(point.seen for point in points)
-    return {point.name for point in points if point.kept is False}, {
-        point.name for point in points if point.kept is None
-    }
+def results_of(subject, cases=CASES):
+    return {result.name: result for result in check_plugin(subject, cases)}
 
 
-def seen(points, name):
-    return next(point.seen for point in points if point.name == name)
+def broken(results):
+    """The sentences of the checks that have failed, by their names."""
+    assert all(result.seen for result in results.values())
+    return {name: result.seen for name, result in results.items() if result.kept is False}
 
 
 class Walk(PedestrianPolicy):
@@ -58,8 +54,8 @@ class Walk(PedestrianPolicy):
         return self.change(velocity, world) if world.step[0] == 2 else velocity
 
 
-def policy_points(make, tolerance=EXACT, limit=60.0):
-    return check_policy(make, "orca", PLACE, CASES, limit, tolerance)
+def policy_faults(make, neural=False, limit=60.0, place=PLACE):
+    return broken(results_of(PolicySubject(make, "orca", place, limit, neural=neural)))
 
 
 class Late:
@@ -97,25 +93,25 @@ def slower_in_wide_arrays(velocity, world):
 
 
 POLICIES = {
-    "an exception": (lambda velocity, world: 1 / 0, "exceptions", "pedestrian policy orca raised ZeroDivisionError"),
-    "late": (Late(), "time", "at most 0.1"),
-    "a list": (lambda velocity, world: velocity.tolist(), "type and shape", "must return float64"),
-    "one number": (lambda velocity, world: velocity[..., :1], "type and shape", "must return float64 of shape"),
-    "single precision": (lambda velocity, world: velocity.astype(np.float32), "type and shape", "returned float32"),
-    "not a number": (with_nan, "finite", "for pedestrian 0 of case 1, but a velocity must be finite"),
-    "meddling": (push, "world", "changes world.position (case 0)"),
-    "an array put into memory": (fill_memory, "world", "changes world.memory['orca']['heading'] (case 0)"),
-    "herd": (slower_alone, "batch", "worlds' velocities differ when a case runs alone"),
-    "padding": (slower_in_wide_arrays, "padding", "worlds' velocities differ with 3 more absent pedestrians"),
+    "an exception": (lambda velocity, world: 1 / 0, "answers", "pedestrian policy orca raised ZeroDivisionError"),
+    "late": (Late(), "answers", "took longer than the limit of 0.05 s (case 0, step 2"),
+    "a list": (lambda velocity, world: velocity.tolist(), "answers", "must return float64"),
+    "one number": (lambda velocity, world: velocity[..., :1], "answers", "must return float64 of shape"),
+    "single precision": (lambda velocity, world: velocity.astype(np.float32), "answers", "returned float32"),
+    "not a number": (with_nan, "answers", "for pedestrian 0 of case 1, but a velocity must be finite"),
+    "meddling": (push, "answers", "changes world.position (case 0, step 2"),
+    "an array put into memory": (fill_memory, "answers", "changes world.memory['orca']['heading'] (case 0, step 2"),
+    "herd": (slower_alone, "independent", "worlds' velocities differ when a case is driven alone"),
+    "padding": (slower_in_wide_arrays, "independent", "worlds' velocities differ with 3 more absent pedestrians"),
 }
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_an_offence_of_a_policy_breaks_its_point_alone(name):
-    change, point, expected = POLICIES[name]
-    points = policy_points(lambda: Walk(change), limit=LIMITS.get(point, 60.0))
-    assert verdicts(points) == ({point}, set())
-    assert expected in seen(points, point)
+def test_a_fault_of_a_policy_is_found(name):
+    change, check, expected = POLICIES[name]
+    faults = policy_faults(lambda: Walk(change), limit=0.05 if name == "late" else 60.0)
+    assert set(faults) == {check}
+    assert expected in faults[check]
 
 
 class Smooth(Walk):
@@ -155,16 +151,14 @@ class Dice(Walk):
 
 
 def test_a_policy_with_a_state_or_dice_of_its_own_is_found():
-    points = policy_points(Smooth)
-    assert {"deterministic", "batch"} <= verdicts(points)[0] <= STATELESS
-    assert "differ when it is shown the same again, from the last to the first" in seen(points, "deterministic")
-    assert "deterministic" in verdicts(policy_points(SmoothByCase))[0] <= STATELESS
-    assert verdicts(policy_points(Dice))[0] == STATELESS
+    assert "differ when it is asked again, first in case" in policy_faults(Smooth)["repeatable"]
+    assert "repeatable" in policy_faults(SmoothByCase)
+    assert set(policy_faults(Dice)) == {"repeatable", "independent"}
 
 
-def test_good_policies_keep_every_point():
+def test_good_policies_pass():
     for make in (Walk, lambda: PEDESTRIANS.load("orca")[1]):
-        assert verdicts(policy_points(make)) == (set(), set())
+        assert not policy_faults(make)
 
 
 class Absent(Walk):
@@ -176,26 +170,15 @@ class Absent(Walk):
 
 
 def test_what_a_policy_returns_for_the_absent_does_not_matter():
-    assert verdicts(policy_points(Absent)) == (set(), set())
+    assert not policy_faults(Absent)
 
 
 def test_only_networks_may_be_rounded_by_the_batch():
     def rounded(velocity, world):
         return velocity * (1.0 + 1e-9 * len(world))
 
-    assert "batch" in verdicts(policy_points(lambda: Walk(rounded)))[0]
-    assert verdicts(policy_points(lambda: Walk(rounded), NETWORKS)) == (set(), set())
-
-
-def test_a_policy_that_never_answers_is_examined_where_it_can_be():
-    class Never(PedestrianPolicy):
-        def velocities(self, world, parameters):
-            raise KeyError("goal")
-
-    assert verdicts(policy_points(Never)) == (
-        {"exceptions"},
-        {"time", "type and shape", "finite", "deterministic", "batch", "padding"},
-    )
+    assert set(policy_faults(lambda: Walk(rounded))) == {"independent"}
+    assert not policy_faults(lambda: Walk(rounded), neural=True)
 
 
 class Guess(Predictor):
@@ -209,8 +192,8 @@ class Guess(Predictor):
         return self.change(prediction, obs) if obs.step[0] == 3 else prediction
 
 
-def predictor_points(make, with_modes=None, limit=60.0, limited=None):
-    return check_predictor(make, "mine", PLACE, CASES, limit, with_modes, limited=limited)
+def predictor_faults(make, modes=None, limit=60.0, limited=None):
+    return broken(results_of(PredictorSubject(make, "mine", PLACE, limit, limited, neural=False, modes=modes)))
 
 
 def changed_observation(prediction, obs):
@@ -228,30 +211,30 @@ def scaled(prediction, factor):
 
 
 PREDICTORS = {
-    "an exception": (lambda prediction, obs: [][1], "exceptions", "predictor mine raised IndexError"),
-    "late": (Late(), "time", "at most 0.1"),
-    "an array": (lambda prediction, obs: prediction.position, "type and shape", "a ndarray instead of a Prediction"),
-    "infinite": (infinite, "finite", "returned velocities that are not finite"),
-    "meddling": (changed_observation, "observation", "changes obs.pedestrians.history (step 3)"),
+    "an exception": (lambda prediction, obs: [][1], "answers", "predictor mine raised IndexError"),
+    "late": (Late(), "answers", "took longer than the limit of 0.05 s (case 0, step 3)"),
+    "an array": (lambda prediction, obs: prediction.position, "answers", "a ndarray instead of a Prediction"),
+    "infinite": (infinite, "answers", "returned velocities that are not finite"),
+    "meddling": (changed_observation, "answers", "changes obs.pedestrians.history (case 0, step 3)"),
     "herd": (
         lambda prediction, obs: scaled(prediction, 0.5 if len(obs) == 1 else 1.0),
-        "batch",
-        "worlds' predictions differ when a case runs alone",
+        "independent",
+        "worlds' predictions differ when a case is driven alone",
     ),
     "padding": (
         lambda prediction, obs: scaled(prediction, 1.0 + 0.1 * (obs.pedestrians.seen.shape[1] > 10)),
-        "padding",
-        "worlds' predictions differ with 3 more pedestrians who are not seen",
+        "independent",
+        "worlds' predictions differ with 3 more absent pedestrians",
     ),
 }
 
 
 @pytest.mark.parametrize("name", PREDICTORS)
-def test_an_offence_of_a_predictor_breaks_its_point_alone(name):
-    change, point, expected = PREDICTORS[name]
-    points = predictor_points(lambda: Guess(change), limit=LIMITS.get(point, 60.0))
-    assert verdicts(points) == ({point}, set())
-    assert expected in seen(points, point)
+def test_a_fault_of_a_predictor_is_found(name):
+    change, check, expected = PREDICTORS[name]
+    faults = predictor_faults(lambda: Guess(change), limit=0.05 if name == "late" else 60.0)
+    assert set(faults) == {check}
+    assert expected in faults[check]
 
 
 class Counts(Guess):
@@ -265,17 +248,13 @@ class Counts(Guess):
 
 
 def test_a_predictor_with_a_state_of_its_own_is_found():
-    assert verdicts(predictor_points(Counts)) == ({"deterministic", "batch"}, set())
+    assert "when it is asked again" in predictor_faults(Counts)["repeatable"]
 
 
-def test_good_predictors_keep_every_point():
+def test_good_predictors_pass():
     for make in (Oracle, ConstantVelocity):
-        points = predictor_points(make, limited=LIMITED)
-        assert verdicts(points) == (set(), set())
-        assert "modes" not in [point.name for point in points]
-    points = predictor_points(ConstantVelocitySampled, lambda modes: ConstantVelocitySampled(modes))
-    assert verdicts(points) == (set(), set())
-    assert seen(points, "modes").endswith("in the first 2 of 5 modes")
+        assert not predictor_faults(make, limited=LIMITED)
+    assert not predictor_faults(ConstantVelocitySampled, (ConstantVelocitySampled().modes, ConstantVelocitySampled))
 
 
 def velocities_of_the_hidden(crowd):
@@ -286,11 +265,11 @@ def velocities_of_the_hidden(crowd):
 PEEPS = {
     "hidden velocities": (
         lambda crowd: velocities_of_the_hidden(crowd).sum(axis=1),
-        "with NaN in the rows of those who are not seen: predictor mine returned positions that are not finite",
+        "with NaN in the rows of unseen pedestrians: predictor mine returned positions that are not finite",
     ),
     "a number where there is none": (
         lambda crowd: np.isnan(velocities_of_the_hidden(crowd)).any(axis=1).astype(float),
-        "worlds' predictions differ with NaN in the rows of those who are not seen",
+        "worlds' predictions differ with NaN in the rows of unseen pedestrians",
     ),
     "hidden velocities without NaN": (
         lambda crowd: np.nansum(velocities_of_the_hidden(crowd), axis=1),
@@ -298,13 +277,13 @@ PEEPS = {
     ),
     "an exception where nobody is seen": (
         lambda crowd: 0.0 * np.stack([row[mask][0] for row, mask in zip(crowd.position, crowd.seen, strict=True)]),
-        "where the vehicle does not see everybody: predictor mine raised IndexError",
+        "with limited sight: predictor mine raised IndexError",
     ),
 }
 
 
 @pytest.mark.parametrize("name", PEEPS)
-def test_a_predictor_that_depends_on_the_hidden_breaks_limited_sight_alone(name):
+def test_a_predictor_that_depends_on_the_hidden_is_found(name):
     peep, expected = PEEPS[name]
 
     class Peeps(Predictor):
@@ -312,13 +291,9 @@ def test_a_predictor_that_depends_on_the_hidden_breaks_limited_sight_alone(name)
             prediction = ConstantVelocity().predict(obs, steps)
             return Prediction(prediction.position + peep(obs.pedestrians)[:, None, None, None], prediction.velocity)
 
-    points = predictor_points(Peeps, limited=LIMITED)
-    assert verdicts(points) == ({"limited sight"}, set())
-    assert expected in seen(points, "limited sight")
-
-
-def test_limited_sight_is_not_examined_where_a_predictor_breaks_another_point():
-    assert verdicts(predictor_points(Counts, limited=LIMITED)) == ({"deterministic", "batch"}, {"limited sight"})
+    faults = predictor_faults(Peeps, limited=LIMITED)
+    assert set(faults) == {"answers" if "exception" in name else "independent"}
+    assert expected in "".join(faults.values())
 
 
 class Fan(Guess):
@@ -334,12 +309,12 @@ class Fan(Guess):
         return Prediction(one.position * factor, one.velocity * factor)
 
 
-def test_modes_that_depend_on_their_number_break_that_point_alone():
-    assert verdicts(predictor_points(lambda: Fan(4), Fan)) == ({"modes"}, set())
+def test_modes_that_depend_on_their_number_are_found():
+    assert "with 3 more modes" in predictor_faults(lambda: Fan(4), (4, Fan))["independent"]
 
 
-def metric_points(metric):
-    return check_metric(lambda: metric, "mine", PLACE, CASES)
+def metric_faults(metric, cases=CASES):
+    return broken(results_of(MetricSubject(lambda: metric, "mine", PLACE, neural=False), cases))
 
 
 def speed(trace):
@@ -365,36 +340,33 @@ def counted(trace):
 
 
 METRICS_THAT_OFFEND = {
-    "an exception": (lambda trace: trace.nothing, "exceptions", "metric mine raised AttributeError"),
-    "needs what is not there": (lambda trace: trace.undisturbed[:, 0, 0, 0], "exceptions", "raised TypeError"),
-    "a number": (lambda trace: 1.0, "one value", "returned float, but must return one number or boolean per episode"),
-    "per step": (lambda trace: trace.gap, "one value", "but must return one number or boolean per episode"),
-    "infinite": (lambda trace: speed(trace) / 0.0, "finite", "is inf in case 0"),
-    "meddling": (dirt, "trace", "changes trace.command (case 0)"),
-    "a rank": (above_the_others, "batch", "values differ when a case runs alone"),
+    "an exception": (lambda trace: trace.nothing, "answers", "metric mine raised AttributeError"),
+    "needs what is not there": (lambda trace: trace.undisturbed[:, 0, 0, 0], "answers", "raised TypeError"),
+    "a number": (lambda trace: 1.0, "answers", "returned float, but must return one number or boolean per episode"),
+    "per step": (lambda trace: trace.gap, "answers", "but must return one number or boolean per episode"),
+    "infinite": (lambda trace: speed(trace) / 0.0, "answers", "is inf in case 0"),
+    "meddling": (dirt, "answers", "changes trace.command (case 0)"),
+    "a rank": (above_the_others, "independent", "values differ when a case is driven alone"),
 }
 
 
 @pytest.mark.parametrize("name", METRICS_THAT_OFFEND)
 @pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
-def test_an_offence_of_a_metric_breaks_its_point_alone(name):
-    metric, point, expected = METRICS_THAT_OFFEND[name]
-    points = metric_points(metric)
-    assert verdicts(points)[0] == {point}
-    assert expected in seen(points, point)
+def test_a_fault_of_a_metric_is_found(name):
+    metric, check, expected = METRICS_THAT_OFFEND[name]
+    faults = metric_faults(metric)
+    assert set(faults) == {check}
+    assert expected in faults[check]
 
 
 def test_a_metric_with_a_state_or_dice_of_its_own_is_found():
-    assert "deterministic" in verdicts(metric_points(counted))[0]
-    assert verdicts(metric_points(lambda trace: np.random.default_rng().random(len(trace))))[0] == {
-        "deterministic",
-        "batch",
-    }
+    assert "repeatable" in metric_faults(counted)
+    assert set(metric_faults(lambda trace: np.random.default_rng().random(len(trace)))) == {"repeatable", "independent"}
 
 
-def test_all_metrics_of_crowdbench_keep_every_point():
+def test_all_metrics_of_crowdbench_pass():
     for metric in (speed, *METRICS.values()):
-        assert verdicts(metric_points(metric)) == (set(), set())
+        assert not metric_faults(metric, Cases.parse("val:2"))
 
 
 def row_of_people(rng, radius, preferred_speed):
@@ -422,30 +394,34 @@ def box(middle, half):
 LATER = np.random.default_rng(0)
 
 LAYOUTS_THAT_OFFEND = {
-    "an exception": (lambda rng, radius, speed: radius[99], "exceptions", "layout mine in case 0 raised IndexError"),
-    "a pair": (lambda rng, radius, speed: (radius, radius), "shape", "a tuple instead of a Placement"),
-    "too few": (changed_row(goal=lambda one: one.goal[1:]), "shape", "with goal of shape"),
+    "an exception": (lambda rng, radius, speed: radius[99], "answers", "in case val/0, the layout raised IndexError"),
+    "a pair": (lambda rng, radius, speed: (radius, radius), "answers", "a tuple instead of a Placement"),
+    "too few": (changed_row(goal=lambda one: one.goal[1:]), "answers", "with goal of shape"),
     "a flat wall": (
         changed_row(obstacles=lambda one: np.zeros((2, 2))),
-        "shape",
+        "answers",
         "obstacles of shape [2, 2] instead of [any number, any number, 2]",
     ),
-    "nowhere": (changed_row(goal=lambda one: one.goal * np.nan), "finite", "the vehicle the goal [nan, nan]"),
-    "a heap": (changed_row(start=lambda one: one.start * 0.5), "overlap", "agents 0 and 1 overlap by 0.1 m"),
-    "nothing to do": (changed_row(goal=lambda one: one.start + 0.1), "goal", "the vehicle start 0.141 m from its goal"),
+    "nowhere": (changed_row(goal=lambda one: one.goal * np.nan), "answers", "the vehicle the goal [nan, nan]"),
+    "a heap": (changed_row(start=lambda one: one.start * 0.5), "answers", "agents 0 and 1 overlap by 0.1 m"),
+    "nothing to do": (
+        changed_row(goal=lambda one: one.start + 0.1),
+        "answers",
+        "the vehicle starts 0.141 m from its goal",
+    ),
     "a pedestrian with nothing to do": (
         changed_row(goal=lambda one: np.vstack([one.goal[:1], one.start[1:]])),
-        "goal",
-        "agent 1 start at its goal",
+        "answers",
+        "in case val/0, pedestrian 1 starts at its goal",
     ),
     "a wall through people": (
         changed_row(obstacles=lambda one: np.array([[[-1.0, 0.2], [9.0, 0.2]]])),
-        "obstacles",
+        "answers",
         "the start of the vehicle, [0.0, 0.0], is 0.2 m from obstacles[0]",
     ),
     "a box around a goal": (
         changed_row(obstacles=lambda one: box(one.goal[0], 0.5)),
-        "ways",
+        "answers",
         "no way leads the vehicle from (0, 0) to its goal",
     ),
     "a route through a wall": (
@@ -453,19 +429,19 @@ LAYOUTS_THAT_OFFEND = {
             obstacles=lambda one: np.array([[[-3.0, 3.0], [0.5, 3.0]]]),
             route=lambda one: np.full((len(one.start), 1, 2), np.nan),
         ),
-        "ways",
+        "answers",
         "the route of the vehicle leads 0 m past an obstacle",
     ),
     "NumPy's dice": (
-        changed_row(goal=lambda one: one.goal + np.random.rand()),  # noqa: NPY002 (the offence)
-        "random numbers",
-        "draws from NumPy's shared generator instead of its stream",
+        changed_row(goal=lambda one: one.goal + np.random.rand()),  # noqa: NPY002 (the fault)
+        "repeatable",
+        "draw random numbers only from the stream of the case",
     ),
-    "Python's dice": (changed_row(goal=lambda one: one.goal + random.random()), "random numbers", "Python's shared"),
+    "Python's dice": (changed_row(goal=lambda one: one.goal + random.random()), "repeatable", "first in case 0"),
     "dice of its own": (
         changed_row(goal=lambda one: one.goal + LATER.random()),
-        "deterministic",
-        "placements differ when it is given the same again",
+        "repeatable",
+        "differ when it is asked again",
     ),
 }
 
@@ -475,8 +451,10 @@ def plain(self, start, goal, route=None, obstacles=None):
         object.__setattr__(self, name, value)
 
 
-def layout_points(layout):
-    return check_layout(layout, "mine", PLACE, CASES)
+def layout_faults(layout, place=PLACE, cases=CASES):
+    starts = dataclasses.replace(place.starts, layout=LayoutCall(layout))
+    changed = dataclasses.replace(place, starts=starts)
+    return broken(results_of(ScenarioSubject(lambda: changed, "mine", changed, neural=False), cases))
 
 
 def test_what_groups_make_of_a_layout_is_examined_by_what_a_run_does():
@@ -487,36 +465,37 @@ def test_what_groups_make_of_a_layout_is_examined_by_what_a_run_does():
         walls = np.array([[[-5.0, side], [80.0, side]] for side in (-0.6, 0.6)])
         return Placement(start, goal, obstacles=walls)
 
-    def points(groups):
+    def faults(groups):
         place = load_scenario("circle_crossing_5", {"time_limit": 3.5, **groups})
-        return check_layout(alley, "alley", place, Cases.parse("val:2"))
+        return layout_faults(alley, place, Cases.parse("val:2"))
 
-    alone, together = points({}), points({"pedestrians.groups": {"2": 1.0}})
-    assert "whole cases" not in verdicts(alone)[0]
-    assert "whole cases" in verdicts(together)[0]
-    said = seen(together, "whole cases")
+    assert not faults({})
+    said = faults({"pedestrians.groups": {"2": 1.0}})["answers"]
     assert "the start of pedestrian" in said
     assert "the layout placed its group; members stand side by side around that place" in said
-    assert seen(alone, "again").startswith("room for")
 
 
 @pytest.mark.parametrize("name", LAYOUTS_THAT_OFFEND)
-def test_an_offence_of_a_layout_breaks_its_point_alone(name, monkeypatch):
+def test_a_fault_of_a_layout_is_found(name, monkeypatch):
     # Without the checks of the tests, which would be an exception in the layout.
     monkeypatch.setattr(Placement, "__init__", plain)
-    layout, point, expected = LAYOUTS_THAT_OFFEND[name]
-    points = layout_points(layout)
-    assert verdicts(points)[0] == {point}
-    assert expected in seen(points, point)
+    layout, check, expected = LAYOUTS_THAT_OFFEND[name]
+    faults = layout_faults(layout)
+    assert check in faults
+    assert expected in faults[check]
 
 
-def test_good_layouts_keep_every_point():
-    assert verdicts(layout_points(row_of_people)) == (set(), set())
+def test_good_layouts_pass():
     regions = {"left": [[-9.0, -6.0], [-3.0, 6.0]], "right": [[3.0, -6.0], [9.0, 6.0]]}
     plan = functools.partial(floor_plan, regions=regions, vehicle=["left", "right"], ways=[["left", "right"]])
-    for layout in [plan, *(layout for layout in LAYOUTS.values() if layout is not floor_plan)]:
-        # The type checker of the tests draws from Python's shared generator.
-        assert verdicts(layout_points(layout))[0] <= {"random numbers"}
+    for layout in [row_of_people, plan, *(layout for layout in LAYOUTS.values() if layout is not floor_plan)]:
+        assert not layout_faults(layout, cases=Cases.parse("val:2"))
+
+
+def test_a_scenario_that_draws_people_again_needs_room():
+    place = load_scenario("circle_crossing_5", {"time_limit": 3.5, "pedestrians.arrival": "respawn"})
+    layout = LayoutWithRespawn(LAYOUTS["circle_crossing"], lambda *_, **__: None)
+    assert "finds room for 0 of 4 new pedestrians" in layout_faults(layout, place, Cases.parse("val:2"))["answers"]
 
 
 FILES = {
@@ -533,11 +512,11 @@ def command(*arguments):
 
 @pytest.mark.parametrize("function", FILES)
 def test_the_kind_is_found_by_the_function_of_the_file(function, tmp_path):
-    points = {"policy": "padding", "predictor": "observation", "metric": "one value", "planner": "decision time"}
+    answers = {"policy": "velocities", "predictor": "predictions", "metric": "values", "planner": "commands"}
     (tmp_path / "mine.py").write_text(FILES[function])
     done = command(str(tmp_path / "mine.py"))
     assert done.exit_code == 0, done.output
-    assert points[function] in done.output
+    assert answers[function] in done.output
 
 
 def test_a_file_of_two_kinds_or_of_none_is_told(tmp_path):
@@ -545,7 +524,7 @@ def test_a_file_of_two_kinds_or_of_none_is_told(tmp_path):
     both.write_text(FILES["planner"] + FILES["policy"])
     message = str(command(str(both)).exception)
     assert "defines planner() and policy(): say which is meant, with --kind planners or --kind pedestrians" in message
-    assert "padding" in command(str(both), "--kind", "pedestrians").output
+    assert "velocities" in command(str(both), "--kind", "pedestrians").output
     both.write_text("")
     message = str(command(str(both)).exception)
     assert "defines no function planner(), policy(), predictor(), metric(), layout() or reward()" in message
@@ -566,3 +545,64 @@ def test_a_file_of_two_kinds_or_of_none_is_told(tmp_path):
 )
 def test_what_cannot_be_checked_is_told(arguments, message):
     assert message in str(command(*arguments).exception)
+
+
+def reward_faults(reward):
+    place = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 6.0})
+    return broken(results_of(RewardSubject(lambda: reward, "mine", place, neural=False), Cases.parse("val:4")))
+
+
+@pytest.mark.parametrize("name", REWARDS.functions)
+def test_rewards_that_ship_keep_their_contract(name):
+    assert not reward_faults(REWARDS.find(name)[1])
+
+
+def write(step):
+    step.gap[:] = 0.0
+    return step.progress
+
+
+def remember(step, calls=[]):  # noqa: B006
+    calls.append(step)
+    return step.progress + len(calls)
+
+
+@pytest.mark.parametrize(
+    ("reward", "checks"),
+    [
+        (lambda step: 1 / 0, {"answers"}),
+        (lambda step: step.progress[:-1], {"answers"}),
+        (lambda step: np.full(len(step), np.nan), {"answers"}),
+        (write, {"answers"}),
+        (remember, {"repeatable"}),
+        (lambda step: step.progress - step.progress.mean(), {"independent"}),
+    ],
+)
+def test_a_fault_of_a_reward_is_found(reward, checks):
+    assert checks <= set(reward_faults(reward))
+
+
+@pytest.mark.slow
+def test_a_scenario_is_started_and_driven(tmp_path):
+    place = load_scenario("circle_crossing_5")
+    results = results_of(ScenarioSubject(lambda: place, "mine", place), Cases.parse("val:2"))
+    assert "driven by ORCA: " in results["answers"].seen
+    assert not broken(results)
+    text = Path("scenarios/suite/corridor_8.toml").read_text()
+    (tmp_path / "full.toml").write_text(text.replace("number = 8", "number = 40"))
+    found = CliRunner().invoke(app, ["check", str(tmp_path / "full.toml"), "--cases", "val:2"])
+    assert found.exit_code == 1
+    assert "finds no room" in found.output
+
+
+def test_a_scenario_is_checked_as_its_file_says(tmp_path):
+    failed = CliRunner().invoke(app, ["check", "./mine.toml", "--scenario", "doorway_8"])
+    assert "leave out --option and --scenario" in str(failed.exception)
+    missing = CliRunner().invoke(app, ["check", str(tmp_path / "mine.toml")])
+    assert "mine.toml" in str(missing.exception)
+
+
+def test_a_planner_is_checked_with_its_filter():
+    found = CliRunner().invoke(app, ["check", "orca", "--option", "filter=kalman", "--cases", "val:2"])
+    assert found.exit_code == 0
+    assert "broken" not in found.output

@@ -297,7 +297,7 @@ def test_a_planner_of_one_line_keeps_the_contract(tmp_path):
     shutil.copy(FILE, tmp_path)
     done = CliRunner().invoke(app, ["check", str(tmp_path / "mine.py"), "--cases", "val:3"])
     assert done.exit_code == 0, done.output
-    assert re.search(r"batch +0 of \d\d+ commands differ", done.output)
+    assert re.search(r"independent +\d\d+ commands are the same", done.output)
 
 
 def test_a_policy_is_always_shown_somebody_where_there_is_anybody():

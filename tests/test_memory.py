@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import drive, same
-from test_check_kinds import CASES, PLACE, seen, verdicts
+from test_check_kinds import policy_faults
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check import check_policy
 from crowdbench.envs.parallel import parallel_env
 from crowdbench.envs.vector import VehicleVectorEnv
 from crowdbench.planners.driver import Driver
@@ -134,21 +133,21 @@ def meddling(velocity, memory, world):
 
 
 OFFENCES = {
-    "another name": (lambda v, m, w: (v, {"first": m["last"]}), "memory", "returned float64 of shape"),
-    "another type": (lambda v, m, w: (v, {"last": m["last"].astype(int)}), "memory", "returned int64 of shape"),
-    "a list": (lambda v, m, w: (v, {"last": m["last"].tolist()}), "memory", "a memory holds arrays by name"),
-    "no memory": (lambda v, m, w: v, "exceptions", "must return a tuple of two, its velocities and its memory"),
-    "changed in place": (meddling, "world", "changes world.memory['orca']['last'] (case 0)"),
-    "another memory alone": (slower_alone, "batch", "velocities and memories differ when a case runs alone"),
+    "another name": (lambda v, m, w: (v, {"first": m["last"]}), "answers", "returned float64 of shape"),
+    "another type": (lambda v, m, w: (v, {"last": m["last"].astype(int)}), "answers", "returned int64 of shape"),
+    "a list": (lambda v, m, w: (v, {"last": m["last"].tolist()}), "answers", "a memory holds arrays by name"),
+    "no memory": (lambda v, m, w: v, "answers", "must return a tuple of two, its velocities and its memory"),
+    "changed in place": (meddling, "answers", "changes world.memory['orca']['last'] (case 0, step 2"),
+    "another memory alone": (slower_alone, "independent", "velocities differ when a case is driven alone"),
 }
 
 
 @pytest.mark.parametrize("name", OFFENCES)
-def test_an_offence_against_memory_breaks_its_point_alone(name):
-    change, point, expected = OFFENCES[name]
-    points = check_policy(lambda: Remembers(change), "orca", PLACE, CASES, 60.0)
-    assert verdicts(points) == ({point}, set())
-    assert expected in seen(points, point)
+def test_a_fault_of_a_memory_is_found(name):
+    change, check, expected = OFFENCES[name]
+    faults = policy_faults(lambda: Remembers(change))
+    assert set(faults) == {check}
+    assert expected in faults[check]
 
 
 def wide(world):
@@ -160,15 +159,13 @@ def one_row(world):
 
 
 def test_a_memory_that_padding_changes_or_without_worlds_is_found():
-    points = check_policy(lambda: Remembers(first=wide), "orca", PLACE, CASES, 60.0)
-    assert verdicts(points)[0] == {"padding"}
-    points = check_policy(lambda: Remembers(first=one_row), "orca", PLACE, CASES, 60.0)
-    assert "memory" in verdicts(points)[0]
-    assert "for 5 worlds, but the first axis must be the worlds" in seen(points, "memory")
+    assert "with 3 more absent pedestrians" in policy_faults(lambda: Remembers(first=wide))["independent"]
+    sentence = policy_faults(lambda: Remembers(first=one_row))["answers"]
+    assert "for 5 worlds, but the first axis must be the worlds" in sentence
 
 
-def test_a_policy_with_memory_keeps_every_point():
-    assert verdicts(check_policy(Remembers, "orca", PLACE, CASES, 60.0)) == (set(), set())
+def test_a_policy_with_memory_passes():
+    assert not policy_faults(Remembers)
 
 
 def test_a_bad_memory_gets_one_sentence(tmp_path):

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from helpers import Still, drive, fixture, same
-from test_check_kinds import verdicts
+from helpers import Still, drive, failed_checks, fixture, same
 
 from crowdbench.catalog import PEDESTRIANS, load_scenario
-from crowdbench.check import check_policy
+from crowdbench.check.subjects import PolicySubject
 from crowdbench.core import rng
 from crowdbench.core.geometry import norm
 from crowdbench.scenario.cases import Cases
@@ -209,10 +208,10 @@ def test_who_gives_way_to_nobody_walks_straight():
 
 
 @pytest.mark.parametrize("name", ["distracted", "straight", "standing"])
-def test_policies_of_habits_keep_every_point(name):
+def test_policies_of_habits_pass(name):
     place = load_scenario("circle_crossing_mixed", {"vehicle.visible": True, "time_limit": 3.5}, name)
-    points = check_policy(lambda: PEDESTRIANS.load(name)[1], name, place, Cases.parse("val:5"), 60.0)
-    assert verdicts(points) == (set(), set())
+    subject = PolicySubject(lambda: PEDESTRIANS.load(name)[1], name, place, neural=False)
+    assert not failed_checks(subject, "val:5")
 
 
 @pytest.mark.parametrize(

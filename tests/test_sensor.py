@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers import drive, fixture, same, world
+from helpers import drive, failed_checks, fixture, same, world
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.check import check_planner
-from crowdbench.check.inputs import with_more_absent
+from crowdbench.check.contract import with_padding
+from crowdbench.check.subjects import PlannerSubject
 from crowdbench.cli import app
 from crowdbench.core import rng
 from crowdbench.core.types import HISTORY, PERFECT, Lidar, Noise, Rules, Sensor
@@ -275,10 +275,10 @@ def test_a_case_is_the_same_alone_in_any_batch_and_with_more_padding():
             one, two = getattr(alone, name)[0], getattr(together, name)[case]
             assert np.array_equal(one, two, equal_nan=True), name
     place = load_scenario(LIMITED)
-    padded = look(with_more_absent(place.worlds(Cases("val", 0, 3)).replace(sight={})))
-    wide = with_more_absent(place.worlds(Cases("val", 0, 3)))
-    for name, array in padded.sight.items():
-        assert np.array_equal(array, wide.sight[name], equal_nan=True), name
+    narrow, wide = (each.worlds(Cases("val", 0, 3)) for each in (place, with_padding(place)))
+    assert wide.radius.shape[1] > narrow.radius.shape[1]
+    for name, array in narrow.sight.items():
+        assert np.array_equal(array, wide.sight[name][tuple(map(slice, array.shape))], equal_nan=True), name
 
 
 def test_the_sensor_also_works_between_observations():
@@ -411,10 +411,9 @@ def test_a_planner_that_needs_to_see_somebody_is_found_by_the_check():
 
     place = load_scenario("circle_crossing_5")
     limited = load_scenario("circle_crossing_5", {"sensor.range": 1.0})
-    points = check_planner(Needy, "needy", place, Cases("val", 0, 1), 60.0, limited)
-    assert [(point.name, point.kept) for point in points if not point.kept] == [("limited sight", False)]
-    assert "nobody is there" in points[-1].seen
-    assert check_planner(Needy, "needy", place, Cases("val", 0, 1), 60.0, place)[-1].kept
+    sentence = failed_checks(PlannerSubject(Needy, "needy", place, limited=limited), "val:1")["answers"]
+    assert sentence.startswith("with limited sight: planner needy raised AssertionError: nobody is there")
+    assert not failed_checks(PlannerSubject(Needy, "needy", place, limited=place), "val:1")
 
 
 SEEN_BY_LIDAR = {"sensor.lidar": {"beams": 9, "range": 3.0}}

@@ -1,4 +1,4 @@
-"""The command that checks whether a planner or another plug-in keeps the contract of its kind."""
+"""The command that checks a plug-in against the contract of its kind."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check(
     data: Path | None = None,
     decision_limit: float = DECISION_LIMIT,
 ) -> None:
-    """Check point by point whether a plug-in keeps the contract of its kind: valid answers, the same in any batch.
+    """Check a plug-in against the contract of its kind: valid answers, the same again and in any batch.
 
     Args:
         plugin: A file, ./mine.py, ./mine.py:function or a scenario's, ./mine.toml, or a name: a planner's, without
@@ -41,18 +41,19 @@ def check(
         scenario: A name or ./mine.toml.
         cases: The cases of the scenario.
     """
-    from crowdbench.check.kinds import CHECKS, CheckRequest, find_kind
+    from crowdbench.check import check_plugin
+    from crowdbench.check.kinds import SUBJECTS, find_kind, load_subject
     from crowdbench.scenario.cases import Cases
 
     kind = find_kind(plugin) if kind is None else kind
-    if kind not in CHECKS:
-        *others, last = CHECKS
+    if kind not in SUBJECTS:
+        *others, last = SUBJECTS
         raise InputError(f"nothing is checked as {kind!r}: --kind is {', '.join(others)} or {last}")
     announce_compilation()
     options = assignments(option or [], "--option")
-    request = CheckRequest(plugin, options, scenario, Cases.parse(cases), decision_limit, data)
-    name, results = CHECKS[kind](request)
-    print_table(check_table(name, results), {"kept": "green", "broken": "red", "?": "yellow"})
+    subject = load_subject(kind, plugin, options, scenario, decision_limit, data)
+    results = check_plugin(subject, Cases.parse(cases))
+    print_table(check_table(subject.name, results), {"kept": "green", "broken": "red", "?": "yellow"})
     if not all(result.kept for result in results):
         raise typer.Exit(1)
 
@@ -61,4 +62,4 @@ def check_table(name: str, results: Sequence[CheckResult]) -> Grid:
     """What the plug-in of a name keeps of its contract, and what was seen."""
     verdicts = {True: "kept", False: "broken", None: "?"}
     rows = [(verdicts[result.kept], result.name, result.seen) for result in results]
-    return Grid(f"The contract, as {name} keeps it", ("", "point", "seen"), rows, align="lll")
+    return Grid(f"The contract, as {name} keeps it", ("", "check", "seen"), rows, align="lll")

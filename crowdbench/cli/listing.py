@@ -117,7 +117,7 @@ def _names(kind: str) -> list[tuple[str, str]]:
         return [(board.name, _describe_board(board)) for board in read_boards()]
     from crowdbench.check.kinds import KINDS
 
-    return KINDS[kind].plugins.names()
+    return KINDS[kind].names()
 
 
 def _describe_board(board: Board) -> str:
@@ -152,7 +152,7 @@ def _plugin_page(kind: str, name: str) -> Page:
     """What the file of a plug-in says of it, or its function where a file may define several, and its options."""
     from crowdbench.check.kinds import KINDS
 
-    plugins = KINDS[kind].plugins
+    plugins = KINDS[kind]
     if kind == "metrics":
         find_named("metric", name, plugins.functions)  # a file says nothing of its metrics
     found, factory = plugins.find(name)

@@ -1,0 +1,282 @@
+"""One check of plug-ins of every kind: drive again, alone, in other batches and orders, and compare all answers."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+from jaxtyping import Int
+
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils.defaults import DECISION_LIMIT
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.time_limit import FairLimit
+
+Plugin = TypeVar("Plugin")
+Answer = TypeVar("Answer")
+
+ROUNDING, TIES = 1e-6, 0.01
+"""Of neural networks: largest difference that counts as rounding, and share of the answers that may differ by more.
+
+The size of the batch changes how values are rounded, which decides ties.
+"""
+
+MORE = 3
+"""Number of absent pedestrians that padding adds."""
+
+FEW = 5
+"""Number of cases in further scenarios, such as one with limited sight."""
+
+UNEXAMINED = "not examined: the answers are not valid"
+
+REPEATABLE = (
+    "an answer may depend only on its input: keep nothing beyond an episode, and draw random numbers only from the "
+    "stream of the case"
+)
+INDEPENDENT = "the answer for a case may not depend on the cases beside it, their order, padding or unseen pedestrians"
+
+
+class Broken(InputError):
+    """A plug-in breaks the contract of its kind."""
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """The result of one check.
+
+    Attributes:
+        name: Name of the check.
+        kept: Whether the plug-in passes; None where the check could not be made.
+        seen: What was observed, in a sentence.
+    """
+
+    name: str
+    kept: bool | None
+    seen: str
+
+
+@dataclass(frozen=True)
+class CaseList(Cases):
+    """Cases in any order."""
+
+    numbers: tuple[int, ...] = ()
+
+    @property
+    def indices(self) -> Int[np.ndarray, "world"]:
+        """The case numbers."""
+        return np.array(self.numbers)
+
+
+class WithPadding(Scenario):
+    """A scenario whose arrays have more absent pedestrians."""
+
+    @property
+    def max_agents(self) -> int:
+        """The number of agents in the arrays."""
+        return super().max_agents + MORE
+
+
+@dataclass
+class Record:
+    """Calls a plug-in, and records its answers.
+
+    Attributes:
+        limit: Seconds that a call may take.
+        expected: The answers of an earlier drive, which the worlds follow so that the plug-in sees the same again.
+        repeat: Number of times that the plug-in gets each input.
+        where: Begins names and errors.
+        answers: The answer for each world and step, by their name, such as `case 2, step 3`.
+        seconds: Duration of each call.
+    """
+
+    limit: float
+    expected: Mapping[str, np.ndarray] = field(default_factory=dict)
+    repeat: int = 1
+    where: str = ""
+    answers: dict[str, np.ndarray] = field(default_factory=dict)
+    seconds: list[float] = field(default_factory=list)
+
+    def ask(self, call: Callable[[], Answer], names: Sequence[str], **inputs: Any) -> Answer:
+        """Call the plug-in.
+
+        Args:
+            call: Calls it, and raises InputError where the answer is invalid.
+            names: The name of each world.
+            inputs: The plug-in's arguments, by name: dataclasses or mappings with arrays `[world, ...]`.
+
+        Returns:
+            The valid answer.
+
+        Raises:
+            Broken: The answer is invalid or late, or the plug-in changes its input.
+        """
+        for _ in range(self.repeat):
+            before = {path: array.copy() for path, array in _arrays(inputs)}
+            limit, start = FairLimit(self.limit, lambda: (os.getpid(),)), time.perf_counter()
+            try:
+                answer = call()
+            except InputError as error:
+                raise Broken(f"{self.where}{error}") from error
+            self.seconds.append(time.perf_counter() - start)
+            if limit.over():
+                raise Broken(f"{self.where}the plug-in took longer than the limit of {self.limit:g} s ({names[0]})")
+            after = dict(_arrays(inputs))
+            for path in before | after:
+                if (row := _find_difference(before.get(path), after.get(path))) is not None:
+                    raise Broken(f"{self.where}the plug-in changes {path} ({names[row]}), but must leave it as it is")
+        return answer
+
+    def keep(self, names: Sequence[str], answers: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Record an answer for each world, and return the answers that the worlds follow."""
+        recorded = {self.where + name: answer for name, answer in zip(names, answers, strict=True)}
+        self.answers.update(recorded)
+        return [self.expected.get(name, answer) for name, answer in recorded.items()]
+
+
+@dataclass
+class Subject(ABC, Generic[Plugin]):
+    """A plug-in, and how plug-ins of its kind are driven.
+
+    Attributes:
+        answers: What the answers are called.
+        repeat: Number of times that the plug-in gets each input when it is asked again. A plug-in that may not keep
+            anything gets it twice.
+        padding: Whether answers are compared with more absent pedestrians.
+        make: Makes a new plug-in.
+        name: Name of the plug-in.
+        scenario: The scenario.
+        limit: Seconds that a call may take.
+        limited: A scenario with limited sight, in which the plug-in is driven through some cases too.
+        neural: Whether the values are those of a neural network; if None, whether torch or ONNX is imported.
+    """
+
+    answers: ClassVar[str]
+    repeat: ClassVar[int] = 2
+    padding: ClassVar[bool] = False
+
+    make: Callable[[], Plugin]
+    name: str
+    scenario: Scenario
+    limit: float = DECISION_LIMIT
+    limited: Scenario | None = None
+    neural: bool | None = None
+
+    @abstractmethod
+    def drive(self, plugin: Plugin, scenario: Scenario, cases: Cases, record: Record) -> str | None:
+        """Drive through cases, and record all answers. Raises Broken where the contract is broken.
+
+        Returns:
+            What else was observed, if anything.
+        """
+
+    def scenarios(self) -> Mapping[str, Scenario]:
+        """Return the scenarios, by what begins their names and errors. Only a few cases of all but the first count."""
+        return {"": self.scenario} | ({"with limited sight: ": self.limited} if self.limited else {})
+
+    def is_neural(self) -> bool:
+        """Return whether the values are those of a neural network."""
+        return not {"torch", "onnxruntime"}.isdisjoint(sys.modules) if self.neural is None else self.neural
+
+    def variants(self) -> Mapping[str, Callable[[], Plugin]]:
+        """Return what makes plug-ins whose answers must be the same, by when they would not be."""
+        return {}
+
+
+def check_plugin(subject: Subject[Plugin], cases: Cases) -> list[CheckResult]:
+    """Check a plug-in against the contract of its kind.
+
+    Raises InputError where something other than the plug-in breaks its contract, or it cannot be made.
+    """
+    plugin, numbers, first = subject.make(), cases.indices.tolist(), Record(subject.limit)
+
+    def drive(
+        record: Record, *batches: list[int], make: Callable[[], Plugin] = subject.make, more: bool = False
+    ) -> str:
+        remark = ""
+        for batch in batches:
+            plugin = make()
+            for where, scenario in subject.scenarios().items():
+                some = tuple(number for number in batch if not where or number < cases.start + FEW)
+                if some:
+                    record.where, scenario = where, with_padding(scenario) if more else scenario
+                    remark = subject.drive(plugin, scenario, CaseList(cases.split, 0, 0, some), record) or remark
+        return remark
+
+    def compare(name: str, again: Mapping[str, Callable[[Record], str]], ties: float, right: str) -> CheckResult:
+        for when, drive_again in again.items():
+            record = Record(subject.limit, first.answers, subject.repeat if name == "repeatable" else 1)
+            try:
+                drive_again(record)
+            except Broken as error:
+                return CheckResult(name, False, f"{when}: {error}")
+            pairs = {key: (answer, record.answers.get(key)) for key, answer in first.answers.items()}
+            found = [key for key, pair in pairs.items() if _find_difference(*pair, rounding) is not None]
+            if len(found) > ties * len(pairs):
+                count = f"{len(found)} of {len(pairs)} {subject.answers} differ {when}, first in {found[0]}"
+                return CheckResult(name, False, f"{count}: {right}")
+        same = "the same up to rounding" if rounding else "the same"
+        return CheckResult(name, True, f"{len(first.answers)} {subject.answers} are {same} {', '.join(again)}")
+
+    try:
+        remark = drive(first, numbers, make=lambda: plugin)
+    except Broken as error:
+        unknown = [CheckResult(name, None, UNEXAMINED) for name in ("repeatable", "independent")]
+        return [CheckResult("answers", False, str(error)), *unknown]
+    time = f"{1e3 * np.mean(first.seconds):.3g} ms per call, at most {max(first.seconds):.3g} s"
+    seen = f"{len(first.answers)} {subject.answers} are valid{remark}, the input is unchanged; {time}"
+    rounding, ties = (ROUNDING, TIES) if subject.is_neural() else (0.0, 0.0)
+    repeatable: dict[str, Callable[[Record], str]] = {
+        "when it is asked again": lambda record: drive(record, numbers, make=lambda: plugin),
+        "when a new one is made": lambda record: drive(record, numbers),
+    }
+    independent: dict[str, Callable[[Record], str]] = {
+        "when a case is driven alone": lambda record: drive(record, *([number] for number in numbers)),
+        "in batches of 3": lambda record: drive(record, *(numbers[i : i + 3] for i in range(0, len(numbers), 3))),
+        "in reverse order": lambda record: drive(record, numbers[::-1]),
+    }
+    if subject.padding:
+        independent[f"with {MORE} more absent pedestrians"] = lambda record: drive(record, numbers, more=True)
+    for when, make in subject.variants().items():
+        independent[when] = functools.partial(lambda make, record: drive(record, numbers, make=make), make)
+    return [
+        CheckResult("answers", True, seen),
+        compare("repeatable", repeatable, 0.0, REPEATABLE),
+        compare("independent", independent, ties, INDEPENDENT),
+    ]
+
+
+def with_padding(scenario: Scenario) -> Scenario:
+    """Return a scenario with more absent pedestrians in all arrays."""
+    return WithPadding(**{each.name: getattr(scenario, each.name) for each in dataclasses.fields(scenario)})
+
+
+def _find_difference(one: np.ndarray | None, other: np.ndarray | None, rounding: float = 0.0) -> int | None:
+    """Return the first row in which two arrays differ, None where they are the same."""
+    if one is None or other is None or one.shape != other.shape:
+        return 0
+    same = (one == other) | ((one != one) & (other != other))
+    if rounding:
+        same |= np.abs(np.subtract(one, other, dtype=float)) <= rounding
+    rows = np.argwhere(~np.atleast_1d(same))
+    return int(rows[0, 0]) if len(rows) else None
+
+
+def _arrays(part: Any, path: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the arrays in mappings and dataclasses, each with its path."""
+    if isinstance(part, np.ndarray):
+        yield path, part
+    elif isinstance(part, Mapping):
+        for name, value in part.items():
+            yield from _arrays(value, f"{path}[{name!r}]" if path else name)
+    elif dataclasses.is_dataclass(part):
+        for each in dataclasses.fields(part):
+            yield from _arrays(getattr(part, each.name), f"{path}.{each.name}")
