@@ -126,22 +126,38 @@ STUDIES = {path.stem: f"{path.stem}.md" for path in sorted((DOCS / "studies").gl
 STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials", "crowdnav_plus", "specialists")}
 """The studies and the pages of their tables. What the tables of five of them show is said on a page of its own."""
 
-PRINTED = {page: f"study docs/studies/{name}.toml" for name, page in STUDIES.items()}
-PRINTED["recorded_tables.md"] += " --data DIR"
-PRINTED["rankings.md"] += " --data DIR"
-PRINTED |= {"reproduction.md": "reproduce", "validity.md": "validity --data DIR"}
+PRINTED = {f"docs/{page}": f"crowdbench study docs/studies/{name}.toml" for name, page in STUDIES.items()}
+PRINTED["docs/recorded_tables.md"] += " --data DIR"
+PRINTED["docs/rankings.md"] += " --data DIR"
+PRINTED["docs/reproduction.md"] = "crowdbench reproduce"
+PRINTED["studies/validity/README.md"] = "python studies/validity/run.py --data DIR"
 """The pages that a command prints from the first to the last line, and the command."""
+
+PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("studies/*/*.md")])
 
 
 @pytest.mark.parametrize("page", PRINTED)
 def test_a_page_that_a_command_prints_names_the_command_on_its_first_lines(page):
-    assert printed_by(PRINTED[page]) in (DOCS / page).read_text().splitlines()[:3]
+    assert printed_by(PRINTED[page]) in (ROOT / page).read_text().splitlines()[:3]
 
 
 def test_no_other_page_says_that_a_command_printed_it():
     first, last = printed_by("|").split("|")
-    said = [page.name for page in DOCS.glob("*.md") if first in page.read_text() and last in page.read_text()]
-    assert sorted(said) == sorted(PRINTED)
+    said = [page for page in PAGES if first in page.read_text() and last in page.read_text()]
+    assert sorted(page.relative_to(ROOT).as_posix() for page in said) == sorted(PRINTED)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_between_the_pages_of_docs_and_of_studies_lead_to_files(page):
+    linked = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
+    assert [link for link in linked if not (page.parent / link).exists()] == []
+
+
+@pytest.mark.parametrize("folder", [path.name for path in sorted(ROOT.glob("studies/*/"))])
+def test_the_readme_of_a_study_names_its_command(folder):
+    assert re.search(
+        rf"`(python|crowdbench study) studies/{folder}/", (ROOT / "studies" / folder / "README.md").read_text()
+    )
 
 
 @pytest.mark.parametrize("name", [*STUDIES, "reproduction"])
@@ -164,7 +180,9 @@ def test_the_tables_and_what_they_show_link_to_each_other(name):
 
 def test_the_start_page_links_every_page():
     start = (DOCS / "index.md").read_text()
-    assert [page.name for page in DOCS.glob("*.md") if f"({page.name})" not in start] == ["index.md"]
+    pages = [page.name for page in DOCS.glob("*.md")]
+    pages += [f"../{page.relative_to(ROOT).as_posix()}" for page in ROOT.glob("studies/*/*.md")]
+    assert [page for page in pages if f"({page})" not in start] == ["index.md"]
 
 
 def test_every_module_has_its_place_in_the_api_pages():
@@ -196,7 +214,7 @@ def citations(text):
             yield f"{found['single']} ({found['alone']})"
 
 
-@pytest.mark.parametrize("folder", ["crowdbench", "adapters", "agents", "docs", "scenarios", "examples", "."])
+@pytest.mark.parametrize("folder", ["crowdbench", "adapters", "agents", "docs", "scenarios", "studies", "examples", "."])
 def test_every_work_that_is_cited_is_among_the_references(folder):
     pattern = "*.md" if folder == "." else "**/*.*"
     files = [path for path in (ROOT / folder).glob(pattern) if path.suffix in (".py", ".md", ".toml")]

@@ -25,7 +25,6 @@ RUN_ELSEWHERE = {
     "merge": "tests/test_parts.py",
     "reproduce": ".ci/reproduce",
     "train": ".ci/train",
-    "validity": "tests/test_validity.py",
     "certify": "tests/test_certify.py",
     "dial": "tests/test_dials.py",
     "ladder": "tests/test_ladder.py",

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from studies import CROWDS, MINE, NETWORKS, made, read, refused, study
+from study_folders import CROWDS, MINE, NETWORKS, made, read, refused, study
 
 from crowdbench import catalog
 from crowdbench.runs.result_file import read_result

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import episodes, fill, read, refused, study
+from study_folders import episodes, fill, read, refused, study
 
 from crowdbench.metrics.summary import bootstrap, wilson
 from crowdbench.runs.paired import LEAST_SHARED

@@ -74,7 +74,7 @@ class Study:
 
         Args:
             tables: What `fill` gives.
-            command: The command that prints the page, without the name of the program.
+            command: The command that prints the page.
         """
         head = [printed_by(command), *([self.description] if self.description else [])]
         notes = dict.fromkeys(note for table in tables for note in table.notes())

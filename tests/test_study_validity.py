@@ -1,4 +1,4 @@
-"""`crowdbench validity`: the periodic corridor, lanes, the door, and what the policies that ship do there."""
+"""The study of validity: the periodic corridor, lanes, the door, and what the policies that ship do there."""
 
 import dataclasses
 import functools
@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crowdbench.cli import app
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.validity import door, experiments, page
-from crowdbench.study.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, spread, walk
-from crowdbench.study.validity.door import STILL, Passages
-from crowdbench.study.validity.experiments import DEFAULT, MEASURED, POINTS, Setting, crowd, run_experiment
-from crowdbench.study.validity.page import single_file_speed, weidmann_speed
 from crowdbench.utils.errors import InputError
+from studies.validity import door, experiments, page
+from studies.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, spread, walk
+from studies.validity.door import STILL, Passages
+from studies.validity.experiments import DEFAULT, MEASURED, POINTS, Setting, crowd, run_experiment
+from studies.validity.page import single_file_speed, weidmann_speed
+from studies.validity.run import validity
 
 DOCS = Path(__file__).parent.parent / "docs"
 FEW = dataclasses.replace(DEFAULT, densities=(0.5,), per_metre=(0.8,))
@@ -151,9 +151,9 @@ def test_the_command_prints_the_page(monkeypatch, capsys):
         monkeypatch.setattr(module, "EVERYBODY", (FEW,))
     monkeypatch.setattr(experiments, "DOORS", (1.6,))
     monkeypatch.setattr(experiments, "run_experiment", functools.partial(run_experiment, worlds=2, time=3.0))
-    app(["validity", "orca"], standalone_mode=False)
+    validity(["orca"])
     printed = capsys.readouterr().out
-    assert printed.splitlines()[2].startswith("Printed by `crowdbench validity orca`.")
+    assert printed.splitlines()[2].startswith("Printed by `python studies/validity/run.py orca`.")
     assert "a mean over 2 worlds" in printed
     assert "**orca**: " in printed
     assert "**social_force**: " not in printed
@@ -164,11 +164,11 @@ def test_the_command_prints_the_page(monkeypatch, capsys):
 def test_a_policy_that_does_not_exist_is_refused_at_once(monkeypatch):
     monkeypatch.setattr(experiments, "run_experiment", None)
     with pytest.raises(InputError, match="nobody"):
-        app(["validity", "orca", "nobody"], standalone_mode=False)
+        validity(["orca", "nobody"])
 
 
-def test_the_page_in_docs_is_of_this_code():
-    printed = (DOCS / "validity.md").read_text()
+def test_the_page_is_of_this_code():
+    printed = (DOCS.parent / "studies" / "validity" / "README.md").read_text()
     parts = [page.INTRODUCTION.format(worlds=experiments.WORLDS), *page.LIMITS.values(), page.ONE_WAY, page.SINGLE_FILE]
     assert [part for part in [*parts, page.TWO_WAYS, page.DOOR] if part not in printed] == []
     sources = page.SOURCES.read_text()

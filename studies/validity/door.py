@@ -13,7 +13,7 @@ from crowdbench.core.types import World
 from crowdbench.scenario.placement import Placement
 from crowdbench.sim.pedestrians import PedestrianPolicy
 from crowdbench.sim.simulator import crowd_velocities, walk
-from crowdbench.study.validity.corridor import spread
+from studies.validity.corridor import spread
 
 NUMBER = 60
 """How many people leave."""

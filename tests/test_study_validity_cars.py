@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from crowdbench.study.validity import cars, cars_page, energy
-from crowdbench.study.validity.cars import Windows
 from crowdbench.utils.errors import InputError
+from studies.validity import cars, cars_page, energy
+from studies.validity.cars import Windows
 
 RIGHT = np.array([1.0, 0.0])
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from crowdbench.core.geometry import norm
 from crowdbench.metrics.summary import CONFIDENCE
-from crowdbench.study.validity.cars import Vectors, Windows, group_names
+from studies.validity.cars import Vectors, Windows, group_names
 
 LEAST = 20
 """People whom a group must have to count."""

@@ -13,8 +13,8 @@ from crowdbench.scenario import load as scenario_file
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.placement import Placement
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.study.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
-from crowdbench.study.validity.door import NUMBER, Passages, hall, leave
+from studies.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
+from studies.validity.door import NUMBER, Passages, hall, leave
 
 WORLDS = 6
 """Worlds of an experiment."""

@@ -1,4 +1,4 @@
-"""The section of `crowdbench validity --data DIR` on people beside cars: what was measured, in Markdown."""
+"""The section on people beside cars: what was measured, in Markdown."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crowdbench.metrics.info import MetricInfo
-from crowdbench.study.validity import cars, energy
-from crowdbench.study.validity.cars import Vectors, Windows
 from crowdbench.utils.tables import markdown
+from studies.validity import cars, energy
+from studies.validity.cars import Vectors, Windows
 
 RECORDED, KEPT = "floor: recorded people of other clips", "everybody keeps the velocity"
 

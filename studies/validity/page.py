@@ -1,4 +1,4 @@
-"""The page of `crowdbench validity`: what was measured, beside what is published."""
+"""The page of the study: what was measured, beside what is published."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from jaxtyping import Shaped
 
 from crowdbench.metrics.info import MetricInfo
 from crowdbench.study.intervals import mean_over_networks
-from crowdbench.study.validity import door
-from crowdbench.study.validity.experiments import EVERYBODY, LAST, LENGTH, STUCK, TIME, WIDTH, People, Setting
 from crowdbench.utils.tables import markdown, printed_by
+from studies.validity import door
+from studies.validity.experiments import EVERYBODY, LAST, LENGTH, STUCK, TIME, WIDTH, People, Setting
 
 Results = Mapping[Setting, Any]
 """What was measured of each setting: a `Passages` of a door, a `Walk` of all others."""
@@ -31,7 +31,7 @@ JAM_DENSITY = 5.4
 DOOR_FLOW = {0.8: 1.61, 1.0: 1.90, 1.2: 1.97}
 """Specific flow in 1/(m s) of 60 people through a bottleneck by its width in metres (Seyfried et al. 2009, table 2)."""
 
-SOURCES = Path(__file__).with_name("sources.md")
+SOURCES = Path(__file__).with_name("sources.txt")
 """The full references, in Markdown."""
 
 LIMITS = {
@@ -51,8 +51,8 @@ not even of points. Walls repel too, so that few get through a narrow door.""",
 """What the policies that ship can and cannot do, each after its name."""
 
 INTRODUCTION = """\
-What crowds do that a pedestrian policy moves, beside what is published about people. `crowdbench validity ./mine.py`
-measures a policy of your own.
+What crowds do that a pedestrian policy moves, beside what is published about people.
+`python studies/validity/run.py ./mine.py` measures a policy of your own.
 
 Each figure is a mean over {worlds} worlds, which differ in their random numbers alone, with its 95 % interval
 (Student's t). Policies have their default parameters, a step takes 0.25 s, and there is no vehicle. Three kinds of
@@ -99,7 +99,7 @@ def page(results: Results, command: str, beside_cars: str | None = None) -> str:
 
     Args:
         results: What was measured.
-        command: The command that prints the page, without the name of the program.
+        command: The command that prints the page.
         beside_cars: The section on people beside cars, if there is one.
     """
     policies = list(dict.fromkeys(setting.policy for setting in results))
