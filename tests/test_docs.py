@@ -123,14 +123,14 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
 
 
 STUDIES = {path.stem: f"{path.stem}.md" for path in sorted((DOCS / "studies").glob("*.toml"))}
-STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials", "crowdnav_plus", "specialists")}
-"""The studies and the pages of their tables. What the tables of five of them show is said on a page of its own."""
+STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "crowdnav_plus", "specialists")}
+"""The studies and the pages of their tables. What the tables of four of them show is said on a page of its own."""
 
 PRINTED = {f"docs/{page}": f"crowdbench study docs/studies/{name}.toml" for name, page in STUDIES.items()}
 PRINTED["docs/recorded_tables.md"] += " --data DIR"
-PRINTED["docs/rankings.md"] += " --data DIR"
 PRINTED["docs/reproduction.md"] = "crowdbench reproduce"
-PRINTED["studies/validity/README.md"] = "python studies/validity/run.py --data DIR"
+SCRIPTS = {"validity": " --data DIR", "transfer": " --data DIR", "ladder": "", "dials": ""}
+PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
 """The pages that a command prints from the first to the last line, and the command."""
 
 PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("studies/*/*.md")])
@@ -160,11 +160,15 @@ def test_the_readme_of_a_study_names_its_command(folder):
     )
 
 
-@pytest.mark.parametrize("name", [*STUDIES, "reproduction"])
-def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(name):
-    file = REPRODUCTION if name == "reproduction" else DOCS / "studies" / f"{name}.toml"
+FILES = {DOCS / "studies" / f"{name}.toml": DOCS / page for name, page in STUDIES.items()}
+FILES |= {path: path.with_name("README.md") for path in ROOT.glob("studies/*/study.toml")}
+FILES[REPRODUCTION] = DOCS / "reproduction.md"
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(ROOT).as_posix())
+def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(file):
     study = tomllib.loads(file.read_text())
-    page = (DOCS / STUDIES.get(name, "reproduction.md")).read_text()
+    page = FILES[file].read_text()
     assert page.split("\n\n")[1] == study["description"]
     kinds = ("tables", "crowds", "dials", "ladders", "rankings")
     titles = [table["title"] for kind in kinds for table in study.get(kind, [])]
@@ -172,7 +176,7 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(n
     assert [source for source in study.get("sources", []) if source not in page] == []
 
 
-@pytest.mark.parametrize("name", ["suite", "recorded", "dials", "crowdnav_plus"])
+@pytest.mark.parametrize("name", ["suite", "recorded", "crowdnav_plus"])
 def test_the_tables_and_what_they_show_link_to_each_other(name):
     assert f"({name}_tables.md)" in (DOCS / f"{name}.md").read_text()
     assert f"({name}.md" in (DOCS / f"{name}_tables.md").read_text()

@@ -25,9 +25,6 @@ RUN_ELSEWHERE = {
     "merge": "tests/test_parts.py",
     "reproduce": ".ci/reproduce",
     "train": ".ci/train",
-    "certify": "tests/test_certify.py",
-    "dial": "tests/test_dials.py",
-    "ladder": "tests/test_ladder.py",
 }
 """Commands that take long, or need what others have left, and where they are run."""
 
@@ -87,7 +84,6 @@ def where_else(arguments):
     text = " ".join(arguments)
     places = {
         "study ": "tests/test_study.py",
-        "plot dial": "tests/test_dials.py",
         "run-board ": "tests/test_run_board.py",
         "--shard": "tests/test_parts.py",
         "weights=runs": ".ci/train",

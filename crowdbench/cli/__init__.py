@@ -27,11 +27,8 @@ COMMANDS = {
     "train": "train:train",
     "list": "listing:list_",
     "check": "check:check",
-    "certify": "certify:certify",
     "compare": "results:compare",
     "study": "study:study",
-    "dial": "ladders:dial",
-    "ladder": "ladders:ladder",
     "reproduce": "study:reproduce",
     "view": "results:view",
     "table": "figures:table",
@@ -91,7 +88,7 @@ def __getattr__(name: str) -> object:
     raise AttributeError(f"module 'crowdbench.cli' has no attribute {name!r}")
 
 
-def _build_script(command: Callable[..., None]) -> typer.Typer:
+def build_script(command: Callable[..., None]) -> typer.Typer:
     """The command line of a script with one command."""
     app = typer.Typer(add_completion=False, rich_markup_mode="markdown")
     app.command()(command)
@@ -117,7 +114,7 @@ def main(script: Callable[..., None] | None = None) -> None:
         if script is None:
             app = build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
         else:
-            app = _build_script(script)
+            app = build_script(script)
         status = app(arguments, standalone_mode=False)
         flush_output()
     except BaseException as error:

@@ -45,10 +45,9 @@ def study(
     study = read_study(file, data.absolute() if data else None)
     directory = out or Path("runs") / f"study-{study.name}"
     make_runs(study.runs, directory, shard, on, threads)
-    make_runs(study.second(directory), directory, shard, on, threads)
     tables = study.fill(directory)
     command = f"crowdbench study {file}{' --data DIR' if data else ''}"
-    _print({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
+    print_tables({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
 
 
 @help_from_docstring
@@ -83,10 +82,10 @@ def reproduce(
     claims = [claim for each in tables if isinstance(each, FilledPlannersTable) for claim in each.claims]
     command = f"crowdbench reproduce{f' --table {table}' if table else ''}{' --quick' if quick else ''}"
     page = f"{study.page(tables, command)}\n\n{tally(claims)}"
-    _print({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
+    print_tables({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
 
 
-def _print(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:
+def print_tables(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:
     """Print what a study found.
 
     Args:

@@ -6,25 +6,45 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from crowdbench.runs.run import Run
-from crowdbench.study.crowds import CrowdsTable, FilledCrowdsTable
-from crowdbench.study.dials.table import DialsTable, FilledDialsTable
-from crowdbench.study.ladder.table import FilledLaddersTable, LaddersTable
-from crowdbench.study.planners import FilledPlannersTable, PlannersTable
-from crowdbench.study.rankings.table import FilledRankings, RankingsTable
+from crowdbench.study.crowds import CrowdsTable
+from crowdbench.study.planners import PlannersTable
 from crowdbench.study.schema import StudySpec
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import printed_by
+from crowdbench.utils.tables import Grid, printed_by
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
-Table = PlannersTable | CrowdsTable | DialsTable | LaddersTable | RankingsTable
-FilledTable = FilledPlannersTable | FilledCrowdsTable | FilledDialsTable | FilledLaddersTable | FilledRankings
+
+class FilledTable(Protocol):
+    """A table with its figures."""
+
+    def markdown(self) -> str:
+        """Return the table as GitHub shows it, under its heading."""
+
+    def grids(self) -> list[Grid]:
+        """Return its parts, for LaTeX and CSV."""
+
+    def notes(self) -> list[str]:
+        """Return the notes that a page has below its tables."""
+
+
+class Table(Protocol):
+    """A table of a study, and the runs that it needs."""
+
+    @property
+    def runs(self) -> list[Run]:
+        """The runs that it needs, some perhaps twice."""
+
+    def fill(self, out: Path) -> FilledTable:
+        """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
+
 
 REPRODUCTION = Path(__file__).with_name("reproduce.toml")
 """The tables of Li et al. (2020) and more."""
 
-KINDS = ("[[tables]]", "[[crowds]]", "[[dials]]", "[[ladders]]", "[[rankings]]")
+KINDS = ("[[tables]]", "[[crowds]]")
 """The kinds of tables that a study may have."""
 
 QUICK = (
@@ -51,16 +71,8 @@ class Study:
 
     @property
     def runs(self) -> list[Run]:
-        """All runs that its tables need, some perhaps twice; those of `second` are made after these."""
+        """All runs that its tables need, some perhaps twice."""
         return [run for table in self.tables for run in table.runs]
-
-    def second(self, out: Path) -> list[Run]:
-        """The runs that follow from what others found, which are in the folder `out`: of dials and ladders.
-
-        Raises InputError where one of the others is not there.
-        """
-        twice = [table for table in self.tables if isinstance(table, DialsTable | LaddersTable)]
-        return [run for table in twice for run in table.second(out)]
 
     def fill(self, out: Path) -> list[FilledTable]:
         """Its tables with the figures of the runs in the folder `out`.
@@ -123,9 +135,6 @@ def _load(spec: StudySpec, path: Path, data: Path | None = None) -> Study:
     tables: list[Table] = [
         *(PlannersTable.of(table, file.at("tables", i)) for i, table in enumerate(spec.tables)),
         *(CrowdsTable.of(table, file.at("crowds", i), data) for i, table in enumerate(spec.crowds)),
-        *(DialsTable.of(table, file.at("dials", i)) for i, table in enumerate(spec.dials)),
-        *(LaddersTable.of(table, file.at("ladders", i)) for i, table in enumerate(spec.ladders)),
-        *(RankingsTable.of(table, file.at("rankings", i), data) for i, table in enumerate(spec.rankings)),
     ]
     if not tables:
         raise InputError(f"{path.name} has no table: a study needs one of {', '.join(KINDS)}")

@@ -6,21 +6,24 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from pydantic import Field
 
 from crowdbench.metrics.score import Scale
 from crowdbench.metrics.summary import Estimate, interval
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
+from crowdbench.scenario.cases import Cases as CaseRange
 from crowdbench.study.crowds import load_runs
 from crowdbench.study.folder import read_episodes
 from crowdbench.study.measures import SUCCESS_RATE
-from crowdbench.study.rankings.kendall import Cases, Scores, agreement, draw_families, kendall, mean_scores
-from crowdbench.study.schema import RankingsSpec
+from crowdbench.study.schema import CasesText, Planners, StudyHead
 from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location
+from crowdbench.utils.toml import Location, Name, Names, TomlTable, number
+from studies.transfer.kendall import Cases, Scores, agreement, draw_families, kendall, mean_scores
 
 SUITE = "suite"
 """What the scenarios are called whose order is to hold elsewhere."""
@@ -33,6 +36,29 @@ NOTES = (
     "*Corrected* is tau over the root of the product of two split-half taus, that of the suite and that of the world, "
     "each between the even and the odd blocks."
 )
+
+
+class RankingsSpec(TomlTable):
+    """`[[rankings]]`: planners by families, a suite that ranks them, and worlds in which that order is to hold.
+
+    `worlds` has the scenarios of each. `alone` is a scenario that is looked at in the place of the suite, `without` has
+    families that are left out in a second look, and `criterion` is what the lower bound of Kendall's tau is to exceed.
+    """
+
+    title: Name
+    families: Annotated[dict[str, Planners], Field(min_length=3, description="a table of three or more families")]
+    suite: Names
+    worlds: Annotated[dict[str, Names], Field(min_length=1, description="a table of worlds, each a list of scenarios")]
+    alone: Name
+    without: Names = Field(default=[])
+    criterion: float = number(0.3, least=-1.0, below=1.0)
+    cases: CasesText = CaseRange.parse("test:100")
+
+
+class TransferStudy(StudyHead):
+    """The TOML file of the study."""
+
+    rankings: list[RankingsSpec] = Field(min_length=1, description="one table [[rankings]] or more")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from crowdbench.figures.kept import read_kept
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.console import say
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.figures.style import COLOURS, axes
+from studies.pages import read_kept
 
 FIRST = "#bbbbbb"
 """The colour of what the lowest rung succeeds in."""
@@ -14,19 +20,22 @@ FIRST = "#bbbbbb"
 REASONS = dict(zip(("perception", "prediction", "luck", "search"), COLOURS, strict=False))
 """The colours of what separates the rungs."""
 
+COMMAND = "python studies/ladder/run.py"
+"""Writes the files."""
+
 
 def plot_ladders(paths: Sequence[Path], out: Path) -> None:
     """A bar for each scenario: the success of the lowest rung, and what each further one adds or takes away.
 
     Args:
-        paths: Files that `crowdbench ladder` wrote.
+        paths: Files that `python studies/ladder/run.py` wrote.
         out: The figure's file.
 
     Raises:
         InputError: One of them is no such file, or the figure cannot be written.
     """
     found = [
-        read_kept(path, "ladder", ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "reason"))
+        read_kept(path, COMMAND, ("success", "P0", "mean"), ("best_success", "mean"), ("steps", 0, "reason"))
         for path in paths
     ]
     lowest = 100.0
@@ -57,3 +66,19 @@ def plot_ladders(paths: Sequence[Path], out: Path) -> None:
             fontsize=6,
             columnspacing=0.8,
         )
+
+
+@help_from_docstring
+def plot(files: list[Path], out: Path = Path("ladders.pdf")) -> None:
+    """Draw a bar for each scenario: the success of the lowest rung, and what each further one adds or takes away.
+
+    Args:
+        files: Files that `python studies/ladder/run.py` kept.
+        out: The figure: a .pdf, .svg or .png file.
+    """
+    plot_ladders(files, out)
+    say(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    main(plot)

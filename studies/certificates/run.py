@@ -1,7 +1,8 @@
-"""The command that finds out in which cases of a scenario the vehicle can succeed."""
+"""Find out in which cases of a scenario the vehicle can succeed."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -10,13 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
 from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress
 from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
 
 if TYPE_CHECKING:
-    from crowdbench.certify.certificate import Certificate
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.scenario import Scenario
+    from studies.certificates.certificate import Certificate
 
 
 @help_from_docstring
@@ -43,9 +47,9 @@ def certify(
     """
     use_threads(threads)
     from crowdbench import catalog
-    from crowdbench.certify.certificate import make
     from crowdbench.scenario.cases import Cases
     from crowdbench.scenario.certified import FOLDER
+    from studies.certificates.certificate import make
 
     examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
     loaded = catalog.load_scenario(scenario, changes, data=data)
@@ -80,3 +84,7 @@ def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Cert
         if those:
             lines.append(f"{what}: {', '.join(those)}")
     return lines
+
+
+if __name__ == "__main__":
+    main(certify)

@@ -7,8 +7,9 @@ import pytest
 from scipy.stats import kendalltau
 from typer.testing import CliRunner
 
-from crowdbench.cli import app
-from crowdbench.study.rankings.kendall import Cases, agreement, draw_families, kendall, mean_scores
+from crowdbench.cli import build_script
+from studies.transfer.kendall import Cases, agreement, draw_families, kendall, mean_scores
+from studies.transfer.run import transfer
 
 FAMILIES = np.repeat(np.arange(9), 3)
 
@@ -106,10 +107,10 @@ def test_a_ranking_that_holds_meets_the_criterion():
 def test_the_study_prints_its_verdict(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("order.toml").write_text(STUDY)
-    printed = CliRunner().invoke(app, ["study", "order.toml"]).output
+    printed = CliRunner().invoke(build_script(transfer), ["--file", "order.toml"]).output
     assert "The criterion was a lower bound above 0.3" in printed
     assert "| world | tau | decided pairs that agree | without floor | within families |" in printed
     Path("order.toml").write_text(STUDY.replace('without = ["floor"]', 'without = ["roof"]'))
-    wrong = CliRunner().invoke(app, ["study", "order.toml"])
+    wrong = CliRunner().invoke(build_script(transfer), ["--file", "order.toml"])
     assert wrong.exit_code
     assert "'roof'" in str(wrong.exception)

@@ -16,9 +16,9 @@ from crowdbench.runs.load import load_run
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.ladder.rungs import RUNGS, load_rung
 from crowdbench.utils.errors import InputError, find_named
 from crowdbench.utils.toml import Location, Name, TomlTable, parse_table, read_toml
+from studies.ladder.rungs import RUNGS, load_rung
 
 FOLDER = SCENARIOS / "dials"
 """Where the built-in dials lie."""

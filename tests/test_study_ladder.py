@@ -8,14 +8,16 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.cli import app
+from crowdbench.cli import build_script
 from crowdbench.planners.base import Planner
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
-from crowdbench.study.ladder.futures import AWAY, Simulated
 from crowdbench.utils.errors import InputError
+from studies.ladder.futures import AWAY, Simulated
+from studies.ladder.plot import plot
+from studies.ladder.run import ladder
 
 STEPS = 12
 
@@ -82,23 +84,23 @@ def test_a_ladder_is_kept_and_drawn(tmp_path):
     (tmp_path / "own.toml").write_text(
         'time_limit = 15.0\n[pedestrians]\nnumber = 3\npolicy = "distracted"\n[sensor]\nrange = 2.0\n'
     )
-    command = ["ladder", str(tmp_path / "own.toml"), "--cases", "3", "--planner", "straight", "--planner", "orca"]
+    command = [str(tmp_path / "own.toml"), "--cases", "3", "--planner", "straight", "--planner", "orca"]
     command += ["--out", str(tmp_path / "runs")]
-    result = CliRunner().invoke(app, command)
+    result = CliRunner().invoke(build_script(ladder), command)
     assert result.exit_code == 0, result.output
     assert "points above the rung below, due to" in result.stdout
-    again = CliRunner().invoke(app, [*command, "--json"])
+    again = CliRunner().invoke(build_script(ladder), [*command, "--json"])
     assert "run 1" not in again.output  # all are kept
     (found,) = json.loads(again.stdout)
     assert list(found["success"]) == ["P0", "P1", "P2", "P3"]  # nobody looked for certificates
     assert [step["reason"] for step in found["steps"]] == ["perception", "prediction", "luck"]
     file, figure = tmp_path / "runs" / "own.json", tmp_path / "ladder.svg"
     assert json.loads(file.read_text()) == found
-    assert CliRunner().invoke(app, ["plot", "ladder", str(file), "--out", str(figure)]).exit_code == 0
+    assert CliRunner().invoke(build_script(plot), [str(file), "--out", str(figure)]).exit_code == 0
     assert "best planner" in figure.read_text()
     file.write_text("{}")
-    result = CliRunner().invoke(app, ["plot", "ladder", str(file), "--out", str(figure)])
-    assert "is not what `crowdbench ladder` writes" in str(result.exception)
+    result = CliRunner().invoke(build_script(plot), [str(file), "--out", str(figure)])
+    assert "is not what `python studies/ladder/run.py` writes" in str(result.exception)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +118,7 @@ def test_what_is_no_ladder_is_refused(arguments, sentence, tmp_path, monkeypatch
         Path(place).parent.mkdir(exist_ok=True)
         Path(place).write_text('[layout]\ngenerator = "circle_crossing"\n[pedestrians]\nnumber = 2\n')
     with pytest.raises(InputError, match=sentence):
-        app(["ladder", *arguments], standalone_mode=False)
+        build_script(ladder)(arguments, standalone_mode=False)
 
 
 def test_certificates_are_of_the_cases_that_were_examined():

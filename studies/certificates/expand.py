@@ -12,7 +12,6 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.certify.cost_to_go import cost_left
 from crowdbench.core.dynamics.motion import HOLONOMIC, Motion, drive
 from crowdbench.core.geometry import Discs, nearest_in_step
 from crowdbench.core.types import COLLISION_RULES
@@ -21,6 +20,7 @@ from crowdbench.sim.episode import fill_motion
 from crowdbench.sim.obstacles import wall_gap_in_step
 from crowdbench.sim.swept import gaps_on_arc
 from crowdbench.utils.compiled import njit
+from studies.certificates.cost_to_go import cost_left
 
 _PLUS = COLLISION_RULES.index("crowdnav_plus")
 

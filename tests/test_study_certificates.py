@@ -8,10 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench.catalog import load_scenario
-from crowdbench.certify.certificate import SEARCH, certificates, make
-from crowdbench.certify.crowds import Known, known_steps
-from crowdbench.certify.search import Effort, Task, search
-from crowdbench.cli import app
+from crowdbench.cli import app, build_script
 from crowdbench.core.types import Outcome
 from crowdbench.planners.driver import Driver
 from crowdbench.runs.replay import Playback
@@ -20,6 +17,10 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.certified import Certified, Examined
 from crowdbench.scenario.starts import Vehicle
 from crowdbench.utils.errors import InputError
+from studies.certificates import run
+from studies.certificates.certificate import SEARCH, certificates, make
+from studies.certificates.crowds import Known, known_steps
+from studies.certificates.search import Effort, Task, search
 
 LAYOUTS = '''"""Places by hand."""
 
@@ -67,7 +68,7 @@ def planners(monkeypatch):
     """Has no planner drive the cases, unless a test names some."""
 
     def only(*names):
-        monkeypatch.setattr("crowdbench.certify.certificate.PLANNERS", names)
+        monkeypatch.setattr("studies.certificates.certificate.PLANNERS", names)
 
     only()
     return only
@@ -103,7 +104,7 @@ def smallest_gap(trace):
 
 
 def certify(*options):
-    return CliRunner().invoke(app, ["certify", *options])
+    return CliRunner().invoke(build_script(run.certify), options)
 
 
 def test_who_must_wait_is_certified(made):
@@ -204,12 +205,12 @@ def test_certify_and_run_of_a_scenario_of_ones_own(made):
     again = CliRunner().invoke(app, ["score", "some", "--replay", "--layout", "mine.py:ring"])
     assert "All agree" in again.output, again.output
     beyond = CliRunner().invoke(app, [*run, "5", "--out", "more"])
-    assert "`crowdbench certify mine.toml --cases test:5` makes them" in beyond.stderr
+    assert "`python studies/certificates/run.py mine.toml --cases test:5` makes them" in beyond.stderr
 
 
 def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
     scenario = made("ring", 12)
-    monkeypatch.setattr("crowdbench.certify.certificate.PART", 1)
+    monkeypatch.setattr("studies.certificates.certificate.PART", 1)
     done = []
 
     def stops(share):
@@ -225,7 +226,7 @@ def test_an_interrupted_command_goes_on_with_what_is_missing(made, monkeypatch):
     looked = []
     real = certificates
     monkeypatch.setattr(
-        "crowdbench.certify.certificate.certificates", lambda *given: looked.append(given[1]) or real(*given)
+        "studies.certificates.certificate.certificates", lambda *given: looked.append(given[1]) or real(*given)
     )
     rows = make_all(lambda share: None)
     assert looked == [Cases("test", 2, 3)]

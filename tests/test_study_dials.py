@@ -1,4 +1,4 @@
-"""Dials: the estimate of a level, the files, `crowdbench dial`, and their figures and tables."""
+"""Dials: the estimate of a level, the files, the command, and their figures and tables."""
 
 import itertools
 import json
@@ -11,10 +11,14 @@ from scipy.stats import norm
 from typer.testing import CliRunner
 
 from crowdbench.catalog import PLANNERS, load_scenario
-from crowdbench.cli import app
+from crowdbench.cli import build_script
 from crowdbench.scenario.cases import Cases
-from crowdbench.study.dials import estimate, table
-from crowdbench.study.dials.dial import dials, load_dial
+from studies.dials import estimate, table
+from studies.dials.dial import dials, load_dial
+from studies.dials.plot import plot
+from studies.dials.run import dial as find_level
+
+DIAL = build_script(find_level)
 
 OWN = """
 description = "A circle"
@@ -110,8 +114,8 @@ def test_dials_that_ship_have_nine_levels_and_the_same_people_at_all():
 
 def test_levels_are_said_in_words(tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
-    dial = load_dial(str(tmp_path / "own.toml"))
-    assert [dial.say(dial.level(number)) for number in (0.5, 2.0, -math.inf, math.inf)] == [
+    own = load_dial(str(tmp_path / "own.toml"))
+    assert [own.say(own.level(number)) for number in (0.5, 2.0, -math.inf, math.inf)] == [
         "2.5",
         "9",
         "below 1",
@@ -136,7 +140,7 @@ def test_levels_are_said_in_words(tmp_path):
 )
 def test_what_is_wrong_in_a_dial_is_said_in_a_sentence(change, reason, tmp_path):
     (tmp_path / "own.toml").write_text(OWN.replace(*change))
-    result = CliRunner().invoke(app, ["dial", str(tmp_path / "own.toml"), "--planner", "orca", "--out", str(tmp_path)])
+    result = CliRunner().invoke(DIAL, [str(tmp_path / "own.toml"), "--planner", "orca", "--out", str(tmp_path)])
     assert result.exit_code == 1
     assert reason in str(result.exception)
 
@@ -153,10 +157,10 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
     files = []
     for planner in ("straight", "C"):
-        command = ["dial", str(tmp_path / "own.toml"), "--planner", planner, "--out", str(tmp_path / "runs")]
-        result = CliRunner().invoke(app, command)
+        command = [str(tmp_path / "own.toml"), "--planner", planner, "--out", str(tmp_path / "runs")]
+        result = CliRunner().invoke(DIAL, command)
         assert result.exit_code == 0, result.output
-        again = CliRunner().invoke(app, [*command, "--json"])
+        again = CliRunner().invoke(DIAL, [*command, "--json"])
         assert "run 1" not in again.output  # all are kept
         found = json.loads(again.stdout)
         (row,) = found["rows"]
@@ -167,15 +171,15 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
         assert json.loads(files[-1].read_text()) == found
         assert "people on a circle" in result.output
     figure = tmp_path / "dial.svg"
-    assert CliRunner().invoke(app, ["plot", "dial", *map(str, files), "--out", str(figure)]).exit_code == 0
+    assert CliRunner().invoke(build_script(plot), [*map(str, files), "--out", str(figure)]).exit_code == 0
     assert "… people on a circle" in figure.read_text()
     assert "C of the ladder" in figure.read_text()
     options = ["--planner", "P2", "--option", "horizon=3"]
     assert "P2 is a rung of the ladder, which takes no options" in str(
-        CliRunner().invoke(app, ["dial", str(tmp_path / "own.toml"), *options]).exception
+        CliRunner().invoke(DIAL, [str(tmp_path / "own.toml"), *options]).exception
     )
     files[0].write_text(files[0].read_text().replace('"own"', '"other"'))
-    result = CliRunner().invoke(app, ["plot", "dial", *map(str, files), "--out", str(figure)])
+    result = CliRunner().invoke(build_script(plot), [*map(str, files), "--out", str(figure)])
     assert "is of another dial than" in str(result.exception)
 
 
@@ -183,8 +187,8 @@ def test_a_dial_is_driven_kept_and_drawn(few, tmp_path):
 def test_a_planner_in_a_file_named_as_a_rung_is_a_planner(few, tmp_path):
     (tmp_path / "own.toml").write_text(OWN)
     (tmp_path / "C.py").write_text((PLANNERS.folder / "straight.py").read_text())
-    command = ["dial", str(tmp_path / "own.toml"), "--planner", str(tmp_path / "C.py"), "--out", str(tmp_path / "runs")]
-    (row,) = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)["rows"]
+    command = [str(tmp_path / "own.toml"), "--planner", str(tmp_path / "C.py"), "--out", str(tmp_path / "runs")]
+    (row,) = json.loads(CliRunner().invoke(DIAL, [*command, "--json"]).stdout)["rows"]
     assert (row["planner"], row["is_rung"], row["cases"]) == ("C", False, [20, 20, 20])
 
 
@@ -194,14 +198,14 @@ def test_a_study_has_a_table_for_each_dial_the_best_planner_first(few, tmp_path)
     (tmp_path / "study.toml").write_text(
         f'[[dials]]\ntitle = "Dials"\nplanners = ["straight", "orca", "C"]\ndials = ["{tmp_path / "own.toml"}"]\n'
     )
-    command = ["study", str(tmp_path / "study.toml"), "--out", str(tmp_path / "runs")]
-    result = CliRunner().invoke(app, command)
+    command = ["--file", str(tmp_path / "study.toml"), "--out", str(tmp_path / "runs")]
+    result = CliRunner().invoke(DIAL, command)
     assert result.exit_code == 0, result.output
     rows = [line for line in result.stdout.splitlines() if line.startswith("| ")]
     assert rows[0] == "| planner | holds ... people on a circle | in half of the cases | levels behind the best |"
     assert [row.split(" | ")[0] for row in rows[2:]] == ["| C: a certificate", "| orca", "| straight"]
     assert rows[2].endswith("|  |")  # nobody is behind what is no planner
-    (dial,) = json.loads(CliRunner().invoke(app, [*command, "--format", "json"]).stdout)["tables"][0]["dials"]
-    certified, orca, straight = (np.array(row["success"]) for row in dial["rows"])
+    (filled,) = json.loads(CliRunner().invoke(DIAL, [*command, "--format", "json"]).stdout)["tables"][0]["dials"]
+    certified, orca, straight = (np.array(row["success"]) for row in filled["rows"])
     assert (certified >= np.maximum(orca, straight)).all()
     assert orca[0] >= straight[0]

@@ -15,8 +15,6 @@ import numpy as np
 from jaxtyping import Float
 
 from crowdbench.catalog import load_planner
-from crowdbench.certify.crowds import Crowd, Known, Reacting, known_steps
-from crowdbench.certify.search import Effort, SearchResult, Task, search
 from crowdbench.core.types import Outcome, Trace
 from crowdbench.core.types.rules import PERFECT
 from crowdbench.metrics import METRICS
@@ -33,6 +31,8 @@ from crowdbench.scenario.certified import LARGEST, Certified, Examined
 from crowdbench.scenario.scenario import Scenario
 from crowdbench.utils import files
 from crowdbench.utils.errors import InputError
+from studies.certificates.crowds import Crowd, Known, Reacting, known_steps
+from studies.certificates.search import Effort, SearchResult, Task, search
 
 PLANNERS = ("orca_margin", "orca", "social_force")
 """Planners that decide fast, and need no torch. A run of theirs that succeeds is a certificate."""
@@ -47,6 +47,9 @@ REACTING = (Effort(cell=0.2, states=256), Effort(cell=0.2, states=1_024))
 
 NAME = "certificate"
 """The name of the planner in a run of certificates."""
+
+CODE = sorted(set(Path(__file__).parent.glob("*.py")) - {Path(__file__).with_name("run.py")})
+"""The files that certificates are made by."""
 
 PART = 25
 """Cases of a part: what an interrupt loses is no more than one."""
@@ -229,7 +232,7 @@ def make(
     margins = list(dict.fromkeys([margin, 0.0]))
     directory, table = out / cases.split, out / f"{cases.split}.csv"
     spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
-    identity = PlannerId(NAME, code=code_digest([__name__]), key=f"margins {margins}")
+    identity = PlannerId(NAME, code=code_digest([], CODE), key=f"margins {margins}")
     run = Run(spec, play_back([], scenario), scenario, METRICS, identity)
     parts = Parts.of(run, directory).folder
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
+from pydantic import Field
 
 from crowdbench.catalog import load_scenario
 from crowdbench.core.types import PERFECT
@@ -17,11 +18,11 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.study.ladder.rungs import RUNGS, load_rung
 from crowdbench.study.measures import SUCCESS, draw_bar, read_successes
-from crowdbench.study.schema import CrowdPlannerSpec, LaddersSpec
+from crowdbench.study.schema import CasesText, CrowdPlannerSpec, Planners, StudyHead
 from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location
+from crowdbench.utils.toml import Location, Name, Names, TomlTable
+from studies.ladder.rungs import RUNGS, load_rung
 
 CHOICE = Cases("val", 0, 50)
 """The cases that choose the best planner."""
@@ -46,6 +47,21 @@ CANDIDATES = [
     CrowdPlannerSpec(planner="ppo_attention", options={"weights": "ppo_worlds"}),
 ]
 """Planners among which the best one is, where nobody names others: the strongest of each kind."""
+
+
+class LaddersSpec(TomlTable):
+    """`[[ladders]]`: scenarios, in which the best of some planners is a marker."""
+
+    title: Name
+    planners: Planners
+    scenarios: Names
+    cases: CasesText = Cases.parse("test:100")
+
+
+class LadderStudy(StudyHead):
+    """The TOML file of the study."""
+
+    ladders: list[LaddersSpec] = Field(min_length=1, description="one table [[ladders]] or more")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,16 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import directory_name
-from crowdbench.study.dials.dial import FIRST, SECOND, Dial, load_dial
-from crowdbench.study.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
-from crowdbench.study.ladder.rungs import RUNGS
 from crowdbench.study.measures import SUCCESS, draw_bar, read_successes
-from crowdbench.study.schema import DialsSpec
+from crowdbench.study.schema import Planners, StudyHead
 from crowdbench.utils.tables import Grid, markdown
-from crowdbench.utils.toml import Location
+from crowdbench.utils.toml import Location, Name, Names, TomlTable
+from studies.dials.dial import FIRST, SECOND, Dial, load_dial
+from studies.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
+from studies.ladder.rungs import RUNGS
 
 NOTES = (
     "A planner holds a level if it succeeds in 90 % of the cases there. Success at the levels is fitted by isotonic "
@@ -27,6 +28,20 @@ NOTES = (
     "three levels around its figure; rungs of the ladder (P2, C) drove the 30 alone. What is below the first level or "
     "above the last is said so, and is no number."
 )
+
+
+class DialsSpec(TomlTable):
+    """`[[dials]]`: planners on dials, by their names or files."""
+
+    title: Name
+    planners: Planners
+    dials: Names
+
+
+class DialStudy(StudyHead):
+    """The TOML file of the study."""
+
+    dials: list[DialsSpec] = Field(min_length=1, description="one table [[dials]] or more")
 
 
 @dataclasses.dataclass(frozen=True)

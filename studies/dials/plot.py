@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from crowdbench.figures.kept import read_kept
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.console import say
+from crowdbench.cli.options import help_from_docstring
 from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, MARKERS, axes
 from crowdbench.metrics.summary import wilson
-from crowdbench.study.dials.estimate import WANTED
 from crowdbench.utils.errors import InputError
+from studies.dials.estimate import WANTED
+from studies.pages import read_kept
 
 RUNG = "#666666"
 """The colour of rungs of the ladder, which are no planners."""
@@ -23,19 +29,22 @@ LINE = 0.17
 BESIDE = 0.08
 """How far the points of planners are beside each other, in levels."""
 
+COMMAND = "python studies/dials/run.py"
+"""Writes the files."""
+
 
 def plot_dial(paths: Sequence[Path], out: Path) -> None:
     """The success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
 
     Args:
-        paths: Files that `crowdbench dial` wrote, all of the same dial.
+        paths: Files that `python studies/dials/run.py` wrote, all of the same dial.
         out: The figure's file.
 
     Raises:
         InputError: One of them is no such file, or of another dial, they are too many, or the figure cannot be written.
     """
     found = [
-        read_kept(path, "dial", ("dial", "levels"), ("rows", 0, "success"), ("rows", 0, "is_rung")) for path in paths
+        read_kept(path, COMMAND, ("dial", "levels"), ("rows", 0, "success"), ("rows", 0, "is_rung")) for path in paths
     ]
     dial = found[0]["dial"]
     if others := [path for path, each in zip(paths, found, strict=True) if each["dial"] != dial]:
@@ -68,3 +77,19 @@ def plot_dial(paths: Sequence[Path], out: Path) -> None:
         ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
         # Above, because curves fall from one corner to the other.
         ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
+
+
+@help_from_docstring
+def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
+    """Draw the success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
+
+    Args:
+        files: Files that `python studies/dials/run.py` kept.
+        out: The figure: a .pdf, .svg or .png file.
+    """
+    plot_dial(files, out)
+    say(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    main(plot)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from crowdbench.catalog import load_scenario
-from crowdbench.certify.certificate import certificates, play_back
 from crowdbench.core.types import PERFECT, Observation, World
 from crowdbench.metrics import METRICS
 from crowdbench.planners.base import Planner
@@ -23,7 +23,9 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.study.ladder.futures import Simulated
+from studies.certificates.certificate import CODE, certificates, play_back
+from studies.ladder import futures
+from studies.ladder.futures import Simulated
 
 SECONDS = 5.0
 """How far ahead the search looks."""
@@ -100,5 +102,5 @@ def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run
         if scenario.rules.sensor != PERFECT:
             planner = FilteredPlanner(planner)
     named = dataclasses.replace(spec, planner=rung)
-    identity = PlannerId(rung, code=code_digest([__name__]))
+    identity = PlannerId(rung, code=code_digest([], [Path(__file__), Path(futures.__file__), *CODE]))
     return Run(named, Driver(planner, rung, LIMIT), scenario, METRICS, identity, foresee=foresee)

@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from crowdbench.certify.cost_to_go import CostToGo, find_cost_to_go
-from crowdbench.certify.crowds import Crowd
-from crowdbench.certify.expand import Grid, Layer, Vehicle, expand
 from crowdbench.core.dynamics import Bicycle, Holonomic, State, Unicycle
 from crowdbench.core.dynamics.base import HEADINGS, REACHED, SPEEDS, TURNS
 from crowdbench.core.geometry import toward_goal
 from crowdbench.core.types import Rules, World
+from studies.certificates.cost_to_go import CostToGo, find_cost_to_go
+from studies.certificates.crowds import Crowd
+from studies.certificates.expand import Grid, Layer, Vehicle, expand
 
 _HEADINGS, _SPEEDS = (16, 96), (4, 8)
 """The least and the largest number of cells of headings and speeds, where the vehicle cannot change them at once."""
