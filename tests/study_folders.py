@@ -1,6 +1,7 @@
 """Studies in an empty folder, and runs as if somebody had made them."""
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -50,13 +51,37 @@ scenarios = ["circle_crossing_5", "square_crossing_5"]
 planners = ["orca", "orca_margin"]
 """
 
+TABLE = """
+[[tables]]
+title = "Beside"
+scenario = "circle_crossing_5"
+cases = "20"
+replan_every = 2
+
+[[tables.rows]]
+label = "mine"
+planner = "./mine.py"
+weights = ["one", "two"]
+reported = { success_rate = 0.972, navigation_time = 12.58 }
+
+[[tables.rows]]
+label = "other"
+planner = "./mine.py"
+weights = ["two", "one"]
+options = { margin = 0.1 }
+
+[[tables.rows]]
+label = "orca"
+planner = "orca"
+"""
+
 
 def read(text):
     Path("tiny.toml").write_text(text)
     return read_study(Path("tiny.toml"))
 
 
-def refused(text, parts):
+def refused(text, parts, read=read):
     """That the file is refused in one sentence, which has these parts and names the file once."""
     with pytest.raises(InputError) as error:
         read(text)
@@ -114,3 +139,15 @@ def fill(asked, out, **rows):
         for run, table_of_episodes in zip(row.runs, rows[row.label], strict=True):
             leave(run, out, table_of_episodes)
     return table.fill(out)
+
+
+def table(success, time=10.0, change=1.0, jerk=5.0):
+    success = np.array(success, bool)
+    columns = {"navigation_time": np.where(success, time, math.nan), "max_velocity_change": change, "jerk": jerk}
+    return episodes(success, **{name: np.broadcast_to(values, len(success)) for name, values in columns.items()})
+
+
+def cells(markdown):
+    """The cells of every line of every grid, but for the rules under headings."""
+    lines = [line for line in markdown.splitlines() if line.startswith("| ") and "---" not in line]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]

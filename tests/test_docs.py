@@ -16,7 +16,6 @@ from crowdbench.boards.markdown import write_readme
 from crowdbench.cli import app
 from crowdbench.core.types.observation import Observation, Pedestrians, Vehicle
 from crowdbench.plugins.load import load_module
-from crowdbench.study.study import REPRODUCTION
 from crowdbench.utils.tables import printed_by
 
 ROOT = Path(__file__).parent.parent
@@ -128,8 +127,7 @@ STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "crowdna
 
 PRINTED = {f"docs/{page}": f"crowdbench study docs/studies/{name}.toml" for name, page in STUDIES.items()}
 PRINTED["docs/recorded_tables.md"] += " --data DIR"
-PRINTED["docs/reproduction.md"] = "crowdbench reproduce"
-SCRIPTS = {"validity": " --data DIR", "transfer": " --data DIR", "ladder": "", "dials": ""}
+SCRIPTS = {"validity": " --data DIR", "transfer": " --data DIR", "ladder": "", "dials": "", "li2020": ""}
 PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
 """The pages that a command prints from the first to the last line, and the command."""
 
@@ -162,7 +160,6 @@ def test_the_readme_of_a_study_names_its_command(folder):
 
 FILES = {DOCS / "studies" / f"{name}.toml": DOCS / page for name, page in STUDIES.items()}
 FILES |= {path: path.with_name("README.md") for path in ROOT.glob("studies/*/study.toml")}
-FILES[REPRODUCTION] = DOCS / "reproduction.md"
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(ROOT).as_posix())

@@ -23,7 +23,6 @@ RUN_ELSEWHERE = {
     "verify": ".ci/boards",
     "leaderboard": ".ci/boards",
     "merge": "tests/test_parts.py",
-    "reproduce": ".ci/reproduce",
     "train": ".ci/train",
 }
 """Commands that take long, or need what others have left, and where they are run."""
@@ -124,7 +123,6 @@ def test_the_study_of_the_docs_runs(tmp_path, monkeypatch, capsys):
     run("study", "mine.toml")
     printed = capsys.readouterr().out
     assert "## A margin of ORCA" in printed
-    assert "A margin makes ORCA safer" in printed
     assert "### square_crossing_5, time_limit=20.0" in printed
     assert "ISRR 2011" in printed
 

@@ -9,13 +9,14 @@ import pytest
 
 from studies.dials.table import DialStudy
 from studies.ladder.table import LadderStudy
+from studies.li2020.table import ReproductionSpec
 from studies.pages import read_file
 from studies.transfer.table import TransferStudy
 
 ROOT = Path(__file__).parent.parent
 RUNNABLE = (path for path in ROOT.glob("studies/*/*.py") if "__main__" in path.read_text())
 SCRIPTS = sorted(path.relative_to(ROOT).as_posix() for path in RUNNABLE)
-SPECS = {"dials": DialStudy, "ladder": LadderStudy, "transfer": TransferStudy}
+SPECS = {"dials": DialStudy, "ladder": LadderStudy, "li2020": ReproductionSpec, "transfer": TransferStudy}
 
 
 @pytest.mark.parametrize("script", SCRIPTS)

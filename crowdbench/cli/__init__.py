@@ -29,7 +29,6 @@ COMMANDS = {
     "check": "check:check",
     "compare": "results:compare",
     "study": "study:study",
-    "reproduce": "study:reproduce",
     "view": "results:view",
     "table": "figures:table",
     "plot": "figures:plot",

@@ -1,4 +1,4 @@
-"""The commands that print pages: the tables of a study, and the paper's."""
+"""The commands that print pages: the tables of a study."""
 
 from __future__ import annotations
 
@@ -48,41 +48,6 @@ def study(
     tables = study.fill(directory)
     command = f"crowdbench study {file}{' --data DIR' if data else ''}"
     print_tables({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
-
-
-@help_from_docstring
-def reproduce(
-    table: Annotated[int | None, typer.Option(min=1, max=4)] = None,
-    quick: bool = False,
-    out: Path = Path("runs/reproduce"),
-    shard: ShardOption = None,
-    on: OnOption = None,
-    threads: ThreadsOption = None,
-    format: Format = Format.MARKDOWN,
-) -> None:
-    """Make the tables of Li et al. (2020), measured beside reported, and say which of the paper's claims hold.
-
-    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands per observation, 4 of KCE. A quick look takes some
-    minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command goes on
-    after them.
-
-    Args:
-        table: One of the paper's four tables alone.
-        quick: A quick look: one network per row, few cases.
-        out: Folder that keeps the runs.
-    """
-    use_threads(None if is_on_ray(on) else threads)
-    from crowdbench.study.claims import tally
-    from crowdbench.study.planners import FilledPlannersTable
-    from crowdbench.study.study import read_reproduction
-
-    study = read_reproduction(table, quick)
-    make_runs(study.runs, out, shard, on, threads)
-    tables = study.fill(out)
-    claims = [claim for each in tables if isinstance(each, FilledPlannersTable) for claim in each.claims]
-    command = f"crowdbench reproduce{f' --table {table}' if table else ''}{' --quick' if quick else ''}"
-    page = f"{study.page(tables, command)}\n\n{tally(claims)}"
-    print_tables({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
 
 
 def print_tables(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:

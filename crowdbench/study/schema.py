@@ -65,48 +65,20 @@ class VariantSpec(TomlTable):
     networks: str = choice(("all", "first"), default="all")
 
 
-class ClaimSpec(TomlTable):
-    """`[[tables.claims]]`: that a row is better than another one by more than `bound`.
-
-    The bound is in the measure's own unit for a difference, and a share of the other row's mean for a reduction.
-    """
-
-    text: Name
-    source: Name
-    row: Name
-    than: Name
-    measure: str = choice(PLANNER_MEASURES)
-    kind: str = choice(("difference", "reduction"))
-    bound: float = number(above=-1000.0, below=1000.0)
-
-
 class PlannersSpec(TomlTable):
-    """`[[tables]]`: planners on the cases of one scenario, and claims about them.
-
-    `quick` are the cases for a quick look.
-    """
+    """`[[tables]]`: planners on the cases of one scenario."""
 
     title: Name
     scenario: Name
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     cases: CasesText = Cases.parse("test:500")
-    quick: CasesText = Cases.parse("test:40")
     measures: Annotated[Names, AfterValidator(_known)] = Field(
         default=list(PLANNER_MEASURES),
         description=f"a list of some of {', '.join(PLANNER_MEASURES)}, none of them twice",
     )
     variant: VariantSpec | None = Field(default=None, description="a table with a title and overrides")
     rows: list[RowSpec] = Field(min_length=1, description="one table or more")
-    claims: list[ClaimSpec] = Field(default=[], description="a list of tables")
-
-    def quick_look(self) -> PlannersSpec:
-        """The same table with the first network of each row alone, on the cases for a quick look."""
-        rows = [
-            row.model_copy(update={"weights": row.weights[:1], "seeds": row.seeds[:1], "second_reading": None})
-            for row in self.rows
-        ]
-        return self.model_copy(update={"rows": rows, "cases": self.quick})
 
 
 class CrowdPlannerSpec(TomlTable):

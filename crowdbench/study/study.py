@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,16 +40,8 @@ class Table(Protocol):
         """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
 
 
-REPRODUCTION = Path(__file__).with_name("reproduce.toml")
-"""The tables of Li et al. (2020) and more."""
-
 KINDS = ("[[tables]]", "[[crowds]]")
 """The kinds of tables that a study may have."""
-
-QUICK = (
-    "A quick look: the first network of each row alone, on few cases. Intervals are wide, and a single network has no "
-    "verdict on a claim: the full command has five."
-)
 
 
 @dataclass(frozen=True)
@@ -105,24 +96,6 @@ def read_study(path: Path, data: Path | None = None) -> Study:
             planners, weights and scenarios that do not exist, so that nobody learns of them hours later.
     """
     return _load(_read(path), path, data)
-
-
-def read_reproduction(number: int | None, quick: bool) -> Study:
-    """The study of `REPRODUCTION`, or a part of it.
-
-    Args:
-        number: Which of the paper's tables is wanted, both readings of it where there are two; None for all.
-        quick: Whether the tables are for a quick look.
-
-    Raises:
-        InputError: As `read_study` does.
-    """
-    spec = _read(REPRODUCTION)
-    tables = [table for table in spec.tables if number is None or re.match(rf"Table {number}\b", table.title)]
-    if quick:
-        spec = spec.model_copy(update={"description": QUICK})
-        tables = [table.quick_look() for table in tables]
-    return _load(spec.model_copy(update={"tables": tables}), REPRODUCTION)
 
 
 def _read(path: Path) -> StudySpec:

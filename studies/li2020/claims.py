@@ -17,9 +17,8 @@ from crowdbench.runs.paired import LEAST_SHARED
 from crowdbench.runs.results import Episodes
 from crowdbench.study.intervals import Values, difference_over_networks, reduction_over_networks
 from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, SUCCESS_RATE, values_of
-from crowdbench.study.schema import ClaimSpec
 from crowdbench.utils.tables import markdown
-from crowdbench.utils.toml import Location
+from crowdbench.utils.toml import Location, Name, TomlTable, choice, number
 
 POINTS = dataclasses.replace(SUCCESS, unit="points")
 REDUCTION = MetricInfo("reduction", share=True)
@@ -38,6 +37,21 @@ NOTES = (
     "doi:10.3102/1076998611411915). All other figures are over the cases that all networks of both rows solve; with "
     f"fewer than {LEAST_SHARED} such cases a claim is undecided. Intervals are not corrected for the number of claims."
 )
+
+
+class ClaimSpec(TomlTable):
+    """`[[tables.claims]]`: that a row is better than another one by more than `bound`.
+
+    The bound is in the measure's own unit for a difference, and a share of the other row's mean for a reduction.
+    """
+
+    text: Name
+    source: Name
+    row: Name
+    than: Name
+    measure: str = choice(PLANNER_MEASURES)
+    kind: str = choice(("difference", "reduction"))
+    bound: float = number(above=-1000.0, below=1000.0)
 
 
 class Verdict(enum.StrEnum):

@@ -5,10 +5,11 @@ from pathlib import Path
 import pytest
 from typer.exceptions import TyperException
 
-from crowdbench.cli import app
+from crowdbench.cli import build_script
 from crowdbench.runs.spec import Replanning
-from crowdbench.study import study
-from crowdbench.study.study import read_reproduction
+from studies.li2020 import table
+from studies.li2020.run import reproduce as command
+from studies.li2020.table import read_reproduction
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
@@ -71,16 +72,16 @@ planner = "./stops.py"
 def tiny(monkeypatch):
     Path("stops.py").write_text(STOPS)
     Path("tiny.toml").write_text(TINY)
-    monkeypatch.setattr(study, "REPRODUCTION", Path("tiny.toml"))
+    monkeypatch.setattr(table, "FILE", Path("tiny.toml"))
 
 
 def reproduce(*arguments):
-    app(["reproduce", *arguments], standalone_mode=False)
+    build_script(command)(arguments, standalone_mode=False)
 
 
 def finished():
     """When each run was finished, by the name of its directory."""
-    return {path.parent.name: path.stat().st_mtime_ns for path in Path("runs/reproduce").glob("[!.]*/result.json")}
+    return {path.parent.name: path.stat().st_mtime_ns for path in Path("runs/li2020").glob("[!.]*/result.json")}
 
 
 @pytest.mark.slow
@@ -91,7 +92,7 @@ def test_what_was_interrupted_goes_on_and_repeats_nothing(tiny, capsys):
     assert error.value.code == 130
     told = capsys.readouterr()
     assert told.out == ""
-    assert told.err.splitlines()[-1].endswith("goes on with the runs that are kept in runs/reproduce")
+    assert told.err.splitlines()[-1].endswith("goes on with the runs that are kept in runs/li2020")
     before = finished()
     assert len(before) == 4
     Path("stop").unlink()
@@ -122,7 +123,7 @@ def test_a_quick_look_at_one_table_says_that_it_is_one_and_runs_no_more(tiny, ca
     reproduce("--quick", "--table", "1")
     printed = capsys.readouterr().out
     first, _, second, *_ = printed.splitlines()
-    assert first.startswith("Printed by `crowdbench reproduce --table 1 --quick`.")
+    assert first.startswith("Printed by `python studies/li2020/run.py --table 1 --quick`.")
     assert second.startswith("A quick look: ")
     assert "Claims: 0 holds, 0 refuted, 0 undecided, 1 without a verdict" in printed
     assert "On circle_crossing_5, cases test:0:3." in printed
