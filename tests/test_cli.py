@@ -127,7 +127,7 @@ def test_json_is_all_that_json_prints():
         (["run", "--planner", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["check", "orca", "--data", "."], "--data does not go with circle_crossing_5"),
         (["train", "sarl", "--data", "."], "--data does not go with circle_crossing_mixed"),
-        (["study", f"{ROOT}/docs/studies/crowds.toml", "--data", "."], "--data does not go with crowds.toml"),
+        (["study", f"{ROOT}/studies/crowds/study.toml", "--data", "."], "--data does not go with study.toml"),
         (["leaderboard", "fill", "five", "--data", ".", "--root", str(BOARDS)], "--data goes with boards whose people"),
         (["run-board", "five", "--planner", "orca", "--set", "dt=0.1"], "No such option: --set"),
     ],

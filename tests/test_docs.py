@@ -121,12 +121,9 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
     assert expected - calls == set()
 
 
-STUDIES = {path.stem: f"{path.stem}.md" for path in sorted((DOCS / "studies").glob("*.toml"))}
-STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "crowdnav_plus", "specialists")}
-"""The studies and the pages of their tables. What the tables of four of them show is said on a page of its own."""
-
-PRINTED = {f"docs/{page}": f"crowdbench study docs/studies/{name}.toml" for name, page in STUDIES.items()}
-PRINTED["docs/recorded_tables.md"] += " --data DIR"
+TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "specialists", "crowdnav_plus")
+PRINTED = {f"studies/{name}/README.md": f"crowdbench study studies/{name}/study.toml" for name in TABLES}
+PRINTED["studies/recorded/README.md"] += " --data DIR"
 SCRIPTS = {"validity": " --data DIR", "transfer": " --data DIR", "ladder": "", "dials": "", "li2020": ""}
 PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
 """The pages that a command prints from the first to the last line, and the command."""
@@ -158,14 +155,10 @@ def test_the_readme_of_a_study_names_its_command(folder):
     )
 
 
-FILES = {DOCS / "studies" / f"{name}.toml": DOCS / page for name, page in STUDIES.items()}
-FILES |= {path: path.with_name("README.md") for path in ROOT.glob("studies/*/study.toml")}
-
-
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("file", sorted(ROOT.glob("studies/*/study.toml")), ids=lambda file: file.parent.name)
 def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(file):
     study = tomllib.loads(file.read_text())
-    page = FILES[file].read_text()
+    page = file.with_name("README.md").read_text()
     assert page.split("\n\n")[1] == study["description"]
     kinds = ("tables", "crowds", "dials", "ladders", "rankings")
     titles = [table["title"] for kind in kinds for table in study.get(kind, [])]
@@ -175,8 +168,8 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(f
 
 @pytest.mark.parametrize("name", ["suite", "recorded", "crowdnav_plus"])
 def test_the_tables_and_what_they_show_link_to_each_other(name):
-    assert f"({name}_tables.md)" in (DOCS / f"{name}.md").read_text()
-    assert f"({name}.md" in (DOCS / f"{name}_tables.md").read_text()
+    assert f"(../studies/{name}/README.md)" in (DOCS / f"{name}.md").read_text()
+    assert f"(../../docs/{name}.md" in (ROOT / "studies" / name / "README.md").read_text()
 
 
 def test_the_start_page_links_every_page():
@@ -244,9 +237,10 @@ def test_the_readme_says_so_while_the_boards_are_being_filled():
 
 @pytest.mark.slow
 def test_the_readme_shows_the_suite_as_its_page_has_it():
+    suite = (ROOT / "studies" / "suite" / "README.md").read_text()
     tables = [
         [[cell.strip(" *`%") for cell in row.strip("|").split("|")] for row in table.splitlines()]
-        for table in re.findall(r"^\| success[^\n]+\n(?:\|.+\n)+", (DOCS / "suite_tables.md").read_text(), re.MULTILINE)
+        for table in re.findall(r"^\| success[^\n]+\n(?:\|.+\n)+", suite, re.MULTILINE)
     ]
     page = {
         (row[0], name): cell

@@ -3,10 +3,14 @@
 import ast
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
+from crowdbench.study.schema import StudySpec
+from crowdbench.study.study import read_study
+from crowdbench.utils.toml import Location, parse_table
 from studies.dials.table import DialStudy
 from studies.ladder.table import LadderStudy
 from studies.li2020.table import ReproductionSpec
@@ -24,6 +28,19 @@ def test_a_script_starts_in_any_folder(script, tmp_path):
     command = [sys.executable, ROOT / script, "--help"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "Usage" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["suite", "learned", "policies", "crowds", "kce", "specialists", "crowdnav_plus"])
+def test_the_tables_of_a_study_are_in_order(name):
+    file = ROOT / "studies" / name / "study.toml"
+    assert parse_table(StudySpec, tomllib.loads(file.read_text()), Location(name)).description
+
+
+@pytest.mark.slow
+def test_a_study_is_named_after_its_folder():
+    study = read_study(ROOT / "studies" / "kce" / "study.toml")
+    assert study.name == "kce"
+    assert study.runs
 
 
 @pytest.mark.parametrize("name", SPECS)

@@ -36,7 +36,7 @@ def study(
     """Make the runs of a study that are not there yet, and print its tables in Markdown.
 
     Args:
-        file: A study, such as docs/studies/crowds.toml.
+        file: A study, such as studies/crowds/study.toml.
         out: Folder that keeps its runs.
     """
     use_threads(None if is_on_ray(on) else threads)

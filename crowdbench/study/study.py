@@ -40,6 +40,9 @@ class Table(Protocol):
         """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
 
 
+FILE = "study.toml"
+"""The name of a file that has a folder of its own, whose name is that of the study."""
+
 KINDS = ("[[tables]]", "[[crowds]]")
 """The kinds of tables that a study may have."""
 
@@ -49,7 +52,7 @@ class Study:
     """What a file asks for.
 
     Attributes:
-        name: The file's name without its ending.
+        name: The name of the file without its ending, or of its folder if it is called study.toml.
         description: What the study is about, in Markdown; it stands at the top of the page.
         tables: Its tables, with the runs that they need.
         sources: The full references of what its page leans on, in Markdown.
@@ -111,7 +114,8 @@ def _load(spec: StudySpec, path: Path, data: Path | None = None) -> Study:
     ]
     if not tables:
         raise InputError(f"{path.name} has no table: a study needs one of {', '.join(KINDS)}")
-    study = Study(path.stem, spec.description, tables, spec.sources)
+    name = path.absolute().parent.name if path.name == FILE else path.stem
+    study = Study(name, spec.description, tables, spec.sources)
     if data is not None and not any(run.scenario.tracks for run in study.runs):
         raise InputError(f"--data does not go with {path.name}, none of whose scenarios has a table [tracks]")
     return study
