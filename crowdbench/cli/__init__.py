@@ -35,7 +35,6 @@ COMMANDS = {
     "render": "figures:render",
     "score": "results:score",
     "export": "export:export",
-    "evaluate-predictor": "evaluate_predictor:evaluate_predictor",
     "new-planner": "boards:new_planner",
     "submit": "boards:submit",
     "verify": "boards:verify",

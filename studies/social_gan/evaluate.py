@@ -1,15 +1,19 @@
-"""The command that measures predictors."""
+"""Measure the errors of predictors, as in README.md beside this file."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
 from crowdbench.cli.console import announce_compilation, progress
 from crowdbench.cli.options import assignments, help_from_docstring
 from crowdbench.cli.tables import print_table
@@ -182,3 +186,7 @@ def _predictors_table(
             rows.append((name if row == 0 else "", choice, *cells))
     header = ("predictor", "", *columns)
     return Grid(title, header, rows, align="ll".ljust(len(header), "r"))
+
+
+if __name__ == "__main__":
+    main(evaluate_predictor)

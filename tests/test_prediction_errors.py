@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crowdbench import load_scenario
-from crowdbench.cli import app
+from crowdbench.cli import app, build_script
 from crowdbench.metrics import prediction_errors
 from crowdbench.metrics.prediction_errors import MEAN, displacement, on_scenario, on_tracks
 from crowdbench.predict import ConstantVelocity, ConstantVelocitySampled, Linear, Oracle, Prediction, Predictor
@@ -16,6 +16,7 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import Tracks, read_folder
 from crowdbench.utils.defaults import HORIZON
 from crowdbench.utils.errors import InputError
+from studies.social_gan.evaluate import evaluate_predictor
 
 CASES = Cases.parse("val:6")
 FIRST, TOGETHER, EACH = range(3)
@@ -293,15 +294,19 @@ def crowdbench(*arguments):
     return CliRunner().invoke(app, arguments, catch_exceptions=False)
 
 
+def evaluate(*arguments):
+    return CliRunner().invoke(build_script(evaluate_predictor), arguments, catch_exceptions=False)
+
+
 def test_the_command_prints_a_row_for_every_horizon_and_json_has_the_same(tmp_path):
     rows = [(10 * t, p, 0.5 * t if p else 0.0, p) for p in range(2) for t in range(20)]
     (tmp_path / "street.txt").write_text("\n".join("\t".join(map(str, row)) for row in rows))
-    shown = crowdbench("evaluate-predictor", "constant_velocity", "--data", str(tmp_path))
+    shown = evaluate("constant_velocity", "--data", str(tmp_path))
     assert shown.exit_code == 0, shown.stderr
     lines = [line.split() for line in shown.stdout.splitlines()]
     assert [line[:3] for line in lines if line[:1] == ["street"]] == [["street", "1", "0.40"]]
     assert ["8", "3.20", "0.000", "0.000", "to", "0.000", "0.000", "0.000", "to", "0.000"] in lines
-    told = crowdbench("evaluate-predictor", "linear", "--cases", "val:5", "--set", "vehicle.visible=true", "--json")
+    told = evaluate("linear", "--cases", "val:5", "--set", "vehicle.visible=true", "--json")
     result = json.loads(told.stdout)
     place = load_scenario("circle_crossing_5", {"vehicle.visible": True})
     found = on_scenario("linear", Linear(), place, Cases.parse("val:5"))
@@ -313,8 +318,8 @@ def test_the_command_prints_a_row_for_every_horizon_and_json_has_the_same(tmp_pa
 
 @pytest.mark.slow
 def test_several_predictors_share_a_table():
-    command = ["evaluate-predictor", "constant_velocity", "constant_velocity_sampled", "--cases", "val:5"]
-    shown = crowdbench(*command, "--ahead", "12")
+    command = ["constant_velocity", "constant_velocity_sampled", "--cases", "val:5"]
+    shown = evaluate(*command, "--ahead", "12")
     assert shown.exit_code == 0, shown.stderr
     lines = shown.stdout.splitlines()
     assert lines[0] == "ADE / FDE in metres, 12 steps of 0.25 s ahead, on circle_crossing_5, cases val:0:5"
@@ -330,12 +335,12 @@ def test_several_predictors_share_a_table():
 def test_one_predictor_of_several_modes_has_a_section_for_each_choice(tmp_path):
     rows = [(10 * t, p, 0.5 * t, p) for p in range(2) for t in range(20)]
     (tmp_path / "street.txt").write_text("\n".join("\t".join(map(str, row)) for row in rows))
-    command = ["evaluate-predictor", "constant_velocity_sampled", "--option", "modes=3", "--data", str(tmp_path)]
-    shown = crowdbench(*command).stdout
+    command = ["constant_velocity_sampled", "--option", "modes=3", "--data", str(tmp_path)]
+    shown = evaluate(*command).stdout
     assert shown.startswith(f"constant_velocity_sampled (modes=3) on {tmp_path}")
     for choice in ("best of 1", "best of 3 together", "best of 3 each"):
         assert f"street, {choice} " in shown
-    told = json.loads(crowdbench(*command, "--json").stdout)["predictors"]["constant_velocity_sampled"]
+    told = json.loads(evaluate(*command, "--json").stdout)["predictors"]["constant_velocity_sampled"]
     assert (told["options"], told["errors"]["street"]["modes"]) == ({"modes": 3}, 3)
 
 
@@ -353,7 +358,7 @@ def test_one_predictor_of_several_modes_has_a_section_for_each_choice(tmp_path):
 )
 def test_the_command_answers_bad_input_with_one_sentence(arguments, expected):
     with pytest.raises(InputError, match=f"^{re.escape(expected)}") as refused:
-        crowdbench("evaluate-predictor", *arguments)
+        evaluate(*arguments)
     assert "\n" not in str(refused.value)
 
 
