@@ -7,8 +7,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+import numpy as np
+from jaxtyping import Bool
+
 from crowdbench.cli.study import print_tables
 from crowdbench.runs.run import Run
+from crowdbench.study.folder import read_episodes
+from crowdbench.study.measures import SUCCESS_RATE
 from crowdbench.study.schema import StudyHead
 from crowdbench.study.study import Study, Table
 from crowdbench.utils import files
@@ -95,3 +100,17 @@ def read_kept(path: Path, command: str, *keys: tuple[str | int, ...]) -> dict[st
         right = "give the files that it says it kept"
         raise InputError(f"{path} is not what `{command}` writes: {right}") from None
     return found
+
+
+def read_successes(run: Run, out: Path) -> Bool[np.ndarray, "case"]:
+    """Return in which cases a run in the folder `out` succeeds; raises InputError where it is not there."""
+    return np.asarray(read_episodes(run, out).columns[SUCCESS_RATE], bool)
+
+
+BAR = 20
+"""Characters of the bar of a success rate of 1."""
+
+
+def draw_bar(rate: float) -> str:
+    """Draw a bar as long as a rate is high."""
+    return "█" * round(BAR * rate)

@@ -18,11 +18,12 @@ from crowdbench.runs.run import Run
 from crowdbench.runs.spec import RunSpec
 from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.scenario import Scenario
-from crowdbench.study.measures import SUCCESS, draw_bar, read_successes
+from crowdbench.study.measures import SUCCESS
 from crowdbench.study.schema import CasesText, CrowdPlannerSpec, Planners, StudyHead
 from crowdbench.utils.tables import Grid, markdown
 from crowdbench.utils.toml import Location, Name, Names, TomlTable
 from studies.ladder.rungs import RUNGS, load_rung
+from studies.pages import draw_bar, read_successes
 
 CHOICE = Cases("val", 0, 50)
 """The cases that choose the best planner."""
