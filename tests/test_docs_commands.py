@@ -16,6 +16,7 @@ PAGES = [
     ROOT / "CONTRIBUTING.md",
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted(ROOT.glob("adapters/*/README.md")),
+    *sorted(ROOT.glob("studies/*/*.md")),
 ]
 
 RUN_ELSEWHERE = {
