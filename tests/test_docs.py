@@ -208,7 +208,10 @@ def citations(text):
             yield f"{found['single']} ({found['alone']})"
 
 
-@pytest.mark.parametrize("folder", ["crowdbench", "adapters", "agents", "docs", "scenarios", "studies", "examples", "."])
+CITING = ["crowdbench", "adapters", "agents", "docs", "scenarios", "studies", "examples", "."]
+
+
+@pytest.mark.parametrize("folder", CITING)
 def test_every_work_that_is_cited_is_among_the_references(folder):
     pattern = "*.md" if folder == "." else "**/*.*"
     files = [path for path in (ROOT / folder).glob(pattern) if path.suffix in (".py", ".md", ".toml")]
