@@ -144,7 +144,7 @@ def load_scenario(
     """
     path = scenario_path(spec)
     table = read_toml(path, "scenario")
-    table.pop("dial", None)  # which says how the scenario is varied: see `study.dials`
+    table.pop("dial", None)  # which says how the scenario is varied: see studies/dials
     crowd = table.get("pedestrians", {})
     if pedestrians is not None and isinstance(crowd, dict):
         table["pedestrians"] = {key: crowd[key] for key in crowd if key in PedestriansSpec.model_fields}

@@ -18,7 +18,7 @@ COLUMNS, SIDE = 5, 1.9
 
 def main() -> None:
     """Write the figure."""
-    study = tomllib.loads((DOCS / "studies" / "suite.toml").read_text())
+    study = tomllib.loads((DOCS.parent / "studies" / "suite" / "study.toml").read_text())
     names = [name for crowd in study["crowds"] for name in crowd["scenarios"]]
     rows = -(-len(names) // COLUMNS)
     with canvas(DOCS / "suite.png", COLUMNS * SIDE, rows * (SIDE + 0.15)) as figure:

@@ -74,7 +74,7 @@ def root(made, tmp_path):
 @pytest.fixture
 def study_folder(tmp_path, monkeypatch):
     """An empty folder to be in, with a planner that has networks."""
-    from studies import MINE
+    from study_folders import MINE
 
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(MINE)

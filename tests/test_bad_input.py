@@ -103,8 +103,6 @@ def special(path, kind):
         ("x.py", ["list", "planners", "x.py"]),
         ("x.py", ["run", "--planner", "orca", "--pedestrians", "x.py"]),
         ("x.py", ["run", "--planner", "orca", "--metric", "x.py"]),
-        ("x.py", ["evaluate-predictor", "x.py"]),
-        ("x.txt", ["evaluate-predictor", "constant_velocity", "--data", "."]),
         ("result.json", ["compare", ".", "."]),
         ("x.rrd", ["score", "x.rrd"]),
         ("x.rrd", ["view", "x.rrd"]),

@@ -16,7 +16,6 @@ from crowdbench.boards.markdown import write_readme
 from crowdbench.cli import app
 from crowdbench.core.types.observation import Observation, Pedestrians, Vehicle
 from crowdbench.plugins.load import load_module
-from crowdbench.study.study import REPRODUCTION
 from crowdbench.utils.tables import printed_by
 
 ROOT = Path(__file__).parent.parent
@@ -122,33 +121,44 @@ def test_a_run_goes_the_way_of_the_figure(tmp_path):
     assert expected - calls == set()
 
 
-STUDIES = {path.stem: f"{path.stem}.md" for path in sorted((DOCS / "studies").glob("*.toml"))}
-STUDIES |= {name: f"{name}_tables.md" for name in ("suite", "recorded", "dials", "crowdnav_plus", "specialists")}
-"""The studies and the pages of their tables. What the tables of five of them show is said on a page of its own."""
-
-PRINTED = {page: f"study docs/studies/{name}.toml" for name, page in STUDIES.items()}
-PRINTED["recorded_tables.md"] += " --data DIR"
-PRINTED["rankings.md"] += " --data DIR"
-PRINTED |= {"reproduction.md": "reproduce", "validity.md": "validity --data DIR"}
+TABLES = ("suite", "learned", "policies", "crowds", "kce", "recorded", "specialists", "crowdnav_plus")
+PRINTED = {f"studies/{name}/README.md": f"crowdbench study studies/{name}/study.toml" for name in TABLES}
+PRINTED["studies/recorded/README.md"] += " --data DIR"
+SCRIPTS = {"validity": " --data DIR", "transfer": " --data DIR", "ladder": "", "dials": "", "li2020": ""}
+PRINTED |= {f"studies/{name}/README.md": f"python studies/{name}/run.py{data}" for name, data in SCRIPTS.items()}
 """The pages that a command prints from the first to the last line, and the command."""
+
+PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("studies/*/*.md")])
 
 
 @pytest.mark.parametrize("page", PRINTED)
 def test_a_page_that_a_command_prints_names_the_command_on_its_first_lines(page):
-    assert printed_by(PRINTED[page]) in (DOCS / page).read_text().splitlines()[:3]
+    assert printed_by(PRINTED[page]) in (ROOT / page).read_text().splitlines()[:3]
 
 
 def test_no_other_page_says_that_a_command_printed_it():
     first, last = printed_by("|").split("|")
-    said = [page.name for page in DOCS.glob("*.md") if first in page.read_text() and last in page.read_text()]
-    assert sorted(said) == sorted(PRINTED)
+    said = [page for page in PAGES if first in page.read_text() and last in page.read_text()]
+    assert sorted(page.relative_to(ROOT).as_posix() for page in said) == sorted(PRINTED)
 
 
-@pytest.mark.parametrize("name", [*STUDIES, "reproduction"])
-def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(name):
-    file = REPRODUCTION if name == "reproduction" else DOCS / "studies" / f"{name}.toml"
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_between_the_pages_of_docs_and_of_studies_lead_to_files(page):
+    linked = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
+    assert [link for link in linked if not (page.parent / link).exists()] == []
+
+
+@pytest.mark.parametrize("folder", [path.name for path in sorted(ROOT.glob("studies/*/"))])
+def test_the_readme_of_a_study_names_its_command(folder):
+    assert re.search(
+        rf"`(python|crowdbench study) studies/{folder}/", (ROOT / "studies" / folder / "README.md").read_text()
+    )
+
+
+@pytest.mark.parametrize("file", sorted(ROOT.glob("studies/*/study.toml")), ids=lambda file: file.parent.name)
+def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(file):
     study = tomllib.loads(file.read_text())
-    page = (DOCS / STUDIES.get(name, "reproduction.md")).read_text()
+    page = file.with_name("README.md").read_text()
     assert page.split("\n\n")[1] == study["description"]
     kinds = ("tables", "crowds", "dials", "ladders", "rankings")
     titles = [table["title"] for kind in kinds for table in study.get(kind, [])]
@@ -156,15 +166,17 @@ def test_the_page_of_a_study_has_its_description_its_tables_and_its_references(n
     assert [source for source in study.get("sources", []) if source not in page] == []
 
 
-@pytest.mark.parametrize("name", ["suite", "recorded", "dials", "crowdnav_plus"])
+@pytest.mark.parametrize("name", ["suite", "recorded", "crowdnav_plus"])
 def test_the_tables_and_what_they_show_link_to_each_other(name):
-    assert f"({name}_tables.md)" in (DOCS / f"{name}.md").read_text()
-    assert f"({name}.md" in (DOCS / f"{name}_tables.md").read_text()
+    assert f"(../studies/{name}/README.md)" in (DOCS / f"{name}.md").read_text()
+    assert f"(../../docs/{name}.md" in (ROOT / "studies" / name / "README.md").read_text()
 
 
 def test_the_start_page_links_every_page():
     start = (DOCS / "index.md").read_text()
-    assert [page.name for page in DOCS.glob("*.md") if f"({page.name})" not in start] == ["index.md"]
+    pages = [page.name for page in DOCS.glob("*.md")]
+    pages += [f"../{page.relative_to(ROOT).as_posix()}" for page in ROOT.glob("studies/*/*.md")]
+    assert [page for page in pages if f"({page})" not in start] == ["index.md"]
 
 
 def test_every_module_has_its_place_in_the_api_pages():
@@ -196,7 +208,10 @@ def citations(text):
             yield f"{found['single']} ({found['alone']})"
 
 
-@pytest.mark.parametrize("folder", ["crowdbench", "adapters", "agents", "docs", "scenarios", "examples", "."])
+CITING = ["crowdbench", "adapters", "agents", "docs", "scenarios", "studies", "examples", "."]
+
+
+@pytest.mark.parametrize("folder", CITING)
 def test_every_work_that_is_cited_is_among_the_references(folder):
     pattern = "*.md" if folder == "." else "**/*.*"
     files = [path for path in (ROOT / folder).glob(pattern) if path.suffix in (".py", ".md", ".toml")]
@@ -225,9 +240,10 @@ def test_the_readme_says_so_while_the_boards_are_being_filled():
 
 @pytest.mark.slow
 def test_the_readme_shows_the_suite_as_its_page_has_it():
+    suite = (ROOT / "studies" / "suite" / "README.md").read_text()
     tables = [
         [[cell.strip(" *`%") for cell in row.strip("|").split("|")] for row in table.splitlines()]
-        for table in re.findall(r"^\| success[^\n]+\n(?:\|.+\n)+", (DOCS / "suite_tables.md").read_text(), re.MULTILINE)
+        for table in re.findall(r"^\| success[^\n]+\n(?:\|.+\n)+", suite, re.MULTILINE)
     ]
     page = {
         (row[0], name): cell

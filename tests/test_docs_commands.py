@@ -16,6 +16,7 @@ PAGES = [
     ROOT / "CONTRIBUTING.md",
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted(ROOT.glob("adapters/*/README.md")),
+    *sorted(ROOT.glob("studies/*/*.md")),
 ]
 
 RUN_ELSEWHERE = {
@@ -23,12 +24,7 @@ RUN_ELSEWHERE = {
     "verify": ".ci/boards",
     "leaderboard": ".ci/boards",
     "merge": "tests/test_parts.py",
-    "reproduce": ".ci/reproduce",
     "train": ".ci/train",
-    "validity": "tests/test_validity.py",
-    "certify": "tests/test_certify.py",
-    "dial": "tests/test_dials.py",
-    "ladder": "tests/test_ladder.py",
 }
 """Commands that take long, or need what others have left, and where they are run."""
 
@@ -88,7 +84,6 @@ def where_else(arguments):
     text = " ".join(arguments)
     places = {
         "study ": "tests/test_study.py",
-        "plot dial": "tests/test_dials.py",
         "run-board ": "tests/test_run_board.py",
         "--shard": "tests/test_parts.py",
         "weights=runs": ".ci/train",
@@ -129,7 +124,6 @@ def test_the_study_of_the_docs_runs(tmp_path, monkeypatch, capsys):
     run("study", "mine.toml")
     printed = capsys.readouterr().out
     assert "## A margin of ORCA" in printed
-    assert "A margin makes ORCA safer" in printed
     assert "### square_crossing_5, time_limit=20.0" in printed
     assert "ISRR 2011" in printed
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from studies import CROWDS
+from study_folders import CROWDS
 
 from crowdbench.cli import app
 from crowdbench.runs import on_ray as cluster

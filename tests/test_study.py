@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from studies import CROWDS, MINE, NETWORKS, made, read, refused, study
+from study_folders import CROWDS, MINE, NETWORKS, made, read, refused, study
 
 from crowdbench import catalog
 from crowdbench.runs.result_file import read_result
@@ -22,7 +22,7 @@ from crowdbench.utils.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("study_folder")
 
-STUDIES = Path(__file__).parent.parent / "docs" / "studies"
+STUDIES = Path(__file__).parent.parent / "studies"
 
 
 def test_only_what_is_missing_is_run(capsys):
@@ -192,7 +192,7 @@ def test_what_several_tables_say_alike_is_printed_once(capsys):
 
 
 BROKEN = {
-    "": ["has no table", "[[crowds]], [[dials]], [[ladders]], [[rankings]]"],
+    "": ["has no table", "[[tables]], [[crowds]]"],
     "[[table]]": ["unknown key table", "tables", "crowds"],
     "[tables]\ntitle = 'x'": ["tables is", "list of tables [[tables]]"],
     "description = 1": ["description is 1", "text in quotes"],
@@ -251,7 +251,7 @@ def test_a_study_that_is_not_there_is_told():
 @pytest.mark.slow
 def test_the_shipped_studies_can_be_made():
     names = ("learned", "crowds", "kce")
-    learned, crowds, kce = (read_study(STUDIES / f"{name}.toml") for name in names)
+    learned, crowds, kce = (read_study(STUDIES / name / "study.toml") for name in names)
     # Five seeds of every row, the first table's under both rules.
     assert len(learned.runs) == 5 * (2 * 6 + 4 + 6 + 5)
     assert {str(run.spec.cases) for run in learned.runs} == {"test:0:500", "val:500:1000"}

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import CROWDS, episodes, leave, read
+from study_folders import CROWDS, episodes, leave, read
 
 from crowdbench.catalog import load_scenario
 from crowdbench.metrics.summary import bootstrap
@@ -86,9 +86,9 @@ def test_the_tables_of_a_crowd_are_what_one_computes_by_hand(tmp_path):
         one.columns["at_fault_rate"][12:16] = True
         leave(runs[0], tmp_path, one)
         leave(runs[1], tmp_path, two)
-    text = study.page(study.fill(tmp_path), "study tiny.toml")
+    text = study.page(study.fill(tmp_path), "crowdbench study tiny.toml")
     head = text.split("\n\n")[:3]
-    assert head == [printed_by("study tiny.toml"), "What is compared", "## Crowds"]
+    assert head == [printed_by("crowdbench study tiny.toml"), "What is compared", "## Crowds"]
     assert re.findall("^##+ .*", text, re.MULTILINE) == ["## Crowds", "### circle_crossing_5", "### square_crossing_5"]
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
     assert lines[0] == ["success, %", "orca", "orca_margin"]

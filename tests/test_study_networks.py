@@ -3,7 +3,7 @@ import re
 from pathlib import Path
 
 import pytest
-from studies import MINE, NETWORKS, episodes, leave, read, refused, study
+from study_folders import MINE, NETWORKS, episodes, leave, read, refused, study
 
 from crowdbench.metrics.summary import wilson
 from crowdbench.study.folder import run_directory

@@ -1,84 +1,13 @@
-import math
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import episodes, fill, read, refused, study
+from study_folders import TABLE, cells, fill, read, refused, study, table
 
 from crowdbench.metrics.summary import bootstrap, wilson
-from crowdbench.runs.paired import LEAST_SHARED
-from crowdbench.study.intervals import difference_over_networks, mean_over_networks
-from crowdbench.study.planners import PlannersTable
-from crowdbench.utils.toml import Location
 
 pytestmark = pytest.mark.usefixtures("study_folder")
-
-TABLE = """
-[[tables]]
-title = "Beside"
-scenario = "circle_crossing_5"
-cases = "20"
-quick = "4"
-replan_every = 2
-
-[[tables.rows]]
-label = "mine"
-planner = "./mine.py"
-weights = ["one", "two"]
-reported = { success_rate = 0.972, navigation_time = 12.58 }
-
-[[tables.rows]]
-label = "other"
-planner = "./mine.py"
-weights = ["two", "one"]
-options = { margin = 0.1 }
-
-[[tables.rows]]
-label = "orca"
-planner = "orca"
-"""
-
-CLAIM = """
-[[tables.claims]]
-text = "Mine is better"
-source = "Experiment 1"
-row = "mine"
-than = "other"
-measure = "success_rate"
-kind = "difference"
-bound = 0.0
-"""
-
-VARIANT = TABLE.replace(
-    "replan_every = 2",
-    """
-variant = { title = "a rule", overrides = { collision = "crowdnav" } }
-""",
-)
-
-
-def table(success, time=10.0, change=1.0, jerk=5.0):
-    success = np.array(success, bool)
-    columns = {"navigation_time": np.where(success, time, math.nan), "max_velocity_change": change, "jerk": jerk}
-    return episodes(success, **{name: np.broadcast_to(values, len(success)) for name, values in columns.items()})
-
-
-def cells(markdown):
-    """The cells of every line of every grid, but for the rules under headings."""
-    lines = [line for line in markdown.splitlines() if line.startswith("| ") and "---" not in line]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-
-
-def assessed(out, mine, other, **changes):
-    """The one claim, changed, about rows with these episodes."""
-    text = CLAIM
-    for key, value in changes.items():
-        text = re.sub(f"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
-    # Listed the other way round: networks are matched by name, not by place.
-    found = fill(read(TABLE + text), out, mine=mine, other=other[::-1], orca=[table([1] * len(mine[0]))])
-    (claim,) = found.claims
-    return claim
 
 
 def test_reported_stands_beside_measured(tmp_path):
@@ -131,157 +60,18 @@ def test_what_nobody_reports_has_no_column(tmp_path):
     assert cells(found.markdown())[0] == headings
 
 
-def test_a_quick_look_has_the_first_network_and_its_own_cases():
-    spec = read(VARIANT).tables[0].spec.quick_look()
-    quick = PlannersTable.of(spec, Location("tiny.toml"))
-    assert [str(run.spec.cases) for run in quick.runs] == ["test:0:4"] * 6
-    assert [run.spec.options.get("weights") for run in quick.runs] == ["one", "one", "two", "two", None, None]
-
-
-def test_a_claim_holds_is_refuted_or_undecided_as_its_interval_lies(tmp_path):
-    all_of_them, most, some = (table([1] * n + [0] * (60 - n)) for n in (60, 57, 40))
-    assert assessed(tmp_path / "a", [all_of_them] * 2, [some] * 2).verdict == "holds"
-    assert assessed(tmp_path / "b", [some] * 2, [all_of_them] * 2).verdict == "refuted"
-    near = assessed(tmp_path / "c", [all_of_them] * 2, [most] * 2)
-    assert near.verdict == "undecided"
-    assert near.figure.mean == pytest.approx(0.05)
-    assert assessed(tmp_path / "d", [all_of_them] * 2, [most] * 2, bound=-0.05).verdict == "holds"
-
-
-@pytest.mark.slow
-def test_rows_that_succeed_alike_are_no_better_and_no_worse_by_a_margin_that_so_many_cases_can_tell(tmp_path):
-    few, many = table([1] * 40), table([1] * 500)
-    for number, success, bound, expected in [
-        (0, many, 0.0, "undecided"),
-        (1, many, -0.01, "holds"),
-        (2, few, -0.01, "undecided"),
-        (3, many, 0.01, "refuted"),
-    ]:
-        claim = assessed(tmp_path / str(number), [success] * 2, [success] * 2, bound=bound)
-        assert claim.verdict == expected
-        assert claim.figure.low < claim.figure.mean == 0.0 < claim.figure.high
-
-
-def test_the_interval_of_success_has_a_case_won_and_a_case_lost_besides(tmp_path):
-    rng = np.random.default_rng(3)
-    mine, other = rng.random((2, 30)) < 0.9, rng.random((2, 30)) < 0.7
-    claim = assessed(tmp_path, [table(row) for row in mine], [table(row) for row in other])
-    gain = mine.astype(float) - other
-    expected = mean_over_networks(np.concatenate([gain, [[1.0, -1.0]] * 2], axis=1))
-    assert (claim.figure.low, claim.figure.high) == (expected.low, expected.high)
-    assert claim.figure.mean == pytest.approx(gain.mean())
-    assert (claim.networks, claim.cases) == ((2, 2), 30)
-
-
-def test_networks_of_two_trainings_are_compared_as_independent_ones(tmp_path):
-    other = TABLE.replace('weights = ["two", "one"]', 'weights = ["three", "four", "five"]') + CLAIM
-    Path("weights.json").write_text('{"one": 0, "two": 0.1, "three": 0.2, "four": 0.3, "five": 0.4}')
-    rng = np.random.default_rng(4)
-    mine, theirs = rng.random((2, 60)) < 0.9, rng.random((3, 60)) < 0.7
-    rows = {"mine": [table(row) for row in mine], "other": [table(row) for row in theirs], "orca": [table([1] * 60)]}
-    (claim,) = fill(read(other), tmp_path, **rows).claims
-    won, lost = (np.tile(pair, (len(row), 1)) for pair, row in (([1.0, 0.0], mine), ([0.0, 1.0], theirs)))
-    expected = difference_over_networks(np.hstack([mine, won]), np.hstack([theirs, lost]), paired=False)
-    assert (claim.figure.low, claim.figure.high) == (expected.low, expected.high)
-    assert claim.figure.mean == pytest.approx(mine.mean() - theirs.mean())
-    assert (claim.networks, claim.cells()[4]) == ((2, 3), "2 and 3")
-
-
-def test_networks_of_which_some_are_shared_are_not_compared():
-    Path("weights.json").write_text('{"one": 0, "two": 0.1, "three": 0.2}')
-    text = TABLE.replace('weights = ["two", "one"]', 'weights = ["two", "three"]') + CLAIM
-    refused(text, ["tables[1].claims[1].than is 'other'", "all networks of mine, or with none"])
-
-
-def test_a_learned_planner_with_the_weights_of_its_own_is_one_network(tmp_path):
-    own = re.sub("weights = .*\n", "", TABLE)
-    rows = {"mine": [table([1] * 60)], "other": [table([0] * 60)], "orca": [table([0] * 60)]}
-    found = fill(read(own + CLAIM), tmp_path, **rows)
-    assert found.claims[0].verdict == "one network"
-    assert [row.networks for row in found.rows] == [1, 1, 0]
-    assert cells(found.markdown())[1][1] == "1"
-
-
-def test_one_network_has_no_verdict_and_a_planner_without_any_has_one(tmp_path):
-    alone = TABLE.replace('["one", "two"]', '["one"]').replace('["two", "one"]', '["one"]')
-    rows = {"mine": [table([1] * 60)], "other": [table([0] * 60)], "orca": [table([0] * 60)]}
-    for number, than in enumerate(("other", "orca")):
-        claim = CLAIM.replace('"other"', f'"{than}"')
-        (found,) = fill(read(alone + claim), tmp_path / str(number), **rows).claims
-        assert found.verdict == "one network"
-    (found,) = fill(
-        read(TABLE + CLAIM.replace('"other"', '"orca"')),
-        tmp_path / "2",
-        **rows | {"mine": [table([1] * 60)] * 2, "other": [table([0] * 60)] * 2},
-    ).claims
-    assert (found.verdict, found.cells()[4]) == ("holds", "2 and 0")
-
-
-def test_less_is_better_of_times_and_only_cases_that_both_solve_count(tmp_path):
-    success = [1] * 20 + [0] * 10
-    slow = table(success[::-1], time=12.0)
-    fast = table(success, time=np.array([99.0] * 10 + [9.0] * 20))
-    claim = assessed(tmp_path / "a", [fast] * 2, [slow] * 2, measure='"navigation_time"')
-    assert (claim.figure.mean, claim.cases, claim.verdict) == (3.0, 10, "holds")
-    claim = assessed(tmp_path / "b", [fast] * 2, [slow] * 2, measure='"navigation_time"', kind='"reduction"', bound=0.3)
-    assert claim.figure.mean == pytest.approx(0.25)
-    assert claim.verdict == "refuted"
-
-
-@pytest.mark.slow
-def test_a_few_cases_that_both_solve_decide_nothing(tmp_path):
-    for shared, expected in [(LEAST_SHARED, "holds"), (LEAST_SHARED - 1, "undecided"), (0, "undecided")]:
-        success = [1] * shared + [0] * (20 - shared)
-        claim = assessed(
-            tmp_path / str(shared), [table(success, change=0.5)] * 2, [table(success)] * 2,
-            measure='"max_velocity_change"', kind='"reduction"', bound=0.41,
-        )  # fmt: skip
-        assert (claim.cases, claim.verdict) == (shared, expected)
-
-
-def test_networks_that_disagree_leave_a_claim_undecided(tmp_path):
-    good, bad, even = table([1] * 100), table([1] * 50 + [0] * 50), table([1] * 80 + [0] * 20)
-    assert assessed(tmp_path / "a", [good, bad], [even] * 2, bound=-0.1).verdict == "undecided"
-    assert assessed(tmp_path / "b", [good, good], [even] * 2, bound=-0.1).verdict == "holds"
-
-
-def test_a_claim_is_shown_with_its_margin_and_verdict(tmp_path):
-    rows = {"mine": [table([1] * 20)] * 2, "other": [table([1] * 20, change=2.0)] * 2, "orca": [table([1] * 20)]}
-    reduction = CLAIM.replace("success_rate", "max_velocity_change").replace("difference", "reduction")
-    found = fill(read(TABLE + CLAIM + reduction.replace("0.0", "0.41")), tmp_path, **rows)
-    *_, header, success, change = cells(found.markdown())
-    assert header == ["claim", "figure", "claimed", "measured", "networks", "cases", "verdict"]
-    assert success[:3] == ["Mine is better (Experiment 1)", "mine against other: success", "> 0.0 points"]
-    assert success[3].startswith("0.0 points (-")
-    assert success[4:] == ["2", "20", "**undecided**"]
-    assert change[1:4] == [
-        "mine against other: reduction of largest change of velocity", "> 41.0 %", "50.0 % (50.0 to 50.0)",
-    ]  # fmt: skip
-    assert change[6] == "**holds**"
-    assert any("Bonett and Price" in note for note in found.notes())
-
-
 @pytest.mark.slow
 def test_a_study_may_have_such_a_table(capsys):
-    study(TABLE.replace('"20"', '"3"').replace("replan_every = 2", "") + CLAIM)
+    study(TABLE.replace('"20"', '"3"').replace("replan_every = 2", ""))
     assert "| mine | 2 | 97.2 |" in capsys.readouterr().out
     assert len(list(Path("runs/study-tiny").iterdir())) == 5
 
 
 BROKEN = {
-    TABLE + CLAIM.replace('"mine"', '"nine"'): ["tables[1].claims[1].row is 'nine'", '"mine", "other", "orca"'],
-    TABLE + CLAIM.replace('"success_rate"', '"speed"'): ["claims[1].measure is 'speed'", '"success_rate", "navigation'],
-    TABLE + CLAIM.replace('"difference"', '"ratio"'): ["claims[1].kind is 'ratio'", '"difference", "reduction"'],
-    TABLE + CLAIM.replace('"difference"', '"reduction"'): ["claims[1].kind is 'reduction'", "less success is no gain"],
-    TABLE + CLAIM.replace('"other"', '"mine"'): ["claims[1].than is 'mine'", "another row"],
-    TABLE + CLAIM.replace("bound = 0.0", ""): ["claims[1].bound is missing", "a number above -1000"],
-    TABLE + CLAIM.replace('"Experiment 1"', '""'): ["claims[1].source is ''", "text in quotes"],
-    TABLE + CLAIM + "margin = 1": ["unknown key tables[1].claims[1].margin", "text, source, row, than"],
     TABLE.replace('"other"', '"mine"'): ["tables[1].rows", "rows of different labels"],
     TABLE.replace("navigation_time", "time"): ["unknown key tables[1].rows[1].reported.time", "navigation_time"],
     TABLE.replace("0.972", "'97 %'"): ["reported.success_rate is '97 %'", "a number of at least 0"],
     TABLE.replace('["one", "two"]', "[]"): ["rows[1].weights is []", "list of texts"],
-    TABLE.replace('quick = "4"', 'quick = "few"'): ["in tables[1], cases 'few'", "val:100"],
     TABLE.replace('scenario = "circle_crossing_5"', ""): ["tables[1].scenario is missing", "text in quotes"],
     TABLE.partition("[[tables.rows]]")[0]: ["tables[1].rows is missing", "one table or more"],
 }

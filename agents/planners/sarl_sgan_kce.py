@@ -1,7 +1,7 @@
 """SARL-SGAN-KCE (Li et al. 2020): Social GAN's 20 futures, kinematic constraints, an explored action space.
 
 Li, Shan, Narula, Worrall and Nebot, "Socially Aware Crowd Navigation with Multimodal Pedestrian Trajectory Prediction
-for Autonomous Vehicles", IEEE ITSC 2020, arXiv:2011.11191. `docs/kce.md` has what each part does, as measured.
+for Autonomous Vehicles", IEEE ITSC 2020, arXiv:2011.11191. `studies/kce` has what each part does, as measured.
 """
 
 from functools import partial

@@ -1,6 +1,6 @@
 """Beyond Li et al. (2020): SARL-SGAN-KCE with a bound on the change of velocity, for which its network was trained.
 
-`docs/kce.md` has the bounds that were compared on validation cases.
+`studies/kce/README.md` has the bounds that were compared on validation cases.
 """
 
 from functools import partial

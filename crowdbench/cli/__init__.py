@@ -11,7 +11,7 @@ import importlib
 import importlib.metadata
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Annotated
 
 import typer
@@ -27,20 +27,14 @@ COMMANDS = {
     "train": "train:train",
     "list": "listing:list_",
     "check": "check:check",
-    "certify": "certify:certify",
     "compare": "results:compare",
     "study": "study:study",
-    "dial": "ladders:dial",
-    "ladder": "ladders:ladder",
-    "reproduce": "study:reproduce",
     "view": "results:view",
     "table": "figures:table",
     "plot": "figures:plot",
     "render": "figures:render",
     "score": "results:score",
     "export": "export:export",
-    "evaluate-predictor": "evaluate_predictor:evaluate_predictor",
-    "validity": "study:validity",
     "new-planner": "boards:new_planner",
     "submit": "boards:submit",
     "verify": "boards:verify",
@@ -92,17 +86,33 @@ def __getattr__(name: str) -> object:
     raise AttributeError(f"module 'crowdbench.cli' has no attribute {name!r}")
 
 
-def main() -> None:
-    """The entry point. It prints one sentence for an error, and exits with a status other than 0."""
+def build_script(command: Callable[..., None]) -> typer.Typer:
+    """The command line of a script with one command."""
+    app = typer.Typer(add_completion=False, rich_markup_mode="markdown")
+    app.command()(command)
+    return app
+
+
+def main(script: Callable[..., None] | None = None) -> None:
+    """Run the command line. For an error print one sentence, and exit with a status other than 0.
+
+    Args:
+        script: The only command, of a script that is run; None for those of crowdbench.
+    """
     # Read when the threads of the simulator and of torch start. They would wait for each other busily, which takes many
     # times as long where another program wants the cores: ORCA 4 times, an update of a training 30 times.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     debug = DEBUG in sys.argv
-    arguments = [argument for argument in sys.argv[1:] if argument != DEBUG] or ["--help"]
+    arguments = [argument for argument in sys.argv[1:] if argument != DEBUG]
+    if script is None and not arguments:
+        arguments = ["--help"]
     prepare_streams()
     interrupts.handle()
     try:
-        app = build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
+        if script is None:
+            app = build_app(arguments[:1] if arguments[0] in COMMANDS else COMMANDS)
+        else:
+            app = build_script(script)
         status = app(arguments, standalone_mode=False)
         flush_output()
     except BaseException as error:

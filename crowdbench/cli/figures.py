@@ -24,8 +24,6 @@ class Kind(StrEnum):
     SUCCESS = "success"
     METRIC = "metric"
     DENSITY = "density"
-    DIAL = "dial"
-    LADDER = "ladder"
     TRAINING = "training"
 
 
@@ -76,26 +74,22 @@ def plot(kind: Kind, directories: list[Path], metric: str | None = None, out: Pa
 
     Args:
         kind: success: cases solved over time. metric: the distribution of --metric. density: success over the number
-            of pedestrians. dial: success at the levels of a dial. ladder: what ever more foresight is worth. training:
-            --metric, a column of their curve.csv such as reward, or else success, while they trained.
-        directories: Directories of runs; for training, of trainings; for dial and ladder, the files that these kept.
+            of pedestrians. training: --metric, a column of their curve.csv such as reward, or else success, while they
+            trained.
+        directories: Directories of runs; for training, of trainings.
         metric: The metric of a figure of kind metric.
         out: The figure: a .pdf, .svg or .png file.
     """
     from crowdbench.figures import plots
-    from crowdbench.figures.dial import plot_dial
-    from crowdbench.figures.ladder import plot_ladders
 
     if kind is Kind.METRIC and metric is None:
         raise InputError("a figure of kind metric needs --metric NAME")
-    if kind in (Kind.SUCCESS, Kind.DENSITY, Kind.DIAL, Kind.LADDER) and metric is not None:
+    if kind in (Kind.SUCCESS, Kind.DENSITY) and metric is not None:
         raise InputError(f"a figure of kind {kind} takes no --metric: only metric and training do")
     draw: dict[Kind, Callable[..., None]] = {
         Kind.SUCCESS: plots.success_over_time,
         Kind.METRIC: functools.partial(plots.distribution, metric=str(metric)),
         Kind.DENSITY: plots.success_over_density,
-        Kind.DIAL: plot_dial,
-        Kind.LADDER: plot_ladders,
         Kind.TRAINING: functools.partial(plots.learning_curves, quantity=metric or "success"),
     }
     draw[kind](directories, out=out)

@@ -7,7 +7,6 @@ import json
 import re
 import types
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -22,7 +21,7 @@ from crowdbench.utils.tables import Grid
 if TYPE_CHECKING:
     from crowdbench.boards.board import Board
 
-LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "dials", "layouts", "metrics", "boards")
+LISTED = ("planners", "pedestrians", "predictors", "weights", "scenarios", "layouts", "metrics", "boards")
 
 WORDS: dict[Any, str] = {
     bool: "true or false",
@@ -39,7 +38,7 @@ def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> No
     """List planners, scenarios, boards and whatever else has a name, or explain one of them.
 
     Args:
-        kind: planners, pedestrians, predictors, weights, scenarios, dials, layouts, metrics or boards.
+        kind: planners, pedestrians, predictors, weights, scenarios, layouts, metrics or boards.
         name: One of them, to be explained with its options.
     """
     if kind not in LISTED:
@@ -52,10 +51,6 @@ def list_(kind: str, name: Annotated[str | None, typer.Argument()] = None) -> No
         page = _weights_page(name)
     elif kind == "scenarios":
         page = _scenario_page(name)
-    elif kind == "dials":
-        from crowdbench.study.dials.dial import load_dial
-
-        page = Page(read_text(Path(load_dial(name).file)))
     elif kind == "boards":
         from crowdbench.boards.board import FILE, ROOT, find_board
 
@@ -107,10 +102,6 @@ def _names(kind: str) -> list[tuple[str, str]]:
         from crowdbench.catalog import scenarios
 
         return scenarios()
-    if kind == "dials":
-        from crowdbench.study.dials.dial import dials
-
-        return dials()
     if kind == "boards":
         from crowdbench.boards.board import read_boards
 

@@ -1,4 +1,4 @@
-"""The commands that print pages: the tables of a study, the paper's, and how crowds of a policy behave."""
+"""The commands that print pages: the tables of a study."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from crowdbench.utils.tables import Format, format_tables, plain
 if TYPE_CHECKING:
     from crowdbench.runs.run import Run
     from crowdbench.study.study import FilledTable
-
-SHIPPED = ("orca", "social_force")
-"""The pedestrian policies whose crowds are measured unless others are named."""
 
 ShardOption = Annotated[
     str | None,
@@ -39,7 +36,7 @@ def study(
     """Make the runs of a study that are not there yet, and print its tables in Markdown.
 
     Args:
-        file: A study, such as docs/studies/crowds.toml.
+        file: A study, such as studies/crowds/study.toml.
         out: Folder that keeps its runs.
     """
     use_threads(None if is_on_ray(on) else threads)
@@ -48,82 +45,12 @@ def study(
     study = read_study(file, data.absolute() if data else None)
     directory = out or Path("runs") / f"study-{study.name}"
     make_runs(study.runs, directory, shard, on, threads)
-    make_runs(study.second(directory), directory, shard, on, threads)
     tables = study.fill(directory)
-    command = f"study {file}{' --data DIR' if data else ''}"
-    _print({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
+    command = f"crowdbench study {file}{' --data DIR' if data else ''}"
+    print_tables({"study": study.name, "tables": tables}, tables, study.page(tables, command), format)
 
 
-@help_from_docstring
-def reproduce(
-    table: Annotated[int | None, typer.Option(min=1, max=4)] = None,
-    quick: bool = False,
-    out: Path = Path("runs/reproduce"),
-    shard: ShardOption = None,
-    on: OnOption = None,
-    threads: ThreadsOption = None,
-    format: Format = Format.MARKDOWN,
-) -> None:
-    """Make the tables of Li et al. (2020), measured beside reported, and say which of the paper's claims hold.
-
-    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands per observation, 4 of KCE. A quick look takes some
-    minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command goes on
-    after them.
-
-    Args:
-        table: One of the paper's four tables alone.
-        quick: A quick look: one network per row, few cases.
-        out: Folder that keeps the runs.
-    """
-    use_threads(None if is_on_ray(on) else threads)
-    from crowdbench.study.claims import tally
-    from crowdbench.study.planners import FilledPlannersTable
-    from crowdbench.study.study import read_reproduction
-
-    study = read_reproduction(table, quick)
-    make_runs(study.runs, out, shard, on, threads)
-    tables = study.fill(out)
-    claims = [claim for each in tables if isinstance(each, FilledPlannersTable) for claim in each.claims]
-    command = f"reproduce{f' --table {table}' if table else ''}{' --quick' if quick else ''}"
-    page = f"{study.page(tables, command)}\n\n{tally(claims)}"
-    _print({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
-
-
-@help_from_docstring
-def validity(
-    policies: Annotated[list[str] | None, typer.Argument(show_default=" ".join(SHIPPED))] = None,
-    data: Path | None = None,
-    threads: ThreadsOption = None,
-) -> None:
-    """Measure speed against density, lanes and flow through a door beside published figures, and print a page of them.
-
-    With --data also people beside recorded cars. Takes about five minutes, and prints Markdown: docs/validity.md.
-
-    Args:
-        policies: Pedestrian policies, by name or ./mine.py.
-        data: The folder with the clips of DUT.
-    """
-    use_threads(threads)
-    from crowdbench.catalog import PEDESTRIANS
-    from crowdbench.study.validity import cars_page
-    from crowdbench.study.validity.experiments import run_experiment, settings
-    from crowdbench.study.validity.page import page
-
-    chosen = policies or list(SHIPPED)
-    for policy in chosen:
-        PEDESTRIANS.load(policy)  # before minutes of work with another one
-    announce_compilation()
-    beside = None if data is None else cars_page.section(cars_page.measure(chosen, data))
-    experiments = list(settings(chosen))
-    results = {}
-    with progress(len(experiments), f"of {len(experiments)} measurements") as tell:
-        for setting in experiments:
-            results[setting] = run_experiment(setting)
-            tell(1)
-    print(page(results, " ".join(["validity", *(policies or []), *["--data DIR"] * bool(data)]), beside))
-
-
-def _print(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:
+def print_tables(found: object, tables: Sequence[FilledTable], page: str, format: Format) -> None:
     """Print what a study found.
 
     Args:

@@ -1,6 +1,7 @@
 """Which cases of a scenario have a certificate: commands by which the vehicle succeeds in them.
 
-The file `certified/NAME.toml` beside the scenario's file lists the cases without one. `crowdbench certify` writes it.
+The file `certified/NAME.toml` beside the scenario's file lists the cases without one. The study of
+certificates writes it.
 """
 
 from __future__ import annotations
@@ -116,7 +117,7 @@ class CertificateStatus:
 
     def sentence(self, cases: Cases) -> str:
         """The share of the cases that have a certificate, or what must be done to know it for those of a run."""
-        split, by = cases.split, f"`crowdbench certify {self.spec}"
+        split, by = cases.split, f"`python studies/certificates/run.py {self.spec}"
         if self.certified.scenario != self.digest:
             found = f"{self.file} is for the digest {self.certified.scenario}, but {self.name} has "
             return f"{found}{self.digest} now: {by}` makes it again"

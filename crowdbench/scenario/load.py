@@ -290,7 +290,7 @@ def with_certificates(scenario: Scenario, spec: str, file: Path) -> Scenario:
         file: The file with the certified cases, for this digest or another one; there may be none.
 
     Raises:
-        InputError: The file is not as `crowdbench certify` writes it.
+        InputError: The file is not as `studies/certificates/run.py` writes it.
     """
     certified = Certified.read(file)
     if certified is None:

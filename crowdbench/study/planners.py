@@ -15,8 +15,6 @@ from crowdbench.runs.results import Episodes, planner_label
 from crowdbench.runs.run import Run
 from crowdbench.runs.spec import Replanning, RunSpec
 from crowdbench.runs.table import PRIVILEGED
-from crowdbench.study.claims import NOTES as CLAIM_NOTES
-from crowdbench.study.claims import Assessment, assess, check_claim, claims_table
 from crowdbench.study.folder import read_episodes
 from crowdbench.study.intervals import mean_over_networks
 from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, SUCCESS_RATE, values_of
@@ -150,8 +148,6 @@ class PlannersTable:
         networks = {row.label: row.networks for row in rows}
         if len(networks) < len(rows):
             raise location.at("rows").wrong(", ".join(row.label for row in rows), "rows of different labels")
-        for i, claim in enumerate(spec.claims):
-            check_claim(claim, networks, location.at("claims", i))
         return cls(spec, rows)
 
     @property
@@ -171,7 +167,6 @@ class PlannersTable:
             cases=str(self.spec.cases),
             variant=variant.title + of_first if variant else "",
             rows=[row.fill(episodes[row.label], self.spec.measures, out) for row in self.rows],
-            claims=[assess(claim, episodes) for claim in self.spec.claims],
         )
 
 
@@ -232,7 +227,6 @@ class FilledPlannersTable:
     cases: str
     variant: str
     rows: list[FilledPlannerRow]
-    claims: list[Assessment]
 
     def markdown(self) -> str:
         """The table as GitHub shows it, under its heading."""
@@ -245,7 +239,7 @@ class FilledPlannersTable:
         again = [_both_readings(row, row.second_reading, self.cases) for row in self.rows if row.second_reading]
         if again:
             parts += ["Second reading, of the first network on other cases:", "\n".join(again)]
-        return "\n\n".join([*parts, claims_table(self.claims)] if self.claims else parts)
+        return "\n\n".join(parts)
 
     def grids(self) -> list[Grid]:
         """The one part of it that has a row for each planner."""
@@ -273,7 +267,6 @@ class FilledPlannersTable:
             NOTES: True,
             ALONE: any(len(row.weights) > 1 for row in self.rows),
             PRIVILEGED: any(row.privileged for row in self.rows),
-            CLAIM_NOTES: bool(self.claims),
         }
         return [note for note, applies in notes.items() if applies]
 

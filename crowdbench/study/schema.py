@@ -65,52 +65,24 @@ class VariantSpec(TomlTable):
     networks: str = choice(("all", "first"), default="all")
 
 
-class ClaimSpec(TomlTable):
-    """`[[tables.claims]]`: that a row is better than another one by more than `bound`.
-
-    The bound is in the measure's own unit for a difference, and a share of the other row's mean for a reduction.
-    """
-
-    text: Name
-    source: Name
-    row: Name
-    than: Name
-    measure: str = choice(PLANNER_MEASURES)
-    kind: str = choice(("difference", "reduction"))
-    bound: float = number(above=-1000.0, below=1000.0)
-
-
 class PlannersSpec(TomlTable):
-    """`[[tables]]`: planners on the cases of one scenario, and claims about them.
-
-    `quick` are the cases for a quick look.
-    """
+    """`[[tables]]`: planners on the cases of one scenario."""
 
     title: Name
     scenario: Name
     replan_every: int = integer(1, least=1, most=1000)
     look_first: int = integer(LOOK_FIRST, least=1, most=1000)
     cases: CasesText = Cases.parse("test:500")
-    quick: CasesText = Cases.parse("test:40")
     measures: Annotated[Names, AfterValidator(_known)] = Field(
         default=list(PLANNER_MEASURES),
         description=f"a list of some of {', '.join(PLANNER_MEASURES)}, none of them twice",
     )
     variant: VariantSpec | None = Field(default=None, description="a table with a title and overrides")
     rows: list[RowSpec] = Field(min_length=1, description="one table or more")
-    claims: list[ClaimSpec] = Field(default=[], description="a list of tables")
-
-    def quick_look(self) -> PlannersSpec:
-        """The same table with the first network of each row alone, on the cases for a quick look."""
-        rows = [
-            row.model_copy(update={"weights": row.weights[:1], "seeds": row.seeds[:1], "second_reading": None})
-            for row in self.rows
-        ]
-        return self.model_copy(update={"rows": rows, "cases": self.quick})
 
 
 class CrowdPlannerSpec(TomlTable):
-    """A planner of `[[crowds]]` and `[[dials]]`, with its options; a name or a file stands for one without options."""
+    """A planner with its options; a name or a file stands for one without options."""
 
     planner: Name
     options: Values = Field(default={})
@@ -138,47 +110,15 @@ class CrowdsSpec(TomlTable):
     cases: CasesText = Cases.parse("test:500")
 
 
-class DialsSpec(TomlTable):
-    """`[[dials]]`: planners on dials, by their names or files."""
-
-    title: Name
-    planners: Planners
-    dials: Names
-
-
-class LaddersSpec(TomlTable):
-    """`[[ladders]]`: scenarios, in which the best of some planners is a marker."""
-
-    title: Name
-    planners: Planners
-    scenarios: Names
-    cases: CasesText = Cases.parse("test:100")
-
-
-class RankingsSpec(TomlTable):
-    """`[[rankings]]`: planners by families, a suite that ranks them, and worlds in which that order is to hold.
-
-    `worlds` has the scenarios of each. `alone` is a scenario that is looked at in the place of the suite, `without` has
-    families that are left out in a second look, and `criterion` is what the lower bound of Kendall's tau is to exceed.
-    """
-
-    title: Name
-    families: Annotated[dict[str, Planners], Field(min_length=3, description="a table of three or more families")]
-    suite: Names
-    worlds: Annotated[dict[str, Names], Field(min_length=1, description="a table of worlds, each a list of scenarios")]
-    alone: Name
-    without: Names = Field(default=[])
-    criterion: float = number(0.3, least=-1.0, below=1.0)
-    cases: CasesText = Cases.parse("test:100")
-
-
-class StudySpec(TomlTable):
-    """The whole file."""
+class StudyHead(TomlTable):
+    """The description of a study, and its references."""
 
     description: Text = ""
     sources: list[Text] = Field(default=[], description="a list of texts in quotes")
+
+
+class StudySpec(StudyHead):
+    """The whole file."""
+
     tables: list[PlannersSpec] = Field(default=[], description="a list of tables [[tables]]")
     crowds: list[CrowdsSpec] = Field(default=[], description="a list of tables [[crowds]]")
-    dials: list[DialsSpec] = Field(default=[], description="a list of tables [[dials]]")
-    ladders: list[LaddersSpec] = Field(default=[], description="a list of tables [[ladders]]")
-    rankings: list[RankingsSpec] = Field(default=[], description="a list of tables [[rankings]]")

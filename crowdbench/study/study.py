@@ -2,35 +2,49 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from crowdbench.runs.run import Run
-from crowdbench.study.crowds import CrowdsTable, FilledCrowdsTable
-from crowdbench.study.dials.table import DialsTable, FilledDialsTable
-from crowdbench.study.ladder.table import FilledLaddersTable, LaddersTable
-from crowdbench.study.planners import FilledPlannersTable, PlannersTable
-from crowdbench.study.rankings.table import FilledRankings, RankingsTable
+from crowdbench.study.crowds import CrowdsTable
+from crowdbench.study.planners import PlannersTable
 from crowdbench.study.schema import StudySpec
 from crowdbench.utils.errors import InputError
-from crowdbench.utils.tables import printed_by
+from crowdbench.utils.tables import Grid, printed_by
 from crowdbench.utils.toml import Location, parse_table, read_toml
 
-Table = PlannersTable | CrowdsTable | DialsTable | LaddersTable | RankingsTable
-FilledTable = FilledPlannersTable | FilledCrowdsTable | FilledDialsTable | FilledLaddersTable | FilledRankings
 
-REPRODUCTION = Path(__file__).with_name("reproduce.toml")
-"""The tables of Li et al. (2020) and more."""
+class FilledTable(Protocol):
+    """A table with its figures."""
 
-KINDS = ("[[tables]]", "[[crowds]]", "[[dials]]", "[[ladders]]", "[[rankings]]")
+    def markdown(self) -> str:
+        """Return the table as GitHub shows it, under its heading."""
+
+    def grids(self) -> list[Grid]:
+        """Return its parts, for LaTeX and CSV."""
+
+    def notes(self) -> list[str]:
+        """Return the notes that a page has below its tables."""
+
+
+class Table(Protocol):
+    """A table of a study, and the runs that it needs."""
+
+    @property
+    def runs(self) -> list[Run]:
+        """The runs that it needs, some perhaps twice."""
+
+    def fill(self, out: Path) -> FilledTable:
+        """Fill the table from the runs in the folder `out`. Raises InputError where one is not there."""
+
+
+FILE = "study.toml"
+"""The name of a file that has a folder of its own, whose name is that of the study."""
+
+KINDS = ("[[tables]]", "[[crowds]]")
 """The kinds of tables that a study may have."""
-
-QUICK = (
-    "A quick look: the first network of each row alone, on few cases. Intervals are wide, and a single network has no "
-    "verdict on a claim: the full command has five."
-)
 
 
 @dataclass(frozen=True)
@@ -38,7 +52,7 @@ class Study:
     """What a file asks for.
 
     Attributes:
-        name: The file's name without its ending.
+        name: The name of the file without its ending, or of its folder if it is called study.toml.
         description: What the study is about, in Markdown; it stands at the top of the page.
         tables: Its tables, with the runs that they need.
         sources: The full references of what its page leans on, in Markdown.
@@ -51,16 +65,8 @@ class Study:
 
     @property
     def runs(self) -> list[Run]:
-        """All runs that its tables need, some perhaps twice; those of `second` are made after these."""
+        """All runs that its tables need, some perhaps twice."""
         return [run for table in self.tables for run in table.runs]
-
-    def second(self, out: Path) -> list[Run]:
-        """The runs that follow from what others found, which are in the folder `out`: of dials and ladders.
-
-        Raises InputError where one of the others is not there.
-        """
-        twice = [table for table in self.tables if isinstance(table, DialsTable | LaddersTable)]
-        return [run for table in twice for run in table.second(out)]
 
     def fill(self, out: Path) -> list[FilledTable]:
         """Its tables with the figures of the runs in the folder `out`.
@@ -74,7 +80,7 @@ class Study:
 
         Args:
             tables: What `fill` gives.
-            command: The command that prints the page, without the name of the program.
+            command: The command that prints the page.
         """
         head = [printed_by(command), *([self.description] if self.description else [])]
         notes = dict.fromkeys(note for table in tables for note in table.notes())
@@ -95,24 +101,6 @@ def read_study(path: Path, data: Path | None = None) -> Study:
     return _load(_read(path), path, data)
 
 
-def read_reproduction(number: int | None, quick: bool) -> Study:
-    """The study of `REPRODUCTION`, or a part of it.
-
-    Args:
-        number: Which of the paper's tables is wanted, both readings of it where there are two; None for all.
-        quick: Whether the tables are for a quick look.
-
-    Raises:
-        InputError: As `read_study` does.
-    """
-    spec = _read(REPRODUCTION)
-    tables = [table for table in spec.tables if number is None or re.match(rf"Table {number}\b", table.title)]
-    if quick:
-        spec = spec.model_copy(update={"description": QUICK})
-        tables = [table.quick_look() for table in tables]
-    return _load(spec.model_copy(update={"tables": tables}), REPRODUCTION)
-
-
 def _read(path: Path) -> StudySpec:
     return parse_table(StudySpec, read_toml(path, "study"), Location(path.name))
 
@@ -123,13 +111,11 @@ def _load(spec: StudySpec, path: Path, data: Path | None = None) -> Study:
     tables: list[Table] = [
         *(PlannersTable.of(table, file.at("tables", i)) for i, table in enumerate(spec.tables)),
         *(CrowdsTable.of(table, file.at("crowds", i), data) for i, table in enumerate(spec.crowds)),
-        *(DialsTable.of(table, file.at("dials", i)) for i, table in enumerate(spec.dials)),
-        *(LaddersTable.of(table, file.at("ladders", i)) for i, table in enumerate(spec.ladders)),
-        *(RankingsTable.of(table, file.at("rankings", i), data) for i, table in enumerate(spec.rankings)),
     ]
     if not tables:
         raise InputError(f"{path.name} has no table: a study needs one of {', '.join(KINDS)}")
-    study = Study(path.stem, spec.description, tables, spec.sources)
+    name = path.absolute().parent.name if path.name == FILE else path.stem
+    study = Study(name, spec.description, tables, spec.sources)
     if data is not None and not any(run.scenario.tracks for run in study.runs):
         raise InputError(f"--data does not go with {path.name}, none of whose scenarios has a table [tracks]")
     return study

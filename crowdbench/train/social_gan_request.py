@@ -31,7 +31,7 @@ class SocialGANRequest(Request):
     epochs: int = option(50, "Train for this many epochs", least=1)
 
     length: ClassVar[str] = "epochs"
-    use = "evaluate-predictor sgan"
+    use = "check sgan --kind predictors"
 
     @classmethod
     def check(cls, options: Mapping[str, Any]) -> None:

@@ -43,8 +43,8 @@ class Grid:
 
 
 def printed_by(command: str) -> str:
-    """The first line of a page that `crowdbench COMMAND` prints, for those who would mend the page by hand."""
-    return f"Printed by `crowdbench {command}`. Do not edit this page: the command writes it anew."
+    """Return the first line of a page that a command prints, for those who would mend the page by hand."""
+    return f"Printed by `{command}`. Do not edit this page: the command writes it anew."
 
 
 def format_tables(grids: Sequence[Grid], kind: Format) -> str:

@@ -1,0 +1,294 @@
+"""Certificates of cases: commands by which the vehicle succeeds, found by cheap means first, and kept as a run."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.catalog import load_planner
+from crowdbench.core.types import Outcome, Trace
+from crowdbench.core.types.rules import PERFECT
+from crowdbench.metrics import METRICS
+from crowdbench.planners.driver import Driver
+from crowdbench.plugins.code import code_digest
+from crowdbench.runs.identity import PlannerId
+from crowdbench.runs.replay import Playback
+from crowdbench.runs.rollout import rollout
+from crowdbench.runs.run import Run, fit_batch
+from crowdbench.runs.shards import Parts, make_run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.certified import LARGEST, Certified, Examined
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.utils import files
+from crowdbench.utils.errors import InputError
+from studies.certificates.crowds import Crowd, Known, Reacting, known_steps
+from studies.certificates.search import Effort, SearchResult, Task, search
+
+PLANNERS = ("orca_margin", "orca", "social_force")
+"""Planners that decide fast, and need no torch. A run of theirs that succeeds is a certificate."""
+
+SEARCH = "search"
+"""What a certificate is from that no planner gave."""
+
+KNOWN = (Effort(cell=0.2, states=2_000), Effort(cell=0.1, states=20_000))
+REACTING = (Effort(cell=0.2, states=256), Effort(cell=0.2, states=1_024))
+"""The efforts one after the other, where people's ways are known, and where a world is simulated for each state."""
+
+
+NAME = "certificate"
+"""The name of the planner in a run of certificates."""
+
+CODE = sorted(set(Path(__file__).parent.glob("*.py")) - {Path(__file__).with_name("run.py")})
+"""The files that certificates are made by."""
+
+PART = 25
+"""Cases of a part: what an interrupt loses is no more than one."""
+
+_COLUMNS = ("case", "means", "margin", "gap", "seconds", "exhausted")
+
+
+class Certificate(NamedTuple):
+    """What was found for a case.
+
+    Attributes:
+        case: Its number.
+        means: What gave the commands, the name of a planner or `SEARCH`; empty where none were found.
+        margin: The margin that was asked for in metres, not a number where none were found.
+        gap: The smallest gap to pedestrians and obstacles in metres, likewise.
+        seconds: The time to the goal, likewise.
+        is_exhausted: Whether the whole grid of a search was looked through, and none were found.
+        commands: The commands of all steps until the vehicle arrives; none where none were found, nor in a row of a
+            table.
+    """
+
+    case: int
+    means: str = ""
+    margin: float = math.nan
+    gap: float = math.nan
+    seconds: float = math.nan
+    is_exhausted: bool = False
+    commands: Float[np.ndarray, "step 2"] = np.empty((0, 2))
+
+
+def certificates(
+    scenario: Scenario, cases: Cases, margins: Sequence[float], progress: Callable[[float], None]
+) -> list[Certificate]:
+    """Find certificates.
+
+    Args:
+        scenario: The scenario of the cases.
+        cases: The cases.
+        margins: The margins to try, in metres, the widest first.
+        progress: Called with the number of cases that are done.
+
+    Returns:
+        One for each case. It does not depend on the others.
+
+    Raises:
+        InputError: The scenario breaks its contract.
+    """
+    driven = [
+        (name, rollout(Driver(load_planner(name)[1], name), scenario, cases, undisturbed=False)) for name in PLANNERS
+    ]
+    found: dict[int, Certificate] = {}
+    exhausted: set[int] = set()
+    for margin in margins:
+        before = len(found)
+        for name, trace in driven:
+            for each in _in_trace(trace, name, margin):
+                found.setdefault(each.case, each)
+        if len(found) > before:
+            progress(len(found) - before)
+        left = [case for case in cases.indices.tolist() if case not in found]
+        for each in _search_cases(scenario, cases.split, left, margin, exhausted):
+            found[each.case] = each
+            progress(1)
+    if len(found) < len(cases):
+        progress(len(cases) - len(found))
+    return [found.get(case, Certificate(case, is_exhausted=case in exhausted)) for case in cases.indices.tolist()]
+
+
+def _in_trace(trace: Trace, means: str, margin: float) -> Iterator[Certificate]:
+    """The certificates among some episodes, with gaps of at least `margin` in metres; `means` gave their commands."""
+    gaps = np.fmin(np.fmin.reduce(trace.gap, axis=1), np.fmin.reduce(trace.wall_gap, axis=1))
+    for row in np.flatnonzero((trace.outcome == Outcome.SUCCESS) & (gaps >= margin)).tolist():
+        commands = trace.command[row, : trace.steps[row]]
+        seconds = trace.rules.dt * len(commands)
+        yield Certificate(int(trace.case[row]), means, margin, float(gaps[row]), seconds, commands=commands)
+
+
+def _search_cases(
+    scenario: Scenario, split: str, cases: list[int], margin: float, exhausted: set[int]
+) -> Iterator[Certificate]:
+    """Search for commands in cases that no planner has solved, and yield those by which the vehicle succeeds.
+
+    The cases whose whole grid was looked through are added to `exhausted`.
+    """
+    if not cases:
+        return
+    # The search need not simulate what the vehicle sees, which people do not mind.
+    simulated = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
+    is_visible = scenario.rules.visible
+    # Whether anybody's way depends on the vehicle's: who sees it does, and who is placed where it is not.
+    is_placed = scenario.crowd.arrival in ("new_goal", "respawn") or scenario.crowd.goal_change is not None
+    heeds_vehicle = is_visible or is_placed or scenario.tracks is not None
+    world = simulated.draw(split, np.array(cases))
+    tasks = [Task.of(world, row) for row in range(len(cases))]
+    certified: set[int] = set()
+
+    def replay(rows: Sequence[int], results: Iterable[SearchResult]) -> Iterator[Certificate]:
+        """Simulate what was found in some rows, and yield the certificates of those in which the vehicle succeeds."""
+        for row, result in zip(rows, results, strict=True):
+            certificate = None
+            if result.commands is not None:
+                alone = Cases(split, cases[row], cases[row] + 1)
+                trace = rollout(play_back([result.commands], scenario), scenario, alone, undisturbed=False)
+                certificate = next(_in_trace(trace, SEARCH, margin), None)
+            if certificate is not None:
+                certified.add(row)
+                yield certificate
+            elif result.is_exhaustive and not heeds_vehicle:
+                exhausted.add(cases[row])
+
+    if not is_visible:
+        steps = known_steps(simulated, world)
+
+        def search_known(row: int) -> SearchResult:
+            return _search_harder(tasks[row], Known([step.row(row) for step in steps]), margin, KNOWN)
+
+        # Threads, because the compiled search lets others go on.
+        with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+            yield from replay(range(len(cases)), pool.map(search_known, range(len(cases))))
+    if heeds_vehicle:
+        left = [row for row in range(len(cases)) if row not in certified]
+
+        def search_reacting(row: int) -> SearchResult:
+            crowd = Reacting(simulated, world.take(np.array([row])))
+            return _search_harder(tasks[row], crowd, margin, REACTING)
+
+        yield from replay(left, map(search_reacting, left))
+
+
+def play_back(commands: Sequence[Float[np.ndarray, "step 2"]], scenario: Scenario) -> Driver:
+    """Drives each of some cases by its commands, as long as there are any."""
+    padded = np.zeros((len(commands), scenario.rules.max_steps, 2))
+    for row, of_case in zip(padded, commands, strict=True):
+        row[: len(of_case)] = of_case
+    return Driver(Playback(padded, privileged=True), NAME)
+
+
+def _search_harder(task: Task, crowd: Crowd, margin: float, efforts: Sequence[Effort]) -> SearchResult:
+    """Search with one effort after the other until commands are found; the margin is in metres."""
+    for effort in efforts:
+        result = search(task, crowd, margin, effort)
+        if result.commands is not None:
+            break
+    return result
+
+
+def make(
+    scenario: Scenario,
+    cases: Cases,
+    margin: float,
+    out: Path,
+    *,
+    overrides: Mapping[str, Any],
+    overwrite: bool = False,
+    progress: Callable[[float], None],
+) -> list[Certificate]:
+    """Make certificates, going on from those that are there.
+
+    In `out` they are a run, in a directory named after the split. Beside it, a table `SPLIT.csv` tells what each one
+    is from, and `NAME.toml` which cases have none, if the first ones are among the cases.
+
+    Args:
+        scenario: The scenario.
+        cases: The cases.
+        margin: The wider of the margins that are tried, in metres; the other one is 0.
+        out: The directory to write.
+        overrides: What is changed in the scenario, for `result.json`.
+        overwrite: Whether earlier certificates of this split are replaced.
+        progress: Called with the number of cases that are done.
+
+    Returns:
+        What was found for each case.
+
+    Raises:
+        InputError: The margin cannot be, the scenario breaks its contract, or the directory cannot be written.
+        KeyboardInterrupt: Interrupted. The parts that are finished are kept.
+    """
+    if not 0.0 <= margin < LARGEST:
+        raise InputError(f"a margin of {margin:g} m is not possible: give 0 m or more, and less than {LARGEST:g} m")
+    margins = list(dict.fromkeys([margin, 0.0]))
+    directory, table = out / cases.split, out / f"{cases.split}.csv"
+    spec = RunSpec(NAME, scenario.name, cases, overrides=overrides, batch=fit_batch(PART, scenario))
+    identity = PlannerId(NAME, code=code_digest([], CODE), key=f"margins {margins}")
+    run = Run(spec, play_back([], scenario), scenario, METRICS, identity)
+    parts = Parts.of(run, directory).folder
+
+    def drive(part: Cases, folder: Path) -> None:
+        found = certificates(scenario, part, margins, progress)
+        _write(found, parts / f"{part.start}.csv")
+        with files.hold_lock(parts / ".table"):
+            _write(_read(sorted(parts.glob("*.csv"))), table)
+        player = play_back([each.commands for each in found], scenario)
+        dataclasses.replace(run, driver=player).drive(part, folder)
+
+    make_run(run, directory, drive=drive, overwrite=overwrite, progress=progress)
+    rows = _read([table])
+    if cases.start == 0:
+        _list_without(scenario, cases.split, margin, rows, out / f"{scenario.name}.toml")
+    return rows
+
+
+def _write(found: Sequence[Certificate], path: Path) -> None:
+    with files.whole(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for each in found:
+            numbers = ("" if math.isnan(number) else repr(number) for number in (each.margin, each.gap, each.seconds))
+            writer.writerow([each.case, each.means, *numbers, "yes" if each.is_exhausted else "no"])
+
+
+def _read(paths: Sequence[Path]) -> list[Certificate]:
+    """What some tables say, by the number of the case. Raises InputError where one of them was changed."""
+    found = []
+    for path in paths:
+        with path.open(newline="", encoding="utf-8") as file:
+            try:
+                for row in csv.DictReader(file):
+                    margin, gap, seconds = (float(row[name] or "nan") for name in ("margin", "gap", "seconds"))
+                    is_exhausted = row["exhausted"] == "yes"
+                    found.append(Certificate(int(row["case"]), row["means"], margin, gap, seconds, is_exhausted))
+            except (KeyError, TypeError, ValueError):
+                raise InputError(f"{path} is not a table of certificates as crowdbench writes it") from None
+    return sorted(found, key=lambda each: each.case)
+
+
+def _list_without(scenario: Scenario, split: str, margin: float, found: Sequence[Certificate], path: Path) -> None:
+    """Write which cases of a split have no certificate beside what the file says of other splits.
+
+    Args:
+        scenario: The scenario.
+        split: The split.
+        margin: The wider margin in metres.
+        found: What was found for each case, from the first one.
+        path: The file; one for another digest or another margin is replaced.
+    """
+    before = Certified.read(path)
+    splits = before.splits if before and (before.scenario, before.margin) == (scenario.digest, margin) else {}
+    uncertified = [each.case for each in found if not each.means]
+    narrow = [each.case for each in found if each.margin < margin]
+    splits[split] = Examined(examined=len(found), uncertified=uncertified, narrow=narrow)
+    with files.whole(path) as partial:
+        partial.write_text(Certified(scenario=scenario.digest, margin=margin, **splits).text(), encoding="utf-8")

@@ -1,0 +1,90 @@
+"""Find out in which cases of a scenario the vehicle can succeed."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.console import announce_compilation, exit_on_interrupt, progress
+from crowdbench.cli.options import ThreadsOption, assignments, help_from_docstring, use_threads
+
+if TYPE_CHECKING:
+    from crowdbench.scenario.cases import Cases
+    from crowdbench.scenario.scenario import Scenario
+    from studies.certificates.certificate import Certificate
+
+
+@help_from_docstring
+def certify(
+    scenario: str,
+    cases: str = "test:500",
+    margin: float = 0.1,
+    overrides: list[str] | None = None,
+    data: Path | None = None,
+    out: Annotated[Path | None, typer.Option(show_default="runs/certified-SCENARIO")] = None,
+    overwrite: bool = False,
+    threads: ThreadsOption = None,
+) -> None:
+    """Find commands by which the vehicle succeeds in the cases of a scenario, with foresight of what people will do.
+
+    They are kept as a run, which `crowdbench score DIR --replay` simulates again.
+
+    Args:
+        scenario: Name of a scenario, or a file of your own: ./mine.toml.
+        cases: test:500 (the first 500 test cases), val:100, test/37 (one case).
+        margin: Smallest gap to people and obstacles in metres that is tried first; then 0.
+        out: Directory for the certificates.
+        overwrite: Replace earlier certificates.
+    """
+    use_threads(threads)
+    from crowdbench import catalog
+    from crowdbench.scenario.cases import Cases
+    from crowdbench.scenario.certified import FOLDER
+    from studies.certificates.certificate import make
+
+    examined, changes = Cases.parse(cases), assignments(overrides or [], "--set")
+    loaded = catalog.load_scenario(scenario, changes, data=data)
+    loaded.check_data(data)
+    directory = out or Path("runs") / f"certified-{loaded.name}"
+    announce_compilation()
+    start = time.monotonic()
+    with exit_on_interrupt(), progress(len(examined)) as tell:
+        rows = make(loaded, examined, margin, directory, overrides=changes, overwrite=overwrite, progress=tell)
+    seconds = time.monotonic() - start
+    print("\n".join(_report(loaded, examined, margin, rows, seconds)))
+    run = directory / examined.split
+    print(f"\nKept in {run}; `crowdbench score {run} --replay` checks it.")
+    if examined.start == 0:
+        folder = catalog.scenario_path(scenario).parent
+        listed, place = directory / f"{loaded.name}.toml", folder / FOLDER / f"{loaded.name}.toml"
+        print(f"{listed} lists the cases without certificate: copy it to {place}, and runs print their share.")
+
+
+def _report(scenario: Scenario, cases: Cases, margin: float, rows: Sequence[Certificate], seconds: float) -> list[str]:
+    """What is printed of the certificates, line by line."""
+    total = len(rows)
+    by = Counter(row.means for row in rows if row.means)
+    lines = [f"{scenario.name}, cases {cases}: {seconds:.0f} s", ""]
+    for least in dict.fromkeys([margin, 0.0]):
+        number = sum(row.margin >= least for row in rows)
+        lines.append(f"certified with gaps of at least {least:g} m: {number} of {total} ({number / total:.1%})")
+    lines.append("by " + (", ".join(f"{means}: {number}" for means, number in by.most_common()) or "nothing"))
+    without = [row for row in rows if not row.means]
+    for exhausted, what in ((False, "no certificate found"), (True, "no certificate exists on the grid of the search")):
+        those = [f"{cases.split}/{row.case}" for row in without if row.is_exhausted == exhausted]
+        if those:
+            lines.append(f"{what}: {', '.join(those)}")
+    return lines
+
+
+if __name__ == "__main__":
+    main(certify)

@@ -1,0 +1,170 @@
+"""Looks for commands that take the vehicle to its goal: breadth first, step by step, with foresight of the crowd.
+
+This is reachability in space and time (the vehicle's configuration and the time make its state, as in Fraichard 1998),
+on a grid of cells in each of which one state goes on. The first layer in which a state has arrived ends the search, so
+that no faster way was found on this grid.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from crowdbench.core.dynamics import Bicycle, Holonomic, State, Unicycle
+from crowdbench.core.dynamics.base import HEADINGS, REACHED, SPEEDS, TURNS
+from crowdbench.core.geometry import toward_goal
+from crowdbench.core.types import Rules, World
+from studies.certificates.cost_to_go import CostToGo, find_cost_to_go
+from studies.certificates.crowds import Crowd
+from studies.certificates.expand import Grid, Layer, Vehicle, expand
+
+_HEADINGS, _SPEEDS = (16, 96), (4, 8)
+"""The least and the largest number of cells of headings and speeds, where the vehicle cannot change them at once."""
+
+_OF_STEP = 0.8
+"""A cell of positions is no larger than this share of the farthest way in a step, or the vehicle would stay in it."""
+
+_OF_GRID = np.array([0, *(1 + (speed - 1) * HEADINGS + k for speed in (3, SPEEDS) for k in range(HEADINGS))])
+"""Of the commands of a holonomic vehicle: to stand, and two speeds in all headings."""
+
+_OF_REACHED = np.array([speed * TURNS + turn for speed in (0, 3, REACHED - 1) for turn in range(0, TURNS, 3)])
+"""Of those of a vehicle on wheels: three speeds and five turns."""
+
+
+class Effort(NamedTuple):
+    """How thoroughly is searched.
+
+    Attributes:
+        cell: Side of the cells of positions in metres.
+        states: How many states of a layer go on.
+    """
+
+    cell: float
+    states: int
+
+
+class SearchResult(NamedTuple):
+    """What a search has found.
+
+    Attributes:
+        commands: The commands of each step until the vehicle arrives; None if none are found.
+        is_exhaustive: Whether no state was left out but for others in the same cell.
+    """
+
+    commands: Float[np.ndarray, "step 2"] | None
+    is_exhaustive: bool
+
+
+class Task(NamedTuple):
+    """The way of one vehicle that is looked for.
+
+    Attributes:
+        rules: The rules of the scenario.
+        start: Position, velocity, heading and turn rate at the start.
+        vehicle: How it moves.
+        cost: The ways to its goal.
+    """
+
+    rules: Rules
+    start: Float[np.ndarray, "6"]
+    vehicle: Vehicle
+    cost: CostToGo
+
+    @classmethod
+    def of(cls, world: World, row: int) -> Task:
+        """The task in one of several worlds at their start."""
+        rules, position, radius = world.rules, world.position[row, 0], float(world.radius[row, 0])
+        speed, tolerance = float(world.preferred_speed[row, 0]), float(rules.goal_tolerance or radius)
+        vehicle = Vehicle(rules.numbers, speed, tolerance, np.ascontiguousarray(world.obstacles[row]))
+        start = np.array([*position, *world.velocity[row, 0], world.heading[row], world.angular_speed[row]])
+        cost = find_cost_to_go(position, world.goal[row, 0].copy(), radius, world.obstacles[row])
+        return cls(rules, start, vehicle, cost)
+
+
+def search(task: Task, crowd: Crowd, margin: float, effort: Effort) -> SearchResult:
+    """Look for commands by which the vehicle succeeds.
+
+    Args:
+        task: Where it goes.
+        crowd: The crowd at the start.
+        margin: Smallest gap to pedestrians and obstacles on the way, in metres.
+        effort: How thoroughly to search.
+    """
+    rules, vehicle, cost = task.rules, task.vehicle, task.cost
+    cell = min(effort.cell, _OF_STEP * vehicle.max_speed * rules.dt)
+    number = np.array([*np.ceil((cost.high - cost.low) / cell).astype(np.int64), *_turns_and_speeds(task)])
+    cells = int(number.prod())
+    grid = Grid(cell, number, np.empty(cells, np.int32))
+    most = min(cells, 4 * effort.states) + 1
+    space = Layer(np.empty((most, 6)), np.empty(most), np.empty(most, np.int64), np.empty((most, 2)))
+    states, layers, is_exhaustive = task.start[None], list[Layer](), True
+    for left in reversed(range(rules.max_steps - 1)):  # the last step is a time-out in any case
+        grid.table.fill(-1)
+        farthest = vehicle.tolerance + (left + 1) * rules.dt * vehicle.max_speed
+        actions = commands(task, states)
+        count, arrived, is_cut = expand(vehicle, cost, margin, farthest, states, actions, crowd.ahead(), grid, space)
+        layer = space.take(np.arange(count))
+        if arrived >= 0:
+            return SearchResult(_trace_back([*layers, layer], arrived), is_exhaustive)
+        rows = _select_states(layer.cost, effort.states)
+        is_exhaustive &= not is_cut and len(rows) == len(layer.cost)
+        if not len(rows):
+            break
+        layer = layer.take(rows)
+        crowd = crowd.after(layer.parent, layer.command)
+        states = layer.state
+        layers.append(layer)
+    return SearchResult(None, is_exhaustive)
+
+
+def _turns_and_speeds(task: Task) -> tuple[int, int]:
+    """The numbers of cells of headings and speeds, so small that a step leads from one into the next."""
+    dynamics, dt, speed = task.rules.dynamics, task.rules.dt, task.vehicle.max_speed
+    if isinstance(dynamics, Unicycle):
+        turn = dt * min(dynamics.max_angular_speed, dt * dynamics.max_angular_acceleration)
+    elif isinstance(dynamics, Bicycle):
+        turn = dt * speed * math.tan(dynamics.max_steering) / dynamics.wheelbase
+    elif dynamics.limits[0] < math.inf:
+        turn = math.inf
+    else:
+        return 1, 1  # its velocity can be any other one after the step
+    change = dt * float(dynamics.limits[0])  # of speed
+    cells = (_HEADINGS, 8 * math.ceil(math.pi / turn / 4.0)), (_SPEEDS, speed / change + 1.0)
+    headings, speeds = (min(max(least, math.ceil(number)), most) for (least, most), number in cells)
+    return headings, speeds
+
+
+def commands(task: Task, states: Float[np.ndarray, "state 6"]) -> Float[np.ndarray, "state action 2"]:
+    """The commands that are tried in each state: some of those of the dynamics, and the one straight to the goal."""
+    dynamics, dt = task.rules.dynamics, task.rules.dt
+    of = State(states[:, :2], states[:, 2:4], states[:, 4], states[:, 5])
+    speed = np.full(len(states), task.vehicle.max_speed)
+    chosen = _OF_GRID if isinstance(dynamics, Holonomic) else _OF_REACHED
+    ahead = toward_goal(of.position, np.broadcast_to(task.cost.goal, of.position.shape), speed)
+    straight = dynamics.follow(of, ahead, speed, dt)
+    return np.concatenate([straight[:, None], dynamics.commands(of, speed, dt)[:, chosen]], axis=1)
+
+
+def _select_states(cost: Float[np.ndarray, "state"], most: int) -> Int[np.ndarray, "kept"]:
+    """Which states go on, those nearest to the goal first: where there are too many, half of them are the nearest ones.
+
+    The others are spread evenly over the rest, because those who wait or go back must go on too.
+    """
+    order = np.argsort(cost, kind="stable")
+    if len(order) <= most:
+        return order
+    first, rest = order[: most // 2], order[most // 2 :]
+    others = np.linspace(0, len(rest) - 1, most - len(first)).astype(np.int64)
+    return np.concatenate([first, rest[others]])
+
+
+def _trace_back(layers: list[Layer], last: int) -> Float[np.ndarray, "step 2"]:
+    """The commands that lead to a state of the last layer."""
+    found = []
+    for layer in reversed(layers):
+        found.append(layer.command[last])
+        last = int(layer.parent[last])
+    return np.array(found[::-1])

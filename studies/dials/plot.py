@@ -1,0 +1,95 @@
+"""The figure of a dial: the success of planners at its levels, and where each crosses 90 %."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.console import say
+from crowdbench.cli.options import help_from_docstring
+from crowdbench.figures.style import COLOURS, DASHES, HEIGHT, MARKERS, axes
+from crowdbench.metrics.summary import wilson
+from crowdbench.utils.errors import InputError
+from studies.dials.estimate import WANTED
+from studies.pages import read_kept
+
+RUNG = "#666666"
+"""The colour of rungs of the ladder, which are no planners."""
+
+LINE = 0.17
+"""Height of a line of the legend, in inches."""
+
+BESIDE = 0.08
+"""How far the points of planners are beside each other, in levels."""
+
+COMMAND = "python studies/dials/run.py"
+"""Writes the files."""
+
+
+def plot_dial(paths: Sequence[Path], out: Path) -> None:
+    """The success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
+
+    Args:
+        paths: Files that `python studies/dials/run.py` wrote, all of the same dial.
+        out: The figure's file.
+
+    Raises:
+        InputError: One of them is no such file, or of another dial, they are too many, or the figure cannot be written.
+    """
+    found = [
+        read_kept(path, COMMAND, ("dial", "levels"), ("rows", 0, "success"), ("rows", 0, "is_rung")) for path in paths
+    ]
+    dial = found[0]["dial"]
+    if others := [path for path, each in zip(paths, found, strict=True) if each["dial"] != dial]:
+        raise InputError(f"{others[0]} is of another dial than {paths[0]}: give files of one dial")
+    if len(found) > len(COLOURS):
+        raise InputError(f"{len(found)} planners cannot be told apart in one figure: give {len(COLOURS)} at most")
+    levels = np.array(dial["levels"], float)
+    place = np.arange(len(levels))
+    wanted = 100.0 * WANTED
+    with axes(out, HEIGHT + LINE * math.ceil(len(found) / 3)) as ax:
+        ax.axhline(wanted, color="#888888", linewidth=0.8)
+        for number, each in enumerate(found):
+            (row,) = each["rows"]
+            colour, label = COLOURS[number], row["planner"]
+            if row["is_rung"]:
+                colour, label = RUNG, f"{label} of the ladder"
+            beside = BESIDE * (number - (len(found) - 1) / 2)
+            successes = zip(row["success"], row["cases"], strict=True)
+            rates = [wilson(np.arange(cases) < round(rate * cases)) for rate, cases in successes]
+            low, mean, high = (
+                100.0 * np.array([getattr(rate, end) for rate in rates]) for end in ("low", "mean", "high")
+            )
+            ends, dash = np.stack([mean - low, high - mean]), DASHES[number % len(DASHES)]
+            ax.errorbar(place + beside, mean, yerr=ends, fmt="none", ecolor=colour, elinewidth=0.8, capsize=1.5)
+            ax.plot(place + beside, mean, dash, color=colour, marker=MARKERS[number], ms=3, label=label)
+            if row["holds"] and row["holds"]["level"] is not None:
+                held = np.interp(row["holds"]["level"], np.sort(levels), np.argsort(levels))
+                ax.plot([held, held], [0.0, wanted], ":", color=colour, linewidth=0.8)
+        ax.set_xticks(place, [f"{level:g}" for level in levels])
+        ax.set(xlabel=dial["holds"].format("…"), ylabel="success, %", ylim=(0, 102))
+        # Above, because curves fall from one corner to the other.
+        ax.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.45, 1.0), columnspacing=1.0)
+
+
+@help_from_docstring
+def plot(files: list[Path], out: Path = Path("dial.pdf")) -> None:
+    """Draw the success of planners at the levels of a dial, with 95 % intervals, and the level that each holds.
+
+    Args:
+        files: Files that `python studies/dials/run.py` kept.
+        out: The figure: a .pdf, .svg or .png file.
+    """
+    plot_dial(files, out)
+    say(f"wrote {out}")
+
+
+if __name__ == "__main__":
+    main(plot)

@@ -1,0 +1,82 @@
+"""Turn a knob of a scenario up until planners fail. Prints README.md beside this file."""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.options import OnOption, ThreadsOption, assignments, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.study import ShardOption, make_runs
+from crowdbench.cli.tables import print_table
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Format, plain
+from crowdbench.utils.toml import Location
+
+COMMAND = "python studies/dials/run.py"
+FILE = Path(__file__).with_name("study.toml")
+"""The dials and planners of the page."""
+
+
+@help_from_docstring
+def dial(
+    name: Annotated[str | None, typer.Argument(show_default="those of the page")] = None,
+    planner: str | None = None,
+    option: list[str] | None = None,
+    file: Path = FILE,
+    out: Annotated[Path | None, typer.Option(show_default="runs/dials, or runs/study-dials for the page")] = None,
+    shard: ShardOption = None,
+    on: OnOption = None,
+    threads: ThreadsOption = None,
+    as_json: bool = False,
+    format: Format = Format.MARKDOWN,
+) -> None:
+    """Find the level of a dial up to which a planner succeeds in 90 % of the cases. Without a dial print the page.
+
+    Drives 30 cases at each level, then 240 others at each of the three around the figure.
+
+    Args:
+        name: A dial of scenarios/dials, or a file: ./mine.toml.
+        planner: A planner, or a rung of the ladder, on 30 cases a level: P2 and C say where the world itself ends.
+        file: The dials and planners of the page.
+        out: Folder that keeps the runs, and a file for plot.py.
+    """
+    use_threads(None if is_on_ray(on) else threads)
+    from studies.dials.dial import load_dial
+    from studies.dials.table import DialsTable, DialStudy, FilledDial, Measurement
+    from studies.pages import keep, print_two_steps, read_file
+
+    if (name is None) != (planner is None):
+        raise InputError("a dial needs a planner: give NAME and --planner, or neither for the page")
+    if name is None or planner is None:
+        folder = out or Path("runs/study-dials")
+        spec, location = read_file(file, DialStudy), Location(file.name)
+        tables = [DialsTable.of(each, location.at("dials", i)) for i, each in enumerate(spec.dials)]
+        make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
+        print_two_steps(spec, tables, COMMAND, folder, make, format)
+        return
+    folder = out or Path("runs/dials")
+    asked = Measurement.of(load_dial(name), planner, assignments(option or [], "--option"))
+    make_runs(asked.first, folder, shard, on, threads)
+    make_runs(list(asked.second(folder).values()), folder, shard, on, threads)
+    found = FilledDial.of([asked], folder)
+    (row,) = found.rows
+    kept = folder / f"{asked.name}.json"
+    keep(found, kept)
+    if as_json:
+        print(json.dumps(plain(found), indent=2))
+        return
+    print(f"{found.sentence(row)}\n")
+    print_table(found.curve(row))
+    print(f"\nKept in {kept}")
+
+
+if __name__ == "__main__":
+    main(dial)

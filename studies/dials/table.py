@@ -1,0 +1,268 @@
+"""`[[dials]]`: how far planners can be turned up on dials, and by how much the best of them holds more."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import directory_name
+from crowdbench.study.measures import SUCCESS
+from crowdbench.study.schema import Planners, StudyHead
+from crowdbench.utils.tables import Grid, markdown
+from crowdbench.utils.toml import Location, Name, Names, TomlTable
+from studies.dials.dial import FIRST, SECOND, Dial, load_dial
+from studies.dials.estimate import Crossing, First, Fit, difference, fit, levels_around
+from studies.ladder.rungs import RUNGS
+from studies.pages import draw_bar, read_successes
+
+NOTES = (
+    "A planner holds a level if it succeeds in 90 % of the cases there. Success at the levels is fitted by isotonic "
+    "regression, and the fit is interpolated; intervals (95 %) are of a bootstrap over cases. *Behind the best* is the "
+    "difference in levels, paired by case. Each planner drove 30 cases at all levels, and 240 others at each of the "
+    "three levels around its figure; rungs of the ladder (P2, C) drove the 30 alone. What is below the first level or "
+    "above the last is said so, and is no number."
+)
+
+
+class DialsSpec(TomlTable):
+    """`[[dials]]`: planners on dials, by their names or files."""
+
+    title: Name
+    planners: Planners
+    dials: Names
+
+
+class DialStudy(StudyHead):
+    """The TOML file of the study."""
+
+    dials: list[DialsSpec] = Field(min_length=1, description="one table [[dials]] or more")
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """A planner on a dial, and its runs of the first stage, one for each level."""
+
+    dial: Dial
+    first: list[Run]
+
+    @classmethod
+    def of(cls, dial: Dial, planner: str, options: Mapping[str, Any]) -> Measurement:
+        """Plan the runs; raises InputError where the planner or the scenario cannot be loaded."""
+        return cls(dial, dial.runs(planner, options, FIRST, range(len(dial.levels))))
+
+    @property
+    def is_rung(self) -> bool:
+        """Whether it is a rung of the ladder, and no planner, such as one in a file C.py."""
+        return self.first[0].spec.planner in RUNGS
+
+    @property
+    def name(self) -> str:
+        """What its file is called, such as `mppi-density-30-filter=kalman`."""
+        run = self.first[0]
+        return directory_name(run.driver.name, self.dial.name, dataclasses.replace(run.spec, overrides={}))
+
+    def outcomes(self, out: Path) -> First:
+        """Where the planner succeeds in the first stage; raises InputError where a run is not in the folder `out`."""
+        return np.stack([read_successes(run, out) for run in self.first])
+
+    def second(self, out: Path) -> dict[int, Run]:
+        """The runs of the second stage by the numbers of their levels, which follow from the first stage in `out`.
+
+        A rung of the ladder has none: 30 cases at each level show where the world ends.
+        """
+        if self.is_rung:
+            return {}
+        levels = levels_around(self.outcomes(out))
+        specs = {level: dataclasses.replace(self.first[level].spec, cases=SECOND) for level in levels}
+        return {level: dataclasses.replace(self.first[level], spec=spec) for level, spec in specs.items()}
+
+    def fit(self, out: Path) -> Fit:
+        """What the runs in the folder `out` say."""
+        second = {level: read_successes(run, out) for level, run in self.second(out).items()}
+        return fit(self.outcomes(out), second)
+
+
+@dataclasses.dataclass(frozen=True)
+class DialsTable:
+    """Planners on dials; `by_dial` has the measurements on each dial in a list."""
+
+    title: str
+    by_dial: list[list[Measurement]]
+
+    @classmethod
+    def of(cls, spec: DialsSpec, location: Location) -> DialsTable:
+        """Plan the runs of a table.
+
+        Args:
+            spec: What is asked for.
+            location: Where in a file.
+
+        Raises:
+            InputError: A planner or a dial does not exist, or two planners have the same name and options.
+        """
+        with location.named():
+            dials = [load_dial(name) for name in spec.dials]
+            by_dial = [[Measurement.of(dial, each.planner, each.options) for each in spec.planners] for dial in dials]
+        labels = [measurement.first[0].label for measurement in by_dial[0]]
+        if len(set(labels)) < len(labels):
+            raise location.at("planners").wrong(repr(labels), "planners that differ in their names or options")
+        return cls(spec.title, by_dial)
+
+    @property
+    def runs(self) -> list[Run]:
+        """All runs of the first stage."""
+        return [run for each in self.by_dial for measurement in each for run in measurement.first]
+
+    def second(self, out: Path) -> list[Run]:
+        """All runs of the second stage; raises InputError where one of the first is not in the folder `out`."""
+        return [run for each in self.by_dial for measurement in each for run in measurement.second(out).values()]
+
+    def fill(self, out: Path) -> FilledDialsTable:
+        """The table with the figures of the runs in the folder `out`."""
+        return FilledDialsTable(self.title, [FilledDial.of(each, out) for each in self.by_dial])
+
+
+@dataclasses.dataclass(frozen=True)
+class Held:
+    """A level that a planner holds, in the unit of the dial, -inf below the first level and inf above the last one.
+
+    Attributes:
+        level: The level.
+        low: The lower bound of its 95 % interval.
+        high: The upper bound.
+    """
+
+    level: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, dial: Dial, crossing: Crossing) -> Held:
+        """A crossing in the unit of a dial."""
+        return cls(*(dial.level(each) for each in (crossing.level, crossing.low, crossing.high)))
+
+
+@dataclasses.dataclass(frozen=True)
+class DialRow:
+    """What a planner holds on a dial.
+
+    Attributes:
+        planner: The planner with its options.
+        is_rung: Whether it is a rung of the ladder, and no planner.
+        holds: Up to where it succeeds in 90 % of the cases; None where success rises with the level.
+        half: Up to where it succeeds in 50 %; likewise.
+        behind: How many levels the best planner holds more, with the 95 % interval; NaN where that is not known,
+            and of the best itself and of rungs.
+        said: What it holds, in words, such as `41 (12 to 50)` or `below 2`; empty where success rises with the level.
+        p_rising: How likely success would rise with the level as much by chance.
+        cases: The number of cases at each level.
+        success: The success rate at each level.
+    """
+
+    planner: str
+    is_rung: bool
+    holds: Held | None
+    half: Held | None
+    behind: Held
+    said: str
+    p_rising: float
+    cases: list[int]
+    success: list[float]
+
+    @classmethod
+    def of(cls, measurement: Measurement, found: Fit, best: Fit) -> DialRow:
+        """What the outcomes of a planner say, beside those of the best one."""
+        dial, is_rung = measurement.dial, measurement.is_rung
+        holds, half = (Held.of(dial, each) if found.is_monotone else None for each in (found.wanted, found.half))
+        is_behind = found is not best and not is_rung
+        behind = Held(*difference(best.wanted, found.wanted)) if is_behind else Held(math.nan, math.nan, math.nan)
+        said = _with_interval(holds, dial.say) if holds else ""
+        counts = found.cases.tolist(), found.success.tolist()
+        return cls(measurement.first[0].label, is_rung, holds, half, behind, said, found.p_rising, *counts)
+
+    def cells(self, dial: Dial) -> list[str]:
+        """The row in a table."""
+        if self.holds is None:
+            return [self.planner, f"success rises with the level (p = {self.p_rising:.2g})", "", ""]
+        behind = "" if math.isnan(self.behind.level) else _with_interval(self.behind, "{:.1f}".format)
+        return [
+            f"{self.planner}: {RUNGS[self.planner]}" if self.is_rung else self.planner,
+            self.said,
+            dial.say(self.half.level) if self.half else "",
+            behind,
+        ]
+
+
+@dataclasses.dataclass(frozen=True)
+class FilledDial:
+    """A dial with its figures: rungs of the ladder, then planners, each with what holds most first."""
+
+    dial: Dial
+    rows: list[DialRow]
+
+    @classmethod
+    def of(cls, measurements: Sequence[Measurement], out: Path) -> FilledDial:
+        """Fit what the runs in the folder `out` say of planners on the same dial."""
+        found = [(each, each.fit(out)) for each in measurements]
+        found.sort(key=lambda each: (each[0].is_rung, each[1].is_monotone, each[1].wanted.level), reverse=True)
+        best = next((each for measurement, each in found if not measurement.is_rung), found[0][1])
+        return cls(measurements[0].dial, [DialRow.of(measurement, each, best) for measurement, each in found])
+
+    def grid(self) -> Grid:
+        """A row for each planner."""
+        header = ["planner", f"holds {self.dial.holds.format('...')}", "in half of the cases", "levels behind the best"]
+        rows = [row.cells(self.dial) for row in self.rows]
+        return Grid(self.dial.name, header, rows, self.rows)
+
+    def curve(self, row: DialRow) -> Grid:
+        """The success of a planner at each level, with bars."""
+        each = zip(self.dial.levels, row.success, row.cases, strict=True)
+        rows = [[f"{level:g}", SUCCESS.amount(rate), draw_bar(rate), str(n)] for level, rate, n in each]
+        return Grid(row.planner, [self.dial.key, "success", "", "cases"], rows, align="rrlr")
+
+    def sentence(self, row: DialRow) -> str:
+        """What a planner holds, in words."""
+        if row.holds is None or row.half is None:
+            why = f"success rises with the level, by more than chance would have it (p = {row.p_rising:.2g})"
+            return f"{row.planner} has no figure on the dial {self.dial.name}: {why}"
+        if row.holds.level == -math.inf:
+            first = self.dial.holds.format(f"{self.dial.levels[0]:g}")
+            return f"{row.planner} does not hold {first}: it succeeds in less than 90 % of the cases already there"
+        held = self.dial.holds.format(row.said)
+        return f"{row.planner} holds {held} in 90 % of the cases, and {self.dial.say(row.half.level)} in half of them"
+
+
+@dataclasses.dataclass(frozen=True)
+class FilledDialsTable:
+    """Dials with their figures. Its fields are what `--format json` prints."""
+
+    title: str
+    dials: list[FilledDial]
+
+    def markdown(self) -> str:
+        """The tables as GitHub shows them, under their headings."""
+        parts = [f"## {self.title}"]
+        for each, grid in zip(self.dials, self.grids(), strict=True):
+            parts += [f"### {each.dial.name}", f"{each.dial.description}.", markdown(grid.header, grid.rows)]
+        return "\n\n".join(parts)
+
+    def grids(self) -> list[Grid]:
+        """One for each dial."""
+        return [each.grid() for each in self.dials]
+
+    def notes(self) -> list[str]:
+        """What a page says below its tables."""
+        return [NOTES]
+
+
+def _with_interval(held: Held, say: Callable[[float], str]) -> str:
+    """A level with its interval, which is left out where all of it is beyond the levels."""
+    same = held.low == held.level == held.high
+    return say(held.level) if same else f"{say(held.level)} ({say(held.low)} to {say(held.high)})"

@@ -1,0 +1,77 @@
+"""Show causes of failure in scenarios, by one search with ever more foresight. Prints README.md beside this file."""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.study import ShardOption, make_runs
+from crowdbench.cli.tables import print_table
+from crowdbench.utils.tables import Format, plain
+from crowdbench.utils.toml import Location, parse_table
+
+COMMAND = "python studies/ladder/run.py"
+FILE = Path(__file__).with_name("study.toml")
+"""The scenarios and planners of the page."""
+
+
+@help_from_docstring
+def ladder(
+    scenarios: Annotated[list[str] | None, typer.Argument(show_default="those of the page")] = None,
+    planner: Annotated[list[str] | None, typer.Option(show_default="the strongest of each kind")] = None,
+    cases: str = "100",
+    out: Annotated[Path | None, typer.Option(show_default="runs/ladders, or runs/study-ladders for the page")] = None,
+    shard: ShardOption = None,
+    on: OnOption = None,
+    threads: ThreadsOption = None,
+    as_json: bool = False,
+    format: Format = Format.MARKDOWN,
+) -> None:
+    """Show causes of failure in scenarios: perception, prediction, luck, or the search. Without any print the page.
+
+    The same search drives with ever more foresight. Finished runs are kept, and the same command goes on after them.
+
+    Args:
+        scenarios: Scenarios.
+        planner: A planner; the best of those that are named is measured beside. Repeatable.
+        cases: 100 (the first 100 test cases), 2000:2100, val:100 (validation cases).
+        out: Folder that keeps the runs, and a file for plot.py for each scenario.
+    """
+    use_threads(None if is_on_ray(on) else threads)
+    from studies.ladder.table import CANDIDATES, LaddersSpec, LaddersTable, LadderStudy
+    from studies.pages import keep, print_two_steps, read_file
+
+    if not scenarios:
+        folder = out or Path("runs/study-ladders")
+        spec, location = read_file(FILE, LadderStudy), Location(FILE.name)
+        tables = [LaddersTable.of(each, location.at("ladders", i)) for i, each in enumerate(spec.ladders)]
+        make = functools.partial(make_runs, out=folder, shard=shard, on=on, threads=threads)
+        print_two_steps(spec, tables, COMMAND, folder, make, format)
+        return
+    folder = out or Path("runs/ladders")
+    planners = [{"planner": name} for name in planner] if planner else CANDIDATES
+    asked = {"title": "Ladders", "planners": planners, "scenarios": scenarios, "cases": cases}
+    table = LaddersTable.of(parse_table(LaddersSpec, asked, Location("ladder")), Location("ladder"))
+    make_runs(table.runs, folder, shard, on, threads)
+    make_runs(table.second(folder), folder, shard, on, threads)
+    found = table.fill(folder).ladders
+    for each in found:
+        keep(each, folder / f"{each.scenario}.json")
+        if not as_json:
+            print_table(each.bars())
+            print(f"\nKept in {folder / each.scenario}.json\n")
+    if as_json:
+        print(json.dumps(plain(found), indent=2))
+
+
+if __name__ == "__main__":
+    main(ladder)

@@ -1,0 +1,106 @@
+"""The rungs of a ladder: the same search with ever more foresight, and certificates."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.catalog import load_scenario
+from crowdbench.core.types import PERFECT, Observation, World
+from crowdbench.metrics import METRICS
+from crowdbench.planners.base import Planner
+from crowdbench.planners.driver import Driver
+from crowdbench.planners.filtered import FilteredPlanner
+from crowdbench.planners.mppi import MPPIPlanner
+from crowdbench.plugins.code import code_digest
+from crowdbench.predict import ConstantVelocity, Predictor
+from crowdbench.runs.identity import PlannerId
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from studies.certificates.certificate import CODE, certificates, play_back
+from studies.ladder import futures
+from studies.ladder.futures import Simulated
+
+SECONDS = 5.0
+"""How far ahead the search looks."""
+
+FUTURES, WORST = 8, 0.25
+"""The futures of rung P2, and the share of them, the worst for a sequence of commands, that count (CVaR)."""
+
+LIMIT = 3600.0
+"""Seconds that a decision may take, for all worlds of a batch together; rungs are no planners that must be fast."""
+
+RUNGS = {
+    "P0": "what the vehicle senses; people at constant velocity",
+    "P1": "the true state; people at constant velocity",
+    "P2": "the true state, goals and policies, not chance",
+    "P3": "the true future",
+    "C": "a certificate",
+}
+"""What each rung knows."""
+
+
+class CertifiedPlanner(Planner):
+    """Drives by the commands of certificates, which it searches for with foresight when a batch of episodes starts.
+
+    Args:
+        scenario: The scenario, in which the vehicle sees all.
+        split: The split of its cases.
+    """
+
+    native = True
+    privileged = True
+
+    def __init__(self, scenario: Scenario, split: str) -> None:
+        self._scenario, self._split = scenario, split
+        self._commands: Planner
+
+    def foresee(self, world: World) -> None:
+        """Look for the commands when episodes start, of successive cases."""
+        if world.step[0] == 0:
+            cases = Cases(self._split, int(world.case[0]), int(world.case[-1]) + 1)
+            # Any gap above 0 is a success, so that no wider margin is asked for.
+            found = certificates(self._scenario, cases, [0.0], lambda share: None)
+            self._commands = play_back([each.commands for each in found], self._scenario).planner
+
+    def plan(self, obs: Observation) -> Float[np.ndarray, "world 2"]:
+        """The command of this step; none where no certificate was found."""
+        return self._commands.plan(obs)
+
+
+def load_rung(rung: str, spec: RunSpec, scenario: Scenario | None = None) -> Run:
+    """The run of a rung.
+
+    Args:
+        rung: One of `RUNGS`.
+        spec: The run, whose planner does not count.
+        scenario: The scenario that the spec names, where it has been loaded before.
+
+    Raises:
+        InputError: The scenario cannot be loaded.
+    """
+    scenario = scenario or load_scenario(spec.scenario, spec.overrides)
+    if rung != "P0":
+        scenario = dataclasses.replace(scenario, rules=dataclasses.replace(scenario.rules, sensor=PERFECT))
+    planner: Planner
+    foresee: Callable[[World], None] | None = None
+    if rung == "C":
+        planner = certified = CertifiedPlanner(scenario, spec.cases.split)
+        foresee = certified.foresee
+    else:
+        predictor: Predictor = ConstantVelocity()
+        if rung in ("P2", "P3"):
+            predictor = simulated = Simulated(scenario, FUTURES if rung == "P2" else None)
+            foresee = simulated.foresee
+        planner = MPPIPlanner(predictor, horizon=max(1, round(SECONDS / scenario.rules.dt)), worst=WORST)
+        if scenario.rules.sensor != PERFECT:
+            planner = FilteredPlanner(planner)
+    named = dataclasses.replace(spec, planner=rung)
+    identity = PlannerId(rung, code=code_digest([], [Path(__file__), Path(futures.__file__), *CODE]))
+    return Run(named, Driver(planner, rung, LIMIT), scenario, METRICS, identity, foresee=foresee)

@@ -1,0 +1,240 @@
+"""`[[ladders]]`: one search with ever more foresight in scenarios, beside the certificates and the best planner."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool
+from pydantic import Field
+
+from crowdbench.catalog import load_scenario
+from crowdbench.core.types import PERFECT
+from crowdbench.metrics.summary import Estimate, bootstrap, wilson
+from crowdbench.runs.load import load_run
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.scenario import Scenario
+from crowdbench.study.measures import SUCCESS
+from crowdbench.study.schema import CasesText, CrowdPlannerSpec, Planners, StudyHead
+from crowdbench.utils.tables import Grid, markdown
+from crowdbench.utils.toml import Location, Name, Names, TomlTable
+from studies.ladder.rungs import RUNGS, load_rung
+from studies.pages import draw_bar, read_successes
+
+CHOICE = Cases("val", 0, 50)
+"""The cases that choose the best planner."""
+
+STEPS = {"P1": "perception", "P2": "prediction", "P3": "luck", "C": "search"}
+"""What separates a rung from the one below."""
+
+NOTES = (
+    "All rungs are the same search, MPPI with a horizon of 5 s that replans in every step. **P0** plans with what the "
+    "vehicle senses (through a Kalman filter where that is not exact) and people at constant velocity; **P1** with the "
+    "true state, and people at constant velocity; **P2** with the true state, goals and policies of people, in 8 "
+    "futures of other chance, by the mean of the 2 worst; **P3** with the true future; **C** is the share of the cases "
+    "with a certificate. Between two rungs stands by how much the upper one succeeds more often, in points with the "
+    "95 % interval of a bootstrap over cases. The search is no optimum: each rung is a lower bound of what is possible "
+    "with what it knows. Who comes in later is foreseen by none. The best planner was chosen on val:0:50."
+)
+
+CANDIDATES = [
+    CrowdPlannerSpec(planner="mppi", options={"filter": "kalman"}),
+    CrowdPlannerSpec(planner="dwa", options={"filter": "kalman"}),
+    CrowdPlannerSpec(planner="orca_margin"),
+    CrowdPlannerSpec(planner="ppo_attention", options={"weights": "ppo_worlds"}),
+]
+"""Planners among which the best one is, where nobody names others: the strongest of each kind."""
+
+
+class LaddersSpec(TomlTable):
+    """`[[ladders]]`: scenarios, in which the best of some planners is a marker."""
+
+    title: Name
+    planners: Planners
+    scenarios: Names
+    cases: CasesText = Cases.parse("test:100")
+
+
+class LadderStudy(StudyHead):
+    """The TOML file of the study."""
+
+    ladders: list[LaddersSpec] = Field(min_length=1, description="one table [[ladders]] or more")
+
+
+@dataclasses.dataclass(frozen=True)
+class Ladder:
+    """A scenario with the runs of its rungs, and those that choose the best planner.
+
+    Attributes:
+        scenario: The scenario.
+        rungs: The runs by the names of their rungs. Where the vehicle sees everything exactly, P0 is P1.
+        choices: Runs of the planners on `CHOICE`.
+        certified: Which of the cases have a certificate; None where it is not known of each.
+    """
+
+    scenario: Scenario
+    rungs: dict[str, Run]
+    choices: list[Run]
+    certified: Bool[np.ndarray, "case"] | None
+
+    @classmethod
+    def of(cls, name: str, spec: LaddersSpec) -> Ladder:
+        """Plan the runs in a scenario; raises InputError where it or a planner cannot be loaded."""
+        sensed = load_scenario(name)
+        base = RunSpec("", name, spec.cases, record="none")
+        rungs = {rung: load_rung(rung, base, sensed) for rung in ("P0", "P1", "P2", "P3")}
+        if sensed.rules.sensor == PERFECT:
+            rungs["P0"] = rungs["P1"]
+        choices = [
+            dataclasses.replace(base, planner=each.planner, options=each.options, cases=CHOICE)
+            for each in spec.planners
+        ]
+        certified = sensed.certificates.certify(spec.cases) if sensed.certificates else None
+        return cls(sensed, rungs, list(map(load_run, choices)), certified)
+
+    @property
+    def runs(self) -> list[Run]:
+        """Its runs, one perhaps twice."""
+        return [*self.rungs.values(), *self.choices]
+
+    def best(self, out: Path) -> Run:
+        """The run of the planner that is best on `CHOICE`; raises InputError where a run is not in the folder `out`."""
+        successes = [read_successes(run, out).mean() for run in self.choices]
+        spec = self.choices[int(np.argmax(successes))].spec
+        return load_run(dataclasses.replace(spec, cases=self.rungs["P0"].spec.cases))
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """By how much a rung succeeds more often than the one below: a share of the cases, with its 95 % interval."""
+
+    reason: str
+    gain: Estimate
+
+
+@dataclasses.dataclass(frozen=True)
+class FilledLadder:
+    """A ladder with its figures.
+
+    Attributes:
+        scenario: The scenario.
+        cases: The cases.
+        success: The success rate at each rung.
+        steps: What the steps between them cost.
+        best: The planner that was best on `CHOICE`.
+        best_success: Its success rate.
+    """
+
+    scenario: str
+    cases: str
+    success: dict[str, Estimate]
+    steps: list[Step]
+    best: str
+    best_success: Estimate
+
+    @classmethod
+    def of(cls, ladder: Ladder, out: Path) -> FilledLadder:
+        """Fill a ladder from the runs in the folder `out`."""
+        outcomes = {rung: read_successes(run, out) for rung, run in ladder.rungs.items()}
+        if ladder.certified is not None:
+            outcomes["C"] = ladder.certified
+        names, steps = list(outcomes), []
+        for below, above in itertools.pairwise(names):
+            gain = outcomes[above].astype(float) - outcomes[below]
+            steps.append(Step(STEPS[above], bootstrap(gain, np.ones(len(gain)))))
+        best, cases = ladder.best(out), ladder.rungs["P0"].spec.cases
+        success = {rung: wilson(each) for rung, each in outcomes.items()}
+        return cls(ladder.scenario.name, str(cases), success, steps, best.label, wilson(read_successes(best, out)))
+
+    def bars(self) -> Grid:
+        """A row for each rung, with a bar, and one for the best planner."""
+        gains = ["", *(f"{_say_points(step.gain)}, {step.reason}" for step in self.steps)]
+        rows = [
+            [rung, SUCCESS.estimate(each, with_unit=True), draw_bar(each.mean), RUNGS[rung], gain]
+            for (rung, each), gain in zip(self.success.items(), gains, strict=True)
+        ]
+        best = SUCCESS.estimate(self.best_success, with_unit=True), draw_bar(self.best_success.mean)
+        rows.append(["best", *best, self.best, ""])
+        title = f"{self.scenario}, cases {self.cases}"
+        return Grid(title, ["rung", "success", "", "knows", "points above the rung below, due to"], rows, align="lrlll")
+
+    def cells(self) -> list[str]:
+        """Its row in a table."""
+        cells = [self.scenario]
+        for rung, step in itertools.zip_longest(RUNGS, self.steps):
+            cells.append(SUCCESS.amount(self.success[rung].mean) if rung in self.success else "-")
+            if rung != "C":
+                cells.append(_say_points(step.gain) if step else "-")
+        weak = ", above P2: the search is too weak here" if self.best_success.mean > self.success["P2"].mean else ""
+        return [*cells, f"{SUCCESS.amount(self.best_success.mean)} ({self.best}{weak})"]
+
+
+@dataclasses.dataclass(frozen=True)
+class LaddersTable:
+    """Ladders of scenarios, and their runs."""
+
+    title: str
+    ladders: list[Ladder]
+
+    @classmethod
+    def of(cls, spec: LaddersSpec, location: Location) -> LaddersTable:
+        """Plan the runs of a table.
+
+        Args:
+            spec: What is asked for.
+            location: Where in a file.
+
+        Raises:
+            InputError: A scenario or a planner does not exist, or two scenarios have the same name.
+        """
+        with location.named():
+            ladders = [Ladder.of(name, spec) for name in spec.scenarios]
+        names = [ladder.scenario.name for ladder in ladders]
+        if len(set(names)) < len(names):
+            raise location.at("scenarios").wrong(", ".join(names), "scenarios of different names")
+        return cls(spec.title, ladders)
+
+    @property
+    def runs(self) -> list[Run]:
+        """The runs of all rungs, and those that choose the best planners."""
+        return [run for ladder in self.ladders for run in ladder.runs]
+
+    def second(self, out: Path) -> list[Run]:
+        """The runs of the best planners; raises InputError where a run that chooses is not in the folder `out`."""
+        return [ladder.best(out) for ladder in self.ladders]
+
+    def fill(self, out: Path) -> FilledLaddersTable:
+        """The table with the figures of the runs in the folder `out`."""
+        return FilledLaddersTable(self.title, [FilledLadder.of(ladder, out) for ladder in self.ladders])
+
+
+@dataclasses.dataclass(frozen=True)
+class FilledLaddersTable:
+    """Ladders with their figures. Its fields are what `--format json` prints."""
+
+    title: str
+    ladders: list[FilledLadder]
+
+    def markdown(self) -> str:
+        """The table as GitHub shows it, under its heading."""
+        (grid,) = self.grids()
+        return "\n\n".join([f"## {self.title}", f"Cases {self.ladders[0].cases}.", markdown(grid.header, grid.rows)])
+
+    def grids(self) -> list[Grid]:
+        """A row for each scenario."""
+        between = [STEPS.get(rung, "") for rung in list(RUNGS)[1:]]
+        header = [cell for pair in zip(RUNGS, [*between, ""], strict=True) for cell in pair if cell]
+        rows = [each.cells() for each in self.ladders]
+        return [Grid(self.title, ["scenario", *header, "best planner"], rows, self.ladders)]
+
+    def notes(self) -> list[str]:
+        """What a page says below its tables."""
+        return [NOTES]
+
+
+def _say_points(gain: Estimate) -> str:
+    return f"{100 * gain.mean:+.0f} ({100 * gain.low:+.0f} to {100 * gain.high:+.0f})"

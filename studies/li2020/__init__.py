@@ -1,0 +1,1 @@
+"""The tables of Li et al. (2020), and the claims of the paper."""

@@ -1,0 +1,193 @@
+"""Claims about two rows of a table, with margins fixed before the runs, and what the measurements say of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from crowdbench.metrics.info import MetricInfo
+from crowdbench.metrics.summary import Estimate
+from crowdbench.runs.paired import LEAST_SHARED
+from crowdbench.runs.results import Episodes
+from crowdbench.study.intervals import Values, difference_over_networks, reduction_over_networks
+from crowdbench.study.measures import PLANNER_MEASURES, SUCCESS, SUCCESS_RATE, values_of
+from crowdbench.utils.tables import markdown
+from crowdbench.utils.toml import Location, Name, TomlTable, choice, number
+
+POINTS = dataclasses.replace(SUCCESS, unit="points")
+REDUCTION = MetricInfo("reduction", share=True)
+
+ROUNDING = 1e-9
+"""An interval must lie clear of a margin by more than this, so that no rounded sum decides."""
+
+NOTES = (
+    "A claim says that a figure is larger than a margin, and all margins were fixed before the runs. Figures are "
+    "positive where the first planner is the better one. A claim holds where the 95 % interval of its figure lies "
+    "above the margin, is refuted where the interval lies below it, and is undecided otherwise. A single network says "
+    "nothing of others: there is no verdict. Figures are paired by case, and by network where both rows have the same "
+    "networks; those of different trainings are treated as independent. "
+    "Differences in success are over all cases, and one discordant case (a case that only one of the two planners "
+    "solves) is added to each side before the interval is taken, as in the paired interval of Bonett and Price (2012, "
+    "doi:10.3102/1076998611411915). All other figures are over the cases that all networks of both rows solve; with "
+    f"fewer than {LEAST_SHARED} such cases a claim is undecided. Intervals are not corrected for the number of claims."
+)
+
+
+class ClaimSpec(TomlTable):
+    """`[[tables.claims]]`: that a row is better than another one by more than `bound`.
+
+    The bound is in the measure's own unit for a difference, and a share of the other row's mean for a reduction.
+    """
+
+    text: Name
+    source: Name
+    row: Name
+    than: Name
+    measure: str = choice(PLANNER_MEASURES)
+    kind: str = choice(("difference", "reduction"))
+    bound: float = number(above=-1000.0, below=1000.0)
+
+
+class Verdict(enum.StrEnum):
+    """What the measurements say of a claim."""
+
+    HOLDS = "holds"
+    REFUTED = "refuted"
+    UNDECIDED = "undecided"
+    ONE_NETWORK = "one network"
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """A claim, its figure over `cases` cases and so many networks of each row, and the verdict.
+
+    The other fields are those of `ClaimSpec`.
+    """
+
+    text: str
+    source: str
+    row: str
+    than: str
+    measure: str
+    kind: str
+    bound: float
+    networks: tuple[int, int]
+    cases: int
+    figure: Estimate
+    verdict: Verdict
+
+    def cells(self) -> list[str]:
+        """As `claims_table` shows it."""
+        measure = PLANNER_MEASURES[self.measure]
+        title, unit = measure.title, POINTS if measure is SUCCESS else measure
+        if self.kind == "reduction":
+            title, unit = f"reduction of {title}", REDUCTION
+        return [
+            f"{self.text} ({self.source})",
+            f"{self.row} against {self.than}: {title}",
+            f"> {unit.amount(self.bound)}",
+            unit.estimate(self.figure, with_unit=True),
+            " and ".join(str(number) for number in dict.fromkeys(self.networks)),
+            str(self.cases),
+            f"**{self.verdict}**",
+        ]
+
+
+def check_claim(claim: ClaimSpec, networks: Mapping[str, Sequence[str]], location: Location) -> None:
+    """Check what a claim says of its table.
+
+    Args:
+        claim: The claim.
+        networks: The networks of each row, by its label.
+        location: Where the claim is.
+
+    Raises:
+        InputError: A row does not exist, the two are the same or share some of their networks but not all, or less of
+            the measure is no gain.
+    """
+    for key, label in (("row", claim.row), ("than", claim.than)):
+        if label not in networks:
+            known = ", ".join(f'"{each}"' for each in networks)
+            raise location.at(key).wrong(repr(label), f"one of {known}")
+    than = location.at("than")
+    if claim.than == claim.row:
+        raise than.wrong(repr(claim.than), f"another row than {claim.row}")
+    ours, theirs = set(networks[claim.row]), set(networks[claim.than])
+    if ours & theirs and ours != theirs:
+        raise than.wrong(repr(claim.than), f"a row with all networks of {claim.row}, or with none of them")
+    measure = PLANNER_MEASURES[claim.measure]
+    if claim.kind == "reduction" and measure.sign > 0:
+        raise location.at("kind").wrong(repr(claim.kind), f'"difference", since less {measure.title} is no gain')
+
+
+def assess(claim: ClaimSpec, rows: Mapping[str, Mapping[str, Episodes]]) -> Assessment:
+    """What runs say of a claim.
+
+    Args:
+        claim: A claim that `check_claim` has passed.
+        rows: The episodes of each row by its label, and within a row by the weights of its networks; of the same cases.
+    """
+    one, two = rows[claim.row], rows[claim.than]
+    measure = PLANNER_MEASURES[claim.measure]
+    paired = set(one) == set(two)
+    ours, theirs = list(one.values()), [two[name] for name in (one if paired else two)]
+    values = values_of(claim.measure, ours), values_of(claim.measure, theirs)
+    if measure is SUCCESS:
+        cases, figure = values[0].shape[1], _gain_in_success(*values, paired)
+    else:
+        solved = values_of(SUCCESS_RATE, [*ours, *theirs]).astype(bool).all(axis=0)
+        cases, (x, y) = int(solved.sum()), (each[:, solved] for each in values)
+        if claim.kind == "reduction":
+            figure = reduction_over_networks(x, y, paired)
+        else:
+            figure = difference_over_networks(measure.sign * x, measure.sign * y, paired)
+    networks = (len(ours) if any(one) else 0, len(theirs) if any(two) else 0)
+    verdict = _verdict(figure, claim.bound, networks, cases)
+    return Assessment(**dict(claim), networks=networks, cases=cases, figure=figure, verdict=verdict)
+
+
+def _verdict(figure: Estimate, bound: float, networks: tuple[int, int], cases: int) -> Verdict:
+    """The verdict on a figure that is over so many networks of each row, 0 for a planner without any, and `cases`.
+
+    It holds where the interval lies above the bound, and is refuted where it lies below.
+    """
+    if 1 in networks:
+        return Verdict.ONE_NETWORK
+    if cases >= LEAST_SHARED and figure.low > bound + ROUNDING:
+        return Verdict.HOLDS
+    if cases >= LEAST_SHARED and figure.high < bound - ROUNDING:
+        return Verdict.REFUTED
+    return Verdict.UNDECIDED
+
+
+def claims_table(claims: Sequence[Assessment]) -> str:
+    """The claims in a Markdown table."""
+    header = ["claim", "figure", "claimed", "measured", "networks", "cases", "verdict"]
+    return markdown(header, [claim.cells() for claim in claims])
+
+
+def tally(claims: Sequence[Assessment]) -> str:
+    """How many claims there are of each verdict, in a sentence."""
+    count = Counter(claim.verdict for claim in claims)
+    words = {verdict: str(verdict) for verdict in Verdict} | {Verdict.ONE_NETWORK: "without a verdict (one network)"}
+    return f"Claims: {', '.join(f'{count[verdict]} {word}' for verdict, word in words.items())}."
+
+
+def _gain_in_success(ours: Values, theirs: Float[np.ndarray, "their_network case"], paired: bool) -> Estimate:
+    """The difference in success, with an interval that has a width even where both succeed in the same cases.
+
+    One discordant case is added to each side, one that only `ours` solves and one that only `theirs` solve, as in
+    Bonett and Price, "Adjusted Wald confidence interval for a difference of binomial proportions based on paired data",
+    Journal of Educational and Behavioral Statistics 37(4) (2012), 479-488, doi:10.3102/1076998611411915. Theirs is an
+    adjusted Wald interval of one pair of samples; here the cases so completed are those of every network.
+    """
+    won, lost = (np.tile(pair, (len(row), 1)) for pair, row in (([1.0, 0.0], ours), ([0.0, 1.0], theirs)))
+    guarded = difference_over_networks(np.hstack([ours, won]), np.hstack([theirs, lost]), paired)
+    found = difference_over_networks(ours, theirs, paired)
+    return dataclasses.replace(found, low=guarded.low, high=guarded.high)

@@ -1,0 +1,54 @@
+"""Print the tables of Li et al. (2020), measured beside reported: README.md beside this file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.study import ShardOption, make_runs, print_tables
+from crowdbench.utils.tables import Format
+
+
+@help_from_docstring
+def reproduce(
+    table: Annotated[int | None, typer.Option(min=1, max=4)] = None,
+    quick: bool = False,
+    out: Path = Path("runs/li2020"),
+    shard: ShardOption = None,
+    on: OnOption = None,
+    threads: ThreadsOption = None,
+    format: Format = Format.MARKDOWN,
+) -> None:
+    """Make the tables of Li et al. (2020), measured beside reported, with a verdict on each of the paper's claims.
+
+    Table 1 is of five pedestrians, 2 of ten, 3 of eight commands per observation, 4 of KCE. A quick look takes some
+    minutes and has no verdicts, all tables take one to two hours. Finished runs are kept, and the same command goes on
+    after them.
+
+    Args:
+        table: One of the paper's four tables alone.
+        quick: A quick look: one network per row, few cases.
+        out: Folder that keeps the runs.
+    """
+    use_threads(None if is_on_ray(on) else threads)
+    from studies.li2020.claims import tally
+    from studies.li2020.table import fill, read_reproduction
+
+    study = read_reproduction(table, quick)
+    make_runs(study.runs, out, shard, on, threads)
+    tables = fill(study, out)
+    claims = [claim for each in tables for claim in each.claims]
+    command = f"python studies/li2020/run.py{f' --table {table}' if table else ''}{' --quick' if quick else ''}"
+    page = f"{study.page(tables, command)}\n\n{tally(claims)}"
+    print_tables({"quick": quick, "tables": tables, "sources": study.sources}, tables, page, format)
+
+
+if __name__ == "__main__":
+    main(reproduce)

@@ -1,0 +1,192 @@
+"""Measure the errors of predictors, as in README.md beside this file."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.console import announce_compilation, progress
+from crowdbench.cli.options import assignments, help_from_docstring
+from crowdbench.cli.tables import print_table
+from crowdbench.utils.defaults import HORIZON, MOST_AHEAD
+from crowdbench.utils.errors import InputError
+from crowdbench.utils.tables import Grid
+
+if TYPE_CHECKING:
+    from crowdbench.metrics.prediction_errors import Errors
+    from crowdbench.predict import Predictor
+
+    Measure = Callable[[str, Predictor], dict[str, Errors]]
+
+MEASURES = "ADE is the mean error over the steps up to the horizon, FDE the error at the horizon."
+MODES = (
+    "best of 1: the first mode. best of n together: the mode that is best for the whole crowd or window.\n"
+    "best of n each: the best mode of each pedestrian. Compare best-of-20 only with best-of-20."
+)
+ON_SCENARIO = "Errors are measured without a vehicle, until each pedestrian reaches its goal or is gone."
+ON_TRACKS = "8 frames are observed, in all windows with 2 pedestrians or more."
+
+
+@help_from_docstring
+def evaluate_predictor(
+    predictors: list[str],
+    option: list[str] | None = None,
+    scenario: str | None = None,
+    cases: str | None = None,
+    overrides: list[str] | None = None,
+    data: Path | None = None,
+    ahead: Annotated[int, typer.Option(min=1, max=MOST_AHEAD)] = HORIZON,
+    as_json: bool = False,
+) -> None:
+    """Measure the errors of predictors on the crowds of a scenario or on recorded tracks.
+
+    Args:
+        predictors: Names, ./mine.py or ./mine.py:function.
+        scenario: A name or ./mine.toml; circle_crossing_5 if not given.
+        cases: Of the scenario, such as val:100; val:200 if not given.
+        data: A folder of recorded tracks to measure on: *.txt with frame, pedestrian, x, y, as ETH/UCY has. With
+            --scenario, the folder that its table [tracks] needs.
+        ahead: Number of steps that are predicted.
+    """
+    announce_compilation()
+    options = assignments(option or [], "--option")
+    loaded = _load_predictors(predictors, options)
+    if data is None or scenario is not None:
+        about, measure = _on_scenario(scenario or "circle_crossing_5", cases or "val:200", overrides or [], data, ahead)
+    else:
+        for flag, value in (("--cases", cases), ("--set", overrides)):
+            if value is not None:
+                raise InputError(f"{flag} goes with --scenario only: without it, the tracks in {data} are measured on")
+        about, measure = _on_tracks(data, ahead)
+    errors = {name: measure(name, predictor) for name, predictor in loaded.items()}
+    if not as_json:
+        _print_errors(about, options, errors)
+        return
+    results = {}
+    for name, predictor in loaded.items():
+        by_dataset = {dataset: dataclasses.asdict(each) for dataset, each in errors[name].items()}
+        results[name] = {"options": options, "privileged": predictor.privileged, "errors": by_dataset}
+    print(json.dumps(about | {"predictors": results}, indent=2))
+
+
+def _load_predictors(specs: list[str], options: Mapping[str, Any]) -> dict[str, Predictor]:
+    from crowdbench.predict.load import load_predictor
+
+    if options and len(specs) > 1:
+        raise InputError(f"--option does not go with {len(specs)} predictors: give one, or a file that sets its own")
+    predictors: dict[str, Predictor] = {}
+    for spec in specs:
+        name, predictor = load_predictor(spec, options)
+        if name in predictors:
+            raise InputError(f"two predictors are called {name}: rename one, or name another function")
+        predictors[name] = predictor
+    return predictors
+
+
+def _on_scenario(
+    scenario: str, cases: str, overrides: list[str], data: Path | None, ahead: int
+) -> tuple[dict[str, Any], Measure]:
+    from crowdbench import catalog
+    from crowdbench.metrics import prediction_errors
+    from crowdbench.scenario.cases import Cases
+
+    settings = assignments(overrides, "--set")
+    loaded, driven = catalog.load_scenario(scenario, settings, data=data), Cases.parse(cases)
+    loaded.check_data(data)
+
+    def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
+        with progress(len(driven)) as tell:
+            return {loaded.name: prediction_errors.on_scenario(name, predictor, loaded, driven, ahead, tell)}
+
+    about = {"scenario": loaded.name, "overrides": settings, "digest": loaded.digest, "cases": str(driven)}
+    about["clusters"] = "blocks of recorded time" if loaded.tracks else "cases"
+    return about | {"dt": loaded.rules.dt, "ahead": ahead}, measure
+
+
+def _on_tracks(data: Path, ahead: int) -> tuple[dict[str, Any], Measure]:
+    from crowdbench.metrics.prediction_errors import on_tracks
+    from crowdbench.scenario.tracks import eth_ucy
+
+    recordings = eth_ucy.read_folder(data)
+
+    def measure(name: str, predictor: Predictor) -> dict[str, Errors]:
+        scenes = len(eth_ucy.scenes(recordings))
+        with progress(scenes, f"of {scenes} scenes") as tell:
+            return on_tracks(name, predictor, recordings, ahead, tell)
+
+    return {"data": str(data), "dt": eth_ucy.DT, "ahead": ahead}, measure
+
+
+def _print_errors(
+    about: Mapping[str, Any], options: Mapping[str, Any], found: Mapping[str, Mapping[str, Errors]]
+) -> None:
+    """Print the table, and below it what its numbers mean."""
+    from crowdbench.runs.results import planner_label
+
+    recorded = "data" in about
+    changed = "".join(f", {key}={value}" for key, value in about.get("overrides", {}).items())
+    where = about["data"] if recorded else f"{about['scenario']}{changed}, cases {about['cases']}"
+    notes = [MEASURES, ON_TRACKS if recorded else ON_SCENARIO]
+    name, measured = next(iter(found.items()))
+    ahead, dt = about["ahead"], about["dt"]
+    if len(found) == 1:
+        notes[-1] += f" Intervals are over {'pedestrians' if recorded else about['clusters']}."
+        table = _horizons_table(f"{planner_label(name, options)} on {where}", dt, measured)
+    else:
+        if recorded:
+            columns = {scene: (scene, ahead) for scene in measured}
+        else:
+            steps = sorted({1, (ahead + 1) // 2, ahead})
+            columns = {f"{n} {'step' if n == 1 else 'steps'}": (about["scenario"], n) for n in steps}
+        table = _predictors_table(f"ADE / FDE in metres, {ahead} steps of {dt} s ahead, on {where}", columns, found)
+    if any(errors.modes > 1 for measured in found.values() for errors in measured.values()):
+        notes.insert(1, MODES)
+    print_table(table)
+    print("", *notes, sep="\n")
+
+
+def _horizons_table(title: str, dt: float, measured: Mapping[str, Errors]) -> Grid:
+    """ADE and FDE in metres of one predictor at every horizon, on each dataset, with steps of `dt` seconds."""
+    from crowdbench.metrics.info import MetricInfo
+
+    info = MetricInfo("error", "m")
+    rows = []
+    for dataset, errors in measured.items():
+        for choice, curves in errors.choices().items():
+            label = dataset if errors.modes == 1 else f"{dataset}, {choice}"
+            for steps, pair in enumerate(zip(curves.ade, curves.fde, strict=True), 1):
+                texts = (text for each in pair for text in (info.number(each.mean), info.interval(each.low, each.high)))
+                rows.append((label if steps == 1 else "", str(steps), f"{steps * dt:.2f}", *texts))
+    header = ("", "steps", "time [s]", "ADE [m]", "95 % interval", "FDE [m]", "95 % interval")
+    return Grid(title, header, rows, align="lrrllll")
+
+
+def _predictors_table(
+    title: str, columns: Mapping[str, tuple[str, int]], predictors: Mapping[str, Mapping[str, Errors]]
+) -> Grid:
+    """ADE / FDE in metres of several predictors: by heading, the dataset and the horizon in steps of each column."""
+    from crowdbench.metrics.info import MetricInfo
+
+    info = MetricInfo("error", "m")
+    rows = []
+    for name, measured in predictors.items():
+        curves = {dataset: errors.choices() for dataset, errors in measured.items()}
+        for row, choice in enumerate(curves[next(iter(curves))]):
+            chosen = [(curves[dataset][choice], steps - 1) for dataset, steps in columns.values()]
+            cells = (f"{info.number(one.ade[at].mean)} / {info.number(one.fde[at].mean)}" for one, at in chosen)
+            rows.append((name if row == 0 else "", choice, *cells))
+    header = ("predictor", "", *columns)
+    return Grid(title, header, rows, align="ll".ljust(len(header), "r"))
+
+
+if __name__ == "__main__":
+    main(evaluate_predictor)

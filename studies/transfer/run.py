@@ -1,0 +1,49 @@
+"""Measure whether the order of planners in the suite holds in other worlds. Prints README.md beside this file."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.options import OnOption, ThreadsOption, help_from_docstring, is_on_ray, use_threads
+from crowdbench.cli.study import ShardOption, make_runs
+from crowdbench.utils.tables import Format
+from crowdbench.utils.toml import Location
+
+FILE = Path(__file__).with_name("study.toml")
+
+
+@help_from_docstring
+def transfer(
+    file: Path = FILE,
+    out: Path = Path("runs/study-rankings"),
+    data: Path | None = None,
+    shard: ShardOption = None,
+    on: OnOption = None,
+    threads: ThreadsOption = None,
+    format: Format = Format.MARKDOWN,
+) -> None:
+    """Measure whether the order of planners in a suite of scenarios holds in other worlds. Run it in the clone's root.
+
+    Args:
+        file: The suite, the worlds, and the planners by families.
+        out: Folder that keeps the runs.
+    """
+    use_threads(None if is_on_ray(on) else threads)
+    from studies.pages import print_page, read_file
+    from studies.transfer.table import RankingsTable, TransferStudy
+
+    spec, location = read_file(file, TransferStudy), Location(file.name)
+    folder = data.absolute() if data else None
+    tables = [RankingsTable.of(each, location.at("rankings", i), folder) for i, each in enumerate(spec.rankings)]
+    command = f"python studies/transfer/run.py{' --data DIR' if data else ''}"
+    make = functools.partial(make_runs, out=out, shard=shard, on=on, threads=threads)
+    print_page(spec, tables, command, out, make, format)
+
+
+if __name__ == "__main__":
+    main(transfer)

@@ -1,0 +1,285 @@
+"""`[[rankings]]`: whether the order in which planners stand in a suite of scenarios is that in other worlds."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from pydantic import Field
+
+from crowdbench.metrics.score import Scale
+from crowdbench.metrics.summary import Estimate, interval
+from crowdbench.runs.run import Run
+from crowdbench.runs.spec import RunSpec
+from crowdbench.scenario.cases import Cases as CaseRange
+from crowdbench.study.crowds import load_runs
+from crowdbench.study.folder import read_episodes
+from crowdbench.study.measures import SUCCESS_RATE
+from crowdbench.study.schema import CasesText, Planners, StudyHead
+from crowdbench.utils.tables import Grid, markdown
+from crowdbench.utils.toml import Location, Name, Names, TomlTable, number
+from studies.transfer.kendall import Cases, Scores, agreement, draw_families, kendall, mean_scores
+
+SUITE = "suite"
+"""What the scenarios are called whose order is to hold elsewhere."""
+
+NOTES = (
+    "Planners stand in the order of their score in the mean over scenarios: success, and 0.005 times success weighted "
+    "by completion time. **tau** is Kendall's tau-a of the suite's order with that of a world, with the 95 % interval "
+    "of a bootstrap that draws families of planners and cases, or blocks of recorded time, with replacement. *Decided* "
+    "are pairs of planners whose scores differ by more than 1.96 standard errors in the suite and in the world. "
+    "*Corrected* is tau over the root of the product of two split-half taus, that of the suite and that of the world, "
+    "each between the even and the odd blocks."
+)
+
+
+class RankingsSpec(TomlTable):
+    """`[[rankings]]`: planners by families, a suite that ranks them, and worlds in which that order is to hold.
+
+    `worlds` has the scenarios of each. `alone` is a scenario that is looked at in the place of the suite, `without` has
+    families that are left out in a second look, and `criterion` is what the lower bound of Kendall's tau is to exceed.
+    """
+
+    title: Name
+    families: Annotated[dict[str, Planners], Field(min_length=3, description="a table of three or more families")]
+    suite: Names
+    worlds: Annotated[dict[str, Names], Field(min_length=1, description="a table of worlds, each a list of scenarios")]
+    alone: Name
+    without: Names = Field(default=[])
+    criterion: float = number(0.3, least=-1.0, below=1.0)
+    cases: CasesText = CaseRange.parse("test:100")
+
+
+class TransferStudy(StudyHead):
+    """The TOML file of the study."""
+
+    rankings: list[RankingsSpec] = Field(min_length=1, description="one table [[rankings]] or more")
+
+
+@dataclasses.dataclass(frozen=True)
+class RankingsTable:
+    """Planners in a suite and in worlds, and their runs.
+
+    Attributes:
+        spec: What is asked for.
+        runs_by_world: The runs of each scenario of the suite and of the worlds, one list for each scenario.
+        family: The number of each planner's family.
+    """
+
+    spec: RankingsSpec
+    runs_by_world: Mapping[str, list[list[Run]]]
+    family: Int[np.ndarray, "planner"]
+
+    @classmethod
+    def of(cls, spec: RankingsSpec, location: Location, data: Path | None) -> RankingsTable:
+        """Plan the runs of a table.
+
+        Args:
+            spec: What is asked for.
+            location: Where in a file.
+            data: The folder with the recorded tracks that its scenarios need.
+
+        Raises:
+            InputError: A planner or a scenario does not exist, two planners have the same name and options, or a
+                family that is left out does not exist.
+        """
+        for name in spec.without:
+            if name not in spec.families:
+                raise location.at("without").wrong(repr(name), f"one of {', '.join(spec.families)}")
+        planners = [each for members in spec.families.values() for each in members]
+        family = np.repeat(np.arange(len(spec.families)), [len(members) for members in spec.families.values()])
+        worlds = {SUITE: spec.suite, **spec.worlds, spec.alone: [spec.alone]}
+        with location.named():
+            runs = {
+                world: [load_runs(planners, RunSpec("", name, spec.cases, record="none", data=data)) for name in names]
+                for world, names in worlds.items()
+            }
+        labels = [run.label for run in runs[SUITE][0]]
+        if len(set(labels)) < len(labels):
+            raise location.at("families").wrong(repr(labels), "planners that differ in their names or options")
+        return cls(spec, runs, family)
+
+    @property
+    def runs(self) -> list[Run]:
+        """All runs that it needs."""
+        return [run for scenarios in self.runs_by_world.values() for runs in scenarios for run in runs]
+
+    def fill(self, out: Path) -> FilledRankings:
+        """The table with the figures of the runs in the folder `out`; raises InputError where one is not there."""
+        cases = {
+            world: [_read_cases(runs, out) for runs in scenarios] for world, scenarios in self.runs_by_world.items()
+        }
+        planners = [run.label for run in self.runs_by_world[SUITE][0]]
+        return FilledRankings.of(self.spec, planners, self.family, cases)
+
+
+def _read_cases(runs: Sequence[Run], out: Path) -> Cases:
+    """What the planners did in a scenario."""
+    found = [read_episodes(run, out) for run in runs]
+    slope = Scale().slope
+    score = np.stack([each.columns[SUCCESS_RATE] + slope * each.columns["sct"] for each in found])
+    block, tracks = found[0].block, runs[0].scenario.tracks
+    source = tracks.scene if tracks else runs[0].scenario.name
+    return Cases(source, score, np.arange(score.shape[1]) if block is None else block)
+
+
+@dataclasses.dataclass(frozen=True)
+class Agreement:
+    """How far the order of planners in the suite is that in a world.
+
+    Attributes:
+        world: The world.
+        tau: Kendall's tau, with its interval.
+        agree: The pairs decided in both that stand in the same order.
+        decided: The pairs that are decided in both.
+        without: Tau without some families.
+        within: Tau of pairs of the same family alone.
+        alone: Tau of a single scenario in the place of the suite.
+        corrected: Tau, corrected for what chance does in the suite and in the world.
+    """
+
+    world: str
+    tau: Estimate
+    agree: int
+    decided: int
+    without: float
+    within: float
+    alone: float
+    corrected: float
+
+    def cells(self) -> list[str]:
+        """Its row in a table."""
+        share = f"{self.agree} of {self.decided}"
+        rest = (self.without, self.within, self.alone, self.corrected)
+        return [self.world, _say(self.tau), share, *(f"{tau:+.2f}" for tau in rest)]
+
+
+@dataclasses.dataclass(frozen=True)
+class FilledRankings:
+    """The table with its figures. Its fields are what `--format json` prints.
+
+    Attributes:
+        spec: What was asked for.
+        planners: The planners, the highest score in the suite first.
+        scores: Their scores in the suite and in the worlds.
+        worlds: How far each world agrees.
+        mean: The mean of tau over the worlds.
+    """
+
+    spec: RankingsSpec
+    planners: list[str]
+    scores: dict[str, list[float]]
+    worlds: list[Agreement]
+    mean: Estimate
+
+    @classmethod
+    def of(
+        cls,
+        spec: RankingsSpec,
+        planners: Sequence[str],
+        family: Int[np.ndarray, "planner"],
+        cases: Mapping[str, list[Cases]],
+    ) -> FilledRankings:
+        """Compare the order of planners in the suite with those in the worlds.
+
+        Args:
+            spec: What is asked for.
+            planners: The planners.
+            family: The number of each one's family.
+            cases: What they did in each scenario of the suite, the worlds and the scenario that stands alone.
+        """
+        scores = {world: mean_scores(scenarios) for world, scenarios in cases.items()}
+        times = draw_families(family)
+        left_out = [number for number, name in enumerate(spec.families) if name in spec.without]
+        pairs = _Pairs.of(family, left_out)
+        taus = {world: kendall(scores[SUITE], scores[world], times) for world in spec.worlds}
+        worlds = [
+            Agreement(
+                world,
+                _estimate(tau),
+                *agreement(scores[SUITE], scores[world]),
+                without=_tau(scores[SUITE], scores[world], pairs.kept),
+                within=_tau(scores[SUITE], scores[world], pairs.related),
+                alone=_tau(scores[spec.alone], scores[world], pairs.all),
+                corrected=float(tau[0] / np.sqrt(_reliability(cases[SUITE]) * _reliability(cases[world]))),
+            )
+            for world, tau in taus.items()
+        ]
+        order = np.argsort(-scores[SUITE][0], kind="stable")
+        ordered = {world: scores[world][0][order].tolist() for world in (SUITE, *spec.worlds)}
+        mean = _estimate(np.mean(list(taus.values()), axis=0))
+        return cls(spec, [planners[each] for each in order], ordered, worlds, mean)
+
+    @property
+    def verdict(self) -> str:
+        """Whether the criterion is met, in words."""
+        met = self.mean.low > self.spec.criterion
+        said = "Met" if met else "Not met"
+        return (
+            f"The mean of tau over the worlds is {_say(self.mean)}. The criterion was a lower bound above "
+            f"{self.spec.criterion:g}. **{said}.**"
+        )
+
+    def markdown(self) -> str:
+        """The tables as GitHub shows them, under their heading."""
+        tables = [markdown(grid.header, grid.rows) for grid in self.grids()]
+        return "\n\n".join([f"## {self.spec.title}", f"Cases {self.spec.cases}.", self.verdict, *tables])
+
+    def grids(self) -> list[Grid]:
+        """A row for each world, then one for each planner."""
+        without = f"without {', '.join(self.spec.without)}"
+        header = ["world", "tau", "decided pairs that agree", without, "within families"]
+        header += [f"{self.spec.alone} for the suite", "corrected"]
+        scores = [
+            [name, *(f"{100 * each[number]:.1f}" for each in self.scores.values())]
+            for number, name in enumerate(self.planners)
+        ]
+        return [
+            Grid(self.spec.title, header, [each.cells() for each in self.worlds], self.worlds),
+            Grid("Scores", ["score x 100", *self.scores], scores, self.planners),
+        ]
+
+    def notes(self) -> list[str]:
+        """What a page says below its tables."""
+        return [NOTES]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Pairs:
+    """Which pairs of planners count: all, those without some families, those of the same family."""
+
+    all: Float[np.ndarray, "pair"]
+    kept: Bool[np.ndarray, "pair"]
+    related: Bool[np.ndarray, "pair"]
+
+    @classmethod
+    def of(cls, family: Int[np.ndarray, "planner"], left_out: Sequence[int]) -> _Pairs:
+        one, other = (family[each] for each in np.triu_indices(len(family), 1))
+        kept = ~(np.isin(one, left_out) | np.isin(other, left_out))
+        return cls(np.ones(len(one)), kept, one == other)
+
+
+def _tau(a: Scores, b: Scores, pairs: Float[np.ndarray, "pair"] | Bool[np.ndarray, "pair"]) -> float:
+    """Tau of the sample alone."""
+    return float(kendall(a[0], b[0], pairs.astype(float)))
+
+
+def _reliability(scenarios: list[Cases]) -> float:
+    """Tau between even and odd blocks, 0 at least."""
+    even, odd = (np.mean([each.half(odd).resample()[0] for each in scenarios], axis=0) for odd in (False, True))
+    count = len(list(itertools.combinations(even, 2)))
+    return max(float(kendall(even, odd, np.ones(count))), 0.0)
+
+
+def _estimate(tau: Float[np.ndarray, "resample"]) -> Estimate:
+    drawn = tau[1:][np.isfinite(tau[1:])]
+    return Estimate(float(tau[0]), *interval(drawn), n=len(drawn), max=float(drawn.max()))
+
+
+def _say(tau: Estimate) -> str:
+    return f"{tau.mean:+.2f} ({tau.low:+.2f} to {tau.high:+.2f})"

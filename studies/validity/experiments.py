@@ -1,0 +1,201 @@
+"""The experiments with a pedestrian policy: each has several worlds, which differ only in their random numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from crowdbench import catalog
+from crowdbench.scenario import load as scenario_file
+from crowdbench.scenario.cases import Cases
+from crowdbench.scenario.placement import Placement
+from crowdbench.scenario.scenario import Scenario
+from studies.validity.corridor import corridor, direction, forward_speed, lane_order, people_of, walk
+from studies.validity.door import NUMBER, Passages, hall, leave
+
+WORLDS = 6
+"""Worlds of an experiment."""
+
+LENGTH, WIDTH = 10.0, 2.4
+"""Of the corridor, in metres. Everybody who counts is within 5 m: the ten nearest, whom ORCA avoids, and for a social
+force those whose ellipses are near."""
+
+FILE_WIDTH = 2.5
+"""Width of the corridor for single file, in radii."""
+
+TIME = 60.0
+"""Seconds that people walk. They start at rest: a jam of ORCA's needs half a minute to move."""
+
+LAST = 20.0
+"""The last so many seconds of them are measured."""
+
+STUCK = 0.1
+"""Who walks more slowly on average than this share of its preferred speed is stuck."""
+
+DOORS = (0.8, 1.0, 1.2, 1.6)
+"""Widths of the door in metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """What the people of a crowd have in common.
+
+    Attributes:
+        title: What tables call them.
+        radius: In metres.
+        preferred_speed: In m/s, as a scenario's file writes it.
+        densities: How many of them per square metre walk in a corridor, in 1/m^2. More than the last number would not
+            fit, or hardly.
+        per_metre: How many of them per metre walk in single file, in 1/m.
+        waiting: How many of them per square metre wait before a door, in 1/m^2; None where they do not walk through it.
+    """
+
+    title: str
+    radius: float
+    preferred_speed: float | Mapping[str, float]
+    densities: tuple[float, ...]
+    per_metre: tuple[float, ...]
+    waiting: float | None
+
+    @property
+    def free_speed(self) -> float:
+        """Their mean preferred speed in m/s."""
+        speed = self.preferred_speed
+        return speed["mean"] if isinstance(speed, Mapping) else speed
+
+
+DEFAULT = People("radius 0.3 m, 1 m/s", 0.3, 1.0, (0.5, 1.0, 1.5, 2.0, 2.5), (0.8, 1.0, 1.2, 1.4), 1.6)
+"""As in most scenarios."""
+
+_WALKERS = {"mean": 1.34, "std": 0.26, "low": 0.82, "high": 1.86}
+"""Walking speeds of pedestrians in m/s (Weidmann 1993), within two standard deviations."""
+
+MEASURED = People("radius 0.2 m, 1.34 m/s", 0.2, _WALKERS, (0.5, 1.0, 2.0, 3.0, 4.0), (0.8, 1.2, 1.6, 2.0), 3.3)
+"""With measured speeds, and bodies 0.4 m across, of which as many fit on a square metre as in experiments."""
+
+POINTS = People("radius 0.01 m, 1.34 m/s", 0.01, _WALKERS, (0.5, 1.0, 2.0, 3.0), (), None)
+"""Almost points, as in the paper on the social force model (Helbing and Molnár 1995)."""
+
+EVERYBODY = (DEFAULT, MEASURED, POINTS)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """How people have walked in a corridor.
+
+    Attributes:
+        speed: Mean speed in m/s in the direction in which they want to go, negative where they go backwards.
+        stuck: Whether they hardly move, on average.
+        order: How far they have formed lanes, see `lane_order`; NaN where all walk in one direction.
+        overlapping: Share of the people whose disc overlaps another's by more than 1 cm, at the end.
+    """
+
+    speed: Float[np.ndarray, "world"]
+    stuck: Bool[np.ndarray, "world"]
+    order: Float[np.ndarray, "world"]
+    overlapping: Float[np.ndarray, "world"]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is measured: which experiment, by whom, and where.
+
+    Attributes:
+        experiment: `one way`, `two ways`, `single file` or `door`.
+        policy: The pedestrian policy.
+        people: Who walks.
+        at: People per square metre or, in single file, per metre; of a door its width in metres.
+    """
+
+    experiment: str
+    policy: str
+    people: People
+    at: float
+
+
+def settings(policies: Sequence[str]) -> Iterator[Setting]:
+    """All that is measured of some policies."""
+    for policy in policies:
+        for people in EVERYBODY:
+            values = {"one way": people.densities, "two ways": people.densities, "single file": people.per_metre}
+            if people.waiting is not None:
+                values["door"] = DOORS
+            yield from (Setting(experiment, policy, people, at) for experiment in values for at in values[experiment])
+
+
+def crowd(policy: str, people: People, number: int, layout: Callable[..., Placement]) -> Scenario:
+    """A scenario without a vehicle in the way: pedestrians do not see it.
+
+    Args:
+        policy: The name of a pedestrian policy, or a file with one.
+        people: Who walks.
+        number: How many.
+        layout: Places them. It is not a plug-in that a user could name.
+
+    Returns:
+        The scenario, with the policy's default parameters.
+
+    Raises:
+        InputError: There is no such policy.
+    """
+    size = {"radius": people.radius}  # the vehicle has to fit where people do
+    pedestrians = {"number": number, "policy": policy, "preferred_speed": people.preferred_speed, **size}
+    load = scenario_file.Loaders(lambda _: ("validity", layout, None), catalog.PEDESTRIANS.load_with_digest)
+    return scenario_file.parse({"vehicle": size, "pedestrians": pedestrians}, "validity", "validity", load)
+
+
+def run_experiment(setting: Setting, worlds: int = WORLDS, time: float = TIME) -> Walk | Passages:
+    """Run an experiment.
+
+    Args:
+        setting: Which one.
+        worlds: In how many worlds.
+        time: How long people walk in corridors, in seconds; the last third is measured.
+
+    Returns:
+        How people walked, or of a door, how they passed it.
+
+    Raises:
+        InputError: There is no such policy, or it fails.
+    """
+    cases = Cases("test", 0, worlds)
+    people, waiting = setting.people, setting.people.waiting
+    if setting.experiment != "door":
+        return _walk(setting, cases, time)
+    if waiting is None:
+        raise ValueError(f"{people.title} do not walk through doors")
+    scenario = crowd(setting.policy, people, NUMBER, hall(setting.at, waiting))
+    return leave(scenario.worlds(cases), scenario.policies)
+
+
+def _walk(setting: Setting, cases: Cases, time: float) -> Walk:
+    """People who walk in a corridor."""
+    people = setting.people
+    single_file, both_ways = setting.experiment == "single file", setting.experiment == "two ways"
+    width = FILE_WIDTH * people.radius if single_file else WIDTH
+    number = round(setting.at * LENGTH * (1.0 if single_file else WIDTH))
+    scenario = crowd(setting.policy, people, 2 * number, corridor(LENGTH, width, 0.5 if both_ways else 0.0))
+    steps = round(time / scenario.rules.dt)
+    first = steps - max(1, round(steps * LAST / TIME))
+    speeds, orders = [], []
+    start = scenario.worlds(cases)
+    for step, world in enumerate(walk(start, scenario.policies, LENGTH, steps, single_file)):
+        if step >= first:
+            speeds.append(forward_speed(world))
+            if both_ways:
+                across = world.position[:, people_of(world), 1]
+                orders.append(lane_order(across, direction(world), people.radius))
+    # The first `number` pedestrians are people, the others images.
+    apart = world.position[:, 1 : 1 + number, None] - world.position[:, None, 1:]
+    touching = np.hypot(apart[..., 0], apart[..., 1]) < 2.0 * people.radius - 0.01
+    # Worlds first, so that the sum over one is taken in the same order in any batch.
+    speed = np.stack(speeds, axis=1).reshape(len(cases), -1).mean(axis=1)
+    return Walk(
+        speed=speed,
+        stuck=speed < STUCK * people.free_speed,
+        order=np.stack(orders, axis=1).mean(axis=1) if orders else np.full(len(cases), np.nan),
+        overlapping=(touching.sum(axis=2) > 1).mean(axis=1),
+    )

@@ -1,0 +1,207 @@
+"""The page of the study: what was measured, beside what is published."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Shaped
+
+from crowdbench.metrics.info import MetricInfo
+from crowdbench.study.intervals import mean_over_networks
+from crowdbench.utils.tables import markdown, printed_by
+from studies.validity import door
+from studies.validity.experiments import EVERYBODY, LAST, LENGTH, STUCK, TIME, WIDTH, People, Setting
+
+Results = Mapping[Setting, Any]
+"""What was measured of each setting: a `Passages` of a door, a `Walk` of all others."""
+
+SPEED = MetricInfo("speed", "m/s", digits=2)
+SHARE = MetricInfo("share", share=True, digits=2)
+FLOW = MetricInfo("specific flow", "/(m s)", digits=2)
+
+JAM_DENSITY = 5.4
+"""People per square metre at which nobody moves any more (Weidmann 1993)."""
+
+
+DOOR_FLOW = {0.8: 1.61, 1.0: 1.90, 1.2: 1.97}
+"""Specific flow in 1/(m s) of 60 people through a bottleneck by its width in metres (Seyfried et al. 2009, table 2)."""
+
+SOURCES = Path(__file__).with_name("sources.txt")
+"""The full references, in Markdown."""
+
+LIMITS = {
+    "orca": """\
+ORCA keeps people from colliding, and knows no other wish for distance. Those with the same
+preferred speed do not slow down until they are packed so tightly that they can hardly start, and those with different
+speeds slow down much less than people do. In two directions they form lanes where there is room, and otherwise a jam,
+which nobody has seen with people. Those of radius 0.2 m go through a door about as fast as people do; those of radius
+0.3 m hold each other up before a door through which only one fits at a time.""",
+    "social_force": """\
+Its people keep too much distance. The repulsion has the strength of the paper (Helbing and
+Molnár 1995), but where the paper has the distance between the centres of two people, here it is that between their
+rims, and what pushes from behind counts half. In a dense crowd people are therefore pushed back more than they want to
+go on, and walk backwards; points, as in the paper, slow down as people do, or more. In two directions no lanes form,
+not even of points. Walls repel too, so that few get through a narrow door.""",
+}
+"""What the policies that ship can and cannot do, each after its name."""
+
+INTRODUCTION = """\
+What crowds do that a pedestrian policy moves, beside what is published about people.
+`python studies/validity/run.py ./mine.py` measures a policy of your own.
+
+Each figure is a mean over {worlds} worlds, which differ in their random numbers alone, with its 95 % interval
+(Student's t). Policies have their default parameters, a step takes 0.25 s, and there is no vehicle. Three kinds of
+people walk:
+
+- of radius 0.3 m, with a preferred speed of 1 m/s: as in most scenarios. More than 2.5 of them on a square metre hardly
+  fit,
+- of radius 0.2 m, with preferred speeds of 1.34 m/s on average (standard deviation 0.26 m/s, within two of them), as
+  measured (Weidmann 1993). As many of them fit on a square metre as in experiments,
+- the same, but of radius 0.01 m, in the corridor alone: almost points, as in the paper on the social force model
+  (Helbing and Molnár 1995)."""
+
+ONE_WAY = f"""\
+All walk in the same direction in a corridor of {LENGTH:g} m x {WIDTH:g} m, whose end is its beginning: who leaves it on
+one side enters it on the other, and sees those behind the seam as all others. They start at rest, in random places of a
+grid. Shown is their mean speed in the direction in which they want to go, in the last {LAST:g} of {TIME:g} s; it is
+negative where they walk backwards. Overlapping are those whose disc overlaps another by more than 1 cm at the end.
+Published is Weidmann's curve (Weidmann 1993), a fit to many data sets, scaled to the preferred speed."""
+
+SINGLE_FILE = """\
+In single file, everybody is held in the middle of the corridor. Published is the linear relation of Seyfried et al.
+(2005), by which people at speed v need 0.36 m + 1.06 s v."""
+
+TWO_WAYS = f"""\
+The same corridor, where half of the people, drawn by chance, walk in the other direction. The order parameter of lane
+formation (Rex and Löwen 2007), reduced as by Nowak and Schadschneider (2012), is 100 % where every lane has one
+direction, and on average 0 where directions are mixed, as they are at the start. Stuck are worlds in which people walk
+on average at less than {100 * STUCK:g} % of their preferred speed. There is no published figure for this corridor. In
+experiments people form lanes, their speed by density is that of one direction up to about 1 person/m² and their largest
+flow is smaller, and the jams of many models have never been observed, there or in the field (Zhang et al. 2012)."""
+
+DOOR = f"""\
+{door.NUMBER} people in a hall of {door.HALL:g} m width walk through a door in a thin wall, which is {door.BEFORE:g} m
+from the first of them. The specific flow is the number of people per second and metre of the door's width, from the
+first of them to the last, or to the end of {door.TIME:g} s where not all get through. A door is blocked where people
+wait, and nobody has passed it in the last {door.STILL:g} s. Published are the flows of as many people through a
+bottleneck of 2.8 m length (Seyfried et al. 2009, table 2). Others have found that the specific flow does not depend on
+the width where more than one person can pass at a time (Kretz et al. 2006); for design, 1.3 /(m s) of a width without
+0.15 m on either side is usual (Gwynne and Rosenbaum 2016)."""
+
+
+def page(results: Results, command: str, beside_cars: str | None = None) -> str:
+    """The page in Markdown.
+
+    Args:
+        results: What was measured.
+        command: The command that prints the page.
+        beside_cars: The section on people beside cars, if there is one.
+    """
+    policies = list(dict.fromkeys(setting.policy for setting in results))
+    worlds = len(_of(results, "one way", policies[0])[0][1].speed)
+    in_file = [people for people in EVERYBODY if people.per_metre]
+    parts = [
+        "# Validity of the pedestrian policies",
+        printed_by(command),
+        INTRODUCTION.format(worlds=worlds),
+        *(f"**{policy}**: {LIMITS[policy]}" for policy in policies if policy in LIMITS),
+        "## Speed against density",
+        ONE_WAY,
+        *(_speeds(results, policies, "one way", people, "people per m²") for people in EVERYBODY),
+        SINGLE_FILE,
+        *(_speeds(results, policies, "single file", people, "people per m") for people in in_file),
+        "## Lanes",
+        TWO_WAYS,
+        *(_lanes(results, policy) for policy in policies),
+        "## Flow through a door",
+        DOOR,
+        *(_doors(results, policy) for policy in policies),
+        *([beside_cars] if beside_cars else []),
+        "## References",
+        SOURCES.read_text(encoding="utf-8").strip(),
+    ]
+    return "\n\n".join(parts)
+
+
+def _speeds(results: Results, policies: list[str], experiment: str, people: People, at: str) -> str:
+    """The speeds of one kind of people by density, under all policies."""
+    in_file = experiment == "single file"
+    rows = []
+    for density in people.per_metre if in_file else people.densities:
+        published = single_file_speed(density) if in_file else weidmann_speed(density, people.free_speed)
+        walks = [results[Setting(experiment, policy, people, density)] for policy in policies]
+        cells = [text for walk in walks for text in (_estimate(SPEED, walk.speed), _mean(walk.overlapping))]
+        rows.append([f"{density:g}", SPEED.amount(published), *cells])
+    header = [heading for policy in policies for heading in (policy, "overlapping")]
+    return f"{people.title}:\n\n" + markdown([at, "published", *header], rows)
+
+
+def _lanes(results: Results, policy: str) -> str:
+    """Lanes under one policy, by kinds of people and density."""
+    rows = []
+    for setting, walk in _of(results, "two ways", policy):
+        free = float(results[replace(setting, experiment="one way")].speed.mean())
+        cells = [_estimate(SHARE, walk.order), _estimate(SPEED, walk.speed), SPEED.amount(free), _count(walk.stuck)]
+        rows.append([setting.people.title, f"{setting.at:g}", *cells])
+    header = ["people", "per m²", "order of lanes", "speed", "speed in one direction", "worlds stuck"]
+    return f"{policy}:\n\n" + markdown(header, rows)
+
+
+def _doors(results: Results, policy: str) -> str:
+    """The flow through doors under one policy, by kinds of people and width."""
+    rows = []
+    for setting, passages in _of(results, "door", policy):
+        published = FLOW.amount(DOOR_FLOW.get(setting.at, math.nan))
+        flow = _estimate(FLOW, passages.flow() / setting.at)
+        cells = [published, flow, _mean(passages.share), _count(passages.blocked)]
+        rows.append([setting.people.title, f"{setting.at:g} m", *cells])
+    header = ["people", "width", "published", "specific flow", f"through in {door.TIME:g} s", "doors blocked"]
+    return f"{policy}:\n\n" + markdown(header, rows)
+
+
+def weidmann_speed(density: float, free_speed: float = 1.34) -> float:
+    """Mean walking speed on level ground by density, a fit to 25 data sets (Weidmann 1993).
+
+    Args:
+        density: In 1/m^2.
+        free_speed: Mean speed of people who walk alone in m/s; Weidmann's is 1.34 m/s.
+
+    Returns:
+        In m/s.
+    """
+    return free_speed * (1.0 - math.exp(-1.913 * (1.0 / density - 1.0 / JAM_DENSITY)))
+
+
+def single_file_speed(per_metre: float) -> float:
+    """Mean walking speed in single file by density, from the required length 0.36 m + 1.06 s v (Seyfried et al. 2005).
+
+    Args:
+        per_metre: People per metre, in 1/m.
+
+    Returns:
+        In m/s.
+    """
+    return (1.0 / per_metre - 0.36) / 1.06
+
+
+def _of(results: Results, experiment: str, policy: str) -> list[tuple[Setting, Any]]:
+    """What was measured in one experiment with one policy."""
+    return [(s, result) for s, result in results.items() if (s.experiment, s.policy) == (experiment, policy)]
+
+
+def _estimate(info: MetricInfo, values: Shaped[np.ndarray, "world"]) -> str:
+    """A mean over worlds with its 95 % interval; a dash where no world has a value."""
+    return info.estimate(mean_over_networks(values.astype(float)[None]), with_unit=True)
+
+
+def _mean(shares: Shaped[np.ndarray, "world"]) -> str:
+    return SHARE.amount(float(shares.mean()))
+
+
+def _count(worlds: Shaped[np.ndarray, "world"]) -> str:
+    return f"{int(worlds.sum())} of {len(worlds)}"

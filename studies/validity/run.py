@@ -1,0 +1,57 @@
+"""Measure crowds of pedestrian policies beside published figures, and print the page: README.md beside this file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from crowdbench.cli import main
+from crowdbench.cli.console import announce_compilation, progress
+from crowdbench.cli.options import ThreadsOption, help_from_docstring, use_threads
+
+SHIPPED = ("orca", "social_force")
+"""The pedestrian policies whose crowds are measured unless others are named."""
+
+
+@help_from_docstring
+def validity(
+    policies: Annotated[list[str] | None, typer.Argument(show_default=" ".join(SHIPPED))] = None,
+    data: Path | None = None,
+    threads: ThreadsOption = None,
+) -> None:
+    """Measure speed against density, lanes and flow through a door beside published figures, and print a page of them.
+
+    With --data also people beside recorded cars. Takes about five minutes, and prints studies/validity/README.md.
+
+    Args:
+        policies: Pedestrian policies, by name or ./mine.py.
+        data: The folder with the clips of DUT.
+    """
+    use_threads(threads)
+    from crowdbench.catalog import PEDESTRIANS
+    from studies.validity import cars_page
+    from studies.validity.experiments import run_experiment, settings
+    from studies.validity.page import page
+
+    chosen = policies or list(SHIPPED)
+    for policy in chosen:
+        PEDESTRIANS.load(policy)  # before minutes of work with another one
+    announce_compilation()
+    beside = None if data is None else cars_page.section(cars_page.measure(chosen, data))
+    experiments = list(settings(chosen))
+    results = {}
+    with progress(len(experiments), f"of {len(experiments)} measurements") as tell:
+        for setting in experiments:
+            results[setting] = run_experiment(setting)
+            tell(1)
+    command = " ".join(["python studies/validity/run.py", *(policies or []), *["--data DIR"] * bool(data)])
+    print(page(results, command, beside))
+
+
+if __name__ == "__main__":
+    main(validity)

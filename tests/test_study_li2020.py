@@ -1,0 +1,172 @@
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.exceptions import TyperException
+
+from crowdbench.cli import build_script
+from crowdbench.runs.spec import Replanning
+from studies.li2020 import table
+from studies.li2020.run import reproduce as command
+from studies.li2020.table import read_reproduction
+
+pytestmark = pytest.mark.usefixtures("study_folder")
+
+STOPS = """
+from pathlib import Path
+import numpy as np
+from crowdbench import Planner
+from crowdbench.utils.errors import Interrupted
+
+class Stops(Planner):
+    def plan(self, obs):
+        if Path("stop").exists():
+            raise Interrupted
+        return np.zeros((len(obs), 2))
+
+def planner():
+    return Stops()
+"""
+
+TINY = """
+[[tables]]
+title = "Table 1: first"
+scenario = "circle_crossing_5"
+cases = "6"
+quick = "3"
+
+[[tables.rows]]
+label = "learned"
+planner = "./mine.py"
+weights = ["one", "two"]
+reported = { success_rate = 0.9 }
+
+[[tables.rows]]
+label = "margin"
+planner = "./mine.py"
+weights = ["one", "two"]
+options = { margin = 0.3 }
+
+[[tables.claims]]
+text = "A margin helps"
+source = "Experiment 1"
+row = "margin"
+than = "learned"
+measure = "success_rate"
+kind = "difference"
+bound = 0.0
+
+[[tables]]
+title = "Table 2: second"
+scenario = "circle_crossing_5"
+cases = "6"
+quick = "3"
+
+[[tables.rows]]
+planner = "./stops.py"
+"""
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    Path("stops.py").write_text(STOPS)
+    Path("tiny.toml").write_text(TINY)
+    monkeypatch.setattr(table, "FILE", Path("tiny.toml"))
+
+
+def reproduce(*arguments):
+    build_script(command)(arguments, standalone_mode=False)
+
+
+def finished():
+    """When each run was finished, by the name of its directory."""
+    return {path.parent.name: path.stat().st_mtime_ns for path in Path("runs/li2020").glob("[!.]*/result.json")}
+
+
+@pytest.mark.slow
+def test_what_was_interrupted_goes_on_and_repeats_nothing(tiny, capsys):
+    Path("stop").touch()
+    with pytest.raises(SystemExit) as error:
+        reproduce()
+    assert error.value.code == 130
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.splitlines()[-1].endswith("goes on with the runs that are kept in runs/li2020")
+    before = finished()
+    assert len(before) == 4
+    Path("stop").unlink()
+    reproduce()
+    printed = capsys.readouterr()
+    assert "run 1 of 1: stops on circle_crossing_5, cases test:0:6" in printed.err
+    assert before.items() < finished().items()
+    assert re.findall("^## .*", printed.out, re.MULTILINE) == ["## Table 1: first", "## Table 2: second"]
+    assert "| learned | 2 | 90 |" in printed.out
+    assert re.search(
+        "^Claims: [01] holds, [01] refuted, [01] undecided, 0 without a verdict .one network..$",
+        printed.out,
+        re.MULTILINE,
+    )
+    # Once for all tables.
+    assert printed.out.count("Figures are means over the networks") == 1
+    reproduce("--format", "json")
+    found = json.loads(capsys.readouterr().out)
+    assert found["quick"] is False
+    assert [table["title"] for table in found["tables"]] == ["Table 1: first", "Table 2: second"]
+    (claim,) = found["tables"][0]["claims"]
+    assert claim["verdict"] in ("holds", "refuted", "undecided")
+    assert claim["networks"] == [2, 2]
+    assert found["tables"][0]["rows"][0]["measured"]["success_rate"]["n"] == 12
+
+
+def test_a_quick_look_at_one_table_says_that_it_is_one_and_runs_no_more(tiny, capsys):
+    reproduce("--quick", "--table", "1")
+    printed = capsys.readouterr().out
+    first, _, second, *_ = printed.splitlines()
+    assert first.startswith("Printed by `python studies/li2020/run.py --table 1 --quick`.")
+    assert second.startswith("A quick look: ")
+    assert "Claims: 0 holds, 0 refuted, 0 undecided, 1 without a verdict" in printed
+    assert "On circle_crossing_5, cases test:0:3." in printed
+    assert "## Table 2" not in printed
+    assert sorted("margin" in name for name in finished()) == [False, True]
+    assert all("weights=one" in name for name in finished())
+
+
+def test_there_are_four_tables_to_choose_from(tiny):
+    with pytest.raises(TyperException, match="less than or equal to 4"):
+        reproduce("--table", "5")
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return read_reproduction(None, quick=False).tables
+
+
+def test_the_shipped_file_has_the_paper_s_tables_first(shipped):
+    assert [table.spec.title[:7] for table in shipped[:5]] == [f"Table {n}" for n in (1, 2, 3, 3, 4)]
+    assert {str(table.spec.cases) for table in shipped} == {"test:0:500"}
+    assert [table.rows[0].runs[0].spec.replanning for table in shipped[1:5]] == [
+        Replanning(), Replanning(8, 8), Replanning(8, 1), Replanning(),
+    ]  # fmt: skip
+    assert [len(table.rows) for table in shipped] == [6, 4, 6, 6, 7, 3, 3, 3]
+    assert [bool(table.spec.variant) for table in shipped] == [True] + [False] * 7
+    assert {len(row.weights) for table in shipped for row in table.rows} == {0, 5}
+    reported = [{row.label: row.reported for row in table.rows if row.reported} for table in shipped]
+    assert [len(rows) for rows in reported] == [6, 4, 5, 5, 2, 0, 0, 0]
+    assert reported[4]["sarl_sgan_kce"] == {
+        "success_rate": 0.98, "navigation_time": 10.94, "max_velocity_change": 1.16,
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_both_readings_of_the_papers_third_table_are_one_choice():
+    assert [table.spec.look_first for table in read_reproduction(3, quick=False).tables] == [8, 1]
+
+
+def test_every_headline_is_read_again_on_cases_that_no_table_has(shipped):
+    again = [row.second_reading for table in shipped for row in table.rows if row.second_reading]
+    assert [run.driver.name for run in again] == [
+        "sarl_sgan", "sarl_sgan", "sarl_sgan", "sarl_sgan_seq", "sarl_sgan", "sarl_sgan_kce", "sarl_sgan_kce_bounded",
+        "sarl_sgan", "sarl_sgan", "sarl_sgan",
+    ]  # fmt: skip
+    assert {str(run.spec.cases) for run in again} == {"test:5000:7000"}

@@ -1,0 +1,116 @@
+"""Whether the order of planners holds elsewhere: Kendall's tau, its interval, and the study's table."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import kendalltau
+from typer.testing import CliRunner
+
+from crowdbench.cli import build_script
+from studies.transfer.kendall import Cases, agreement, draw_families, kendall, mean_scores
+from studies.transfer.run import transfer
+
+FAMILIES = np.repeat(np.arange(9), 3)
+
+STUDY = """
+[[rankings]]
+title = "Order"
+cases = "test:6"
+suite = ["circle_crossing_5"]
+alone = "square_crossing_5"
+without = ["floor"]
+
+[rankings.families]
+floor = ["straight"]
+orca = ["orca", "orca_margin"]
+other = ["social_force"]
+
+[rankings.worlds]
+near = ["circle_crossing_5_visible"]
+"""
+
+
+def scenario(draws, skill, source, cases=60, blocks=None):
+    """Outcomes of planners that succeed as often as they are skilled."""
+    success = draws.random((len(skill), cases)) < skill[:, None]
+    return Cases(source, success.astype(float), np.arange(cases) if blocks is None else blocks)
+
+
+def measure(seed, shared):
+    """The lower bound of tau, and tau, where skills in two worlds have a part in common, also within families."""
+    draws = np.random.default_rng(seed)
+    common = draws.normal(size=9)[FAMILIES] + 0.5 * draws.normal(size=27)
+
+    def skill():
+        own = draws.normal(size=9)[FAMILIES] + 0.5 * draws.normal(size=27)
+        return 1.0 / (1.0 + np.exp(-(shared * common + np.sqrt(1.0 - shared**2) * own)))
+
+    a, b = (mean_scores([scenario(draws, skill(), f"{seed}{name}")]) for name in "ab")
+    taus = kendall(a, b, draw_families(FAMILIES))
+    return np.quantile(taus[1:], 0.025), taus[0]
+
+
+def test_tau_is_that_of_scipy_where_nobody_ties():
+    draws = np.random.default_rng(0)
+    a, b = draws.random((2, 12))
+    assert kendall(a, b, np.ones(66)) == pytest.approx(kendalltau(a, b).statistic)
+    assert kendall(a, np.zeros(12), np.ones(66)) == 0.0
+
+
+def test_families_that_are_drawn_twice_make_no_pairs_with_themselves():
+    times = draw_families(np.array([0, 0, 1, 2]))
+    assert times[0].tolist() == [1.0] * 6
+    # Pairs (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3): three families are drawn three times.
+    assert {tuple(row) for row in times[1:][:, [0, 1, 3]].tolist()} <= {
+        (n, n * m, n * m) for n in range(4) for m in range(4 - n)
+    }
+    assert times[:, 0].mean() == pytest.approx(1.0, abs=0.1)
+
+
+def test_recordings_in_common_have_the_same_hours_drawn():
+    blocks = np.repeat(np.arange(6), 10)
+    hours = blocks[None].astype(float)  # a score that says which hours were drawn
+    one, same, other = (Cases(source, hours, blocks).resample()[:, 0] for source in ("eth", "eth", "hotel"))
+    assert one[0] == blocks.mean()
+    assert (one == same).all()
+    assert (one != other).mean() > 0.5
+
+
+def test_halves_are_every_second_block():
+    blocks = np.array([4, 4, 7, 7, 9])
+    cases = Cases("a", np.arange(5.0)[None], blocks)
+    assert cases.half(odd=False).block.tolist() == [4, 4, 9]
+    assert cases.half(odd=True).score.tolist() == [[2.0, 3.0]]
+
+
+def test_pairs_agree_only_where_both_decide():
+    good = scenario(np.random.default_rng(0), np.array([0.95, 0.5, 0.05]), "a").resample()
+    noise = scenario(np.random.default_rng(0), np.array([0.5, 0.5, 0.5]), "b").resample()
+    assert agreement(good, good) == (3, 3)
+    assert agreement(good, -good) == (0, 3)
+    assert agreement(good, noise)[1] < 3
+
+
+@pytest.mark.slow
+def test_a_ranking_that_says_nothing_meets_the_criterion_as_rarely_as_the_bound_says():
+    bounds = [measure(seed, 0.0)[0] for seed in range(150)]
+    assert np.mean(np.array(bounds) > 0.0) < 0.06  # 2.5 % of a bound that is exact; nine families are few
+    assert np.mean(np.array(bounds) > 0.3) == 0.0
+
+
+@pytest.mark.slow
+def test_a_ranking_that_holds_meets_the_criterion():
+    assert np.mean([measure(seed, 1.0)[0] > 0.3 for seed in range(100)]) > 0.8
+
+
+def test_the_study_prints_its_verdict(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("order.toml").write_text(STUDY)
+    printed = CliRunner().invoke(build_script(transfer), ["--file", "order.toml"]).output
+    assert "The criterion was a lower bound above 0.3" in printed
+    assert "| world | tau | decided pairs that agree | without floor | within families |" in printed
+    Path("order.toml").write_text(STUDY.replace('without = ["floor"]', 'without = ["roof"]'))
+    wrong = CliRunner().invoke(build_script(transfer), ["--file", "order.toml"])
+    assert wrong.exit_code
+    assert "'roof'" in str(wrong.exception)
