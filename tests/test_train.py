@@ -7,6 +7,7 @@ from rerun.chunk import RrdReader
 
 from crowdbench import InputError, load_network, load_scenario
 from crowdbench.core.dynamics.base import speeds_and_headings
+from crowdbench.networks.card import headline
 from crowdbench.networks.value import NETWORKS
 from crowdbench.networks.weights import digest, read_card
 from crowdbench.planners.kce import Limits
@@ -16,9 +17,9 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.sim.sensor import observe
 from crowdbench.train import driving, value
 from crowdbench.train.checkpoint import CHECKPOINT
-from crowdbench.train.driving_requests import ValueRequest
-from crowdbench.train.training_run import TrainingRun
-from crowdbench.train.value import EpsilonGreedy, Training
+from crowdbench.train.config import ValueConfig
+from crowdbench.train.runner import Runner
+from crowdbench.train.value import EpsilonGreedy, ValueTraining
 
 
 @pytest.fixture(autouse=True)
@@ -33,9 +34,7 @@ def small(monkeypatch):
 
 
 # Episodes are short, because a network that has hardly been trained drives to the end of the time.
-REQUEST = ValueRequest(
-    network="cadrl", overrides={"pedestrians.number": [1, 3], "time_limit": 10.0}, seed=7, episodes=40
-)
+CONFIG = ValueConfig(network="cadrl", overrides={"pedestrians.number": [1, 3], "time_limit": 10.0}, seed=7, episodes=40)
 
 
 def ignore(*arguments):
@@ -68,13 +67,13 @@ def stopped_after(points):
     ids=lambda options: options["network"],
 )
 def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
-    request = dataclasses.replace(REQUEST, episodes=20, **options)
-    whole = TrainingRun.new(request, tmp_path / "whole", "cpu")
+    config = dataclasses.replace(CONFIG, episodes=20, **options)
+    whole = Runner.start(config, tmp_path / "whole", "cpu")
     whole.train(ignore)
-    killed = TrainingRun.new(request, tmp_path / "killed", "cpu")
+    killed = Runner.start(config, tmp_path / "killed", "cpu")
     with pytest.raises(Killed):
         killed.train(stopped_after(2))
-    resumed = TrainingRun.resumed(tmp_path / "killed", "cpu")
+    resumed = Runner.resume(tmp_path / "killed", "cpu")
     assert resumed.training.limits == whole.training.limits
     assert 0 < resumed.training.rounds < whole.training.rounds
     resumed.train(ignore)
@@ -88,31 +87,29 @@ def test_a_resumed_training_ends_in_the_same_weights(options, tmp_path):
 def test_another_seed_is_another_network(tmp_path):
     digests = []
     for seed in (0, 1):
-        one = TrainingRun.new(dataclasses.replace(REQUEST, seed=seed, episodes=10), tmp_path / str(seed), "cpu")
+        one = Runner.start(dataclasses.replace(CONFIG, seed=seed, episodes=10), tmp_path / str(seed), "cpu")
         one.train(ignore)
         digests.append(digest(one.training.network))
     assert digests[0] != digests[1]
 
 
 def test_a_card_looks_at_test_cases_only_where_that_is_asked_for(tmp_path):
-    said = {}
+    cards = {}
     for card in ("val", "test"):
-        request = dataclasses.replace(REQUEST, card=card)
-        training = request.training("cpu")
+        training = dataclasses.replace(CONFIG, card=card).training("cpu")
         training._validate(0.0)
-        said[card] = request.make_card(training, ignore)
-        assert request.card_cases == sum(
-            each["metrics"]["success_rate"]["n"] for each in said[card]["figures"].values()
-        )
-    assert list(said["val"]["figures"]) == ["validation"]
-    assert list(said["test"]["figures"]) == ["validation", "test"]
-    assert request.card_text(said["val"]).headline.endswith("success on validation cases")
-    assert request.card_text(said["test"]).headline.endswith("success on test cases")
+        cards[card] = {"network": "cadrl", **training.card(ignore)}
+        figures = cards[card]["figures"].values()
+        assert training.card_cases == sum(figure["metrics"]["success_rate"]["n"] for figure in figures)
+    assert list(cards["val"]["figures"]) == ["validation"]
+    assert list(cards["test"]["figures"]) == ["validation", "test"]
+    assert headline(cards["val"]).endswith("success on validation cases")
+    assert headline(cards["test"]).endswith("success on test cases")
 
 
 @pytest.mark.slow
 def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
-    running = TrainingRun.new(dataclasses.replace(REQUEST, card="test"), tmp_path / "run", "cpu")
+    running = Runner.start(dataclasses.replace(CONFIG, card="test"), tmp_path / "run", "cpu")
     running.train(ignore)
     path = running.finish(ignore)
     assert digest(load_network("cadrl", str(path))) == digest(running.training.best)
@@ -141,22 +138,22 @@ def test_a_finished_training_leaves_weights_card_and_curves(tmp_path):
     )
     assert "| test test:0:6 |" in text
     with pytest.raises(InputError, match="is finished: its weights are"):
-        TrainingRun.resumed(tmp_path / "run", "cpu")
+        Runner.resume(tmp_path / "run", "cpu")
 
 
 def test_a_training_that_stops_before_its_first_checkpoint_leaves_nothing(tmp_path, monkeypatch):
     def fail(*arguments):
         raise Killed
 
-    monkeypatch.setattr(Training, "imitate", fail)
+    monkeypatch.setattr(ValueTraining, "imitate", fail)
     with pytest.raises(Killed):
-        TrainingRun.new(REQUEST, tmp_path / "run", "cpu").train(ignore)
+        Runner.start(CONFIG, tmp_path / "run", "cpu").train(ignore)
     assert not (tmp_path / "run").exists()
 
 
 def test_a_network_learns_in_training_mode_after_it_has_driven():
     # On a GPU an LSTM has no gradients otherwise.
-    training, modes = dataclasses.replace(REQUEST, network="lstm_rl").training("cpu"), []
+    training, modes = dataclasses.replace(CONFIG, network="lstm_rl").training("cpu"), []
 
     def note(network, states):
         if torch.is_grad_enabled():
@@ -169,8 +166,8 @@ def test_a_network_learns_in_training_mode_after_it_has_driven():
 
 
 def test_minutes_end_a_training(tmp_path):
-    request = dataclasses.replace(REQUEST, minutes=0.02, episodes=10**9)
-    running = TrainingRun.new(request, tmp_path / "run", "cpu")
+    config = dataclasses.replace(CONFIG, minutes=0.02, episodes=10**9)
+    running = Runner.start(config, tmp_path / "run", "cpu")
     running.train(ignore)
     assert running.training.progress == 1.0
     assert running.training.seconds >= 1.2
@@ -188,23 +185,23 @@ def test_minutes_end_a_training(tmp_path):
 )
 def test_what_does_not_exist_is_refused_and_nothing_is_left(change, message, tmp_path):
     with pytest.raises(InputError, match=message):
-        TrainingRun.new(dataclasses.replace(REQUEST, **change), tmp_path / "run", "cpu")
+        Runner.start(dataclasses.replace(CONFIG, **change), tmp_path / "run", "cpu")
     assert not (tmp_path / "run").exists()
 
 
 def test_a_file_that_is_no_checkpoint_cannot_be_resumed(tmp_path):
     (tmp_path / CHECKPOINT).write_bytes(b"something else, and not short")
     with pytest.raises(InputError, match="is not a checkpoint of a training"):
-        TrainingRun.resumed(tmp_path, "cpu")
+        Runner.resume(tmp_path, "cpu")
 
 
 def test_a_checkpoint_of_another_network_is_refused(tmp_path, monkeypatch):
-    killed = TrainingRun.new(REQUEST, tmp_path / "run", "cpu")
+    killed = Runner.start(CONFIG, tmp_path / "run", "cpu")
     with pytest.raises(Killed):
         killed.train(stopped_after(1))
     monkeypatch.setitem(NETWORKS, "cadrl", NETWORKS["sarl"])
     with pytest.raises(InputError, match=r"cannot be continued: it is damaged, or of another version"):
-        TrainingRun.resumed(tmp_path / "run", "cpu")
+        Runner.resume(tmp_path / "run", "cpu")
 
 
 def observed(worlds):
@@ -285,10 +282,10 @@ def test_a_checkpoint_is_chosen_by_success_within_noise_and_then_by_time(curve, 
 
 @pytest.mark.slow
 def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenarios_that_are_named(tmp_path):
-    request = dataclasses.replace(
-        REQUEST, max_velocity_change=0.6, max_turn=2.0, validation="circle_crossing_5, square_crossing_5", episodes=10
+    config = dataclasses.replace(
+        CONFIG, max_velocity_change=0.6, max_turn=2.0, validation="circle_crossing_5,square_crossing_5", episodes=10
     )
-    running = TrainingRun.new(request, tmp_path / "run", "cpu")
+    running = Runner.start(config, tmp_path / "run", "cpu")
     driven = running.training._drive()
     change = np.linalg.norm(np.diff(driven.velocity[:, :, 0], axis=1), axis=-1)
     assert np.nanmax(change) <= 0.6 + 1e-9
@@ -303,7 +300,7 @@ def test_a_training_within_limits_drives_and_validates_within_them_in_the_scenar
         "--validation circle_crossing_5,square_crossing_5 --predictor oracle --max-turn 2.0 --max-velocity-change 0.6"
         in card["command"]
     )
-    assert running.request.use == (
+    assert config.use == (
         "run --planner cadrl --option 'limits={max_acceleration=inf, max_turn=2.0, max_velocity_change=0.6}'"
     )
     text = (tmp_path / "run" / "weights.md").read_text()
