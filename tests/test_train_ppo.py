@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+import trainings
 
 from crowdbench import InputError, load_planner, load_scenario
 from crowdbench.core.types import Outcome
@@ -17,7 +18,7 @@ from crowdbench.planners.driver import Driver
 from crowdbench.planners.policy import load_policy
 from crowdbench.runs.rollout import rollout
 from crowdbench.scenario.cases import Cases
-from crowdbench.train import driving, ppo
+from crowdbench.train import ppo
 from crowdbench.train.checkpoint import CHECKPOINT
 from crowdbench.train.config import PPOConfig
 from crowdbench.train.runner import Runner
@@ -28,12 +29,7 @@ torch.set_num_threads(1)  # for so little work threads cost more than they save,
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A training of seconds."""
-    monkeypatch.setattr(ppo, "CASES", 16)
-    for name, size in {"CHUNK": 2, "VALIDATIONS": 3}.items():
-        monkeypatch.setattr(ppo, name, size)
-    monkeypatch.setattr(driving, "VALIDATION_CASES", Cases("val", 0, 4))
-    cases = {split: dataclasses.replace(cases, stop=cases.start + 4) for split, cases in driving.CASES.items()}
-    monkeypatch.setattr(driving, "CASES", cases)
+    trainings.shorten(monkeypatch, ppo, 4, CASES=16, CHUNK=2, VALIDATIONS=3)
 
 
 SIZES = {"worlds": 8, "steps": 16, "segments": 4, "epochs": 2}
@@ -42,29 +38,8 @@ CONFIG = PPOConfig(
 )
 
 
-class Killed(Exception):
-    """Stops a training, as a signal would."""
-
-
-def ignore(*arguments):
-    """A listener that does nothing."""
-
-
-def killed_after(points):
-    seen = []
-
-    def tell(*point):
-        seen.append(point)
-        if len(seen) == points:
-            raise Killed
-
-    return tell
-
-
 def trained(directory):
-    run = Runner.start(CONFIG, directory, "cpu")
-    run.train(ignore)
-    return run
+    return trainings.train(CONFIG, directory)
 
 
 def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_path, monkeypatch):
@@ -88,33 +63,26 @@ def test_a_training_by_minutes_makes_progress_where_cases_take_long_to_draw(tmp_
 def test_the_same_seed_trains_the_same_policy_and_another_one_another(tmp_path):
     one, two = (trained(tmp_path / name).training for name in ("a", "b"))
     assert digest(one.current) == digest(two.current)
-    assert [dataclasses.replace(point, seconds=0.0) for point in one.curve] == [
-        dataclasses.replace(point, seconds=0.0) for point in two.curve
-    ]
-    other = Runner.start(dataclasses.replace(CONFIG, seed=8), tmp_path / "c", "cpu")
-    other.train(ignore)
-    assert digest(other.training.current) != digest(one.current)
+    assert trainings.untimed(one) == trainings.untimed(two)
+    other = trainings.train(dataclasses.replace(CONFIG, seed=8), tmp_path / "c").training
+    assert digest(other.current) != digest(one.current)
 
 
 def test_a_reward_that_is_too_large_ends_the_training_with_one_sentence(tmp_path):
     (tmp_path / "huge.py").write_text("def reward(step):\n    return 1e38 * step.progress\n")
     config = dataclasses.replace(CONFIG, reward=str(tmp_path / "huge.py"))
     with pytest.raises(InputError, match=r"the policy's actions are not finite, as where the reward .*huge\.py is too"):
-        Runner.start(config, tmp_path / "run", "cpu").train(ignore)
+        Runner.start(config, tmp_path / "run", "cpu").train(trainings.ignore)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("points", [1, 3])
 def test_a_resumed_training_ends_in_the_same_policy(points, tmp_path):
     whole = trained(tmp_path / "whole").training
-    with pytest.raises(Killed):
-        Runner.start(CONFIG, tmp_path / "killed", "cpu").train(killed_after(points))
-    again = Runner.resume(tmp_path / "killed", "cpu")
-    again.train(ignore)
-    assert digest(again.training.current) == digest(whole.current)
-    assert [dataclasses.replace(point, seconds=0.0) for point in again.training.curve] == [
-        dataclasses.replace(point, seconds=0.0) for point in whole.curve
-    ]
+    trainings.kill(CONFIG, tmp_path / "killed", points)
+    again = trainings.resume(tmp_path / "killed").training
+    assert digest(again.current) == digest(whole.current)
+    assert trainings.untimed(again) == trainings.untimed(whole)
 
 
 def test_threads_share_the_work_of_an_update_without_changing_a_bit(tmp_path):
@@ -196,7 +164,7 @@ def test_training_changes_nothing_that_is_random_elsewhere(tmp_path):
 
 def test_a_finished_training_leaves_a_policy_that_drives(tmp_path):
     run = trained(tmp_path / "a")
-    weights = run.finish(ignore)
+    weights = run.finish(trainings.ignore)
     assert not (tmp_path / "a" / CHECKPOINT).exists()
     card = json.loads(weights.with_suffix(".json").read_text())
     assert card["network"] == "ppo"
@@ -242,9 +210,8 @@ def test_tensorboard_shows_the_curve_where_it_is_installed(tmp_path, monkeypatch
 def test_a_reward_of_ones_own_is_on_the_card(tmp_path):
     (tmp_path / "my reward.py").write_text("from crowdbench.envs.rewards import progress as reward\n")
     own = dataclasses.replace(CONFIG, reward=str(tmp_path / "my reward.py"))
-    run = Runner.start(own, tmp_path / "a", "cpu")
-    run.train(ignore)
-    card = json.loads(run.finish(ignore).with_suffix(".json").read_text())
+    run = trainings.train(own, tmp_path / "a")
+    card = json.loads(run.finish(trainings.ignore).with_suffix(".json").read_text())
     assert list(card["training"]["reward_files"]) == ["my reward.py"]
     assert f"--reward '{tmp_path / 'my reward.py'}'" in card["command"]
 
@@ -270,7 +237,7 @@ def test_a_policy_knows_with_how_many_pedestrians_it_was_trained(scenario, expec
 def test_weights_that_are_not_a_policys_get_one_sentence(tmp_path):
     with pytest.raises(InputError, match="are of the network sarl, but must be of ppo"):
         load_policy("sarl")
-    weights = trained(tmp_path / "a").finish(ignore)
+    weights = trained(tmp_path / "a").finish(trainings.ignore)
     card = json.loads(weights.with_suffix(".json").read_text())
     del card["training"]["nearest"]
     weights.with_suffix(".json").write_text(json.dumps(card))

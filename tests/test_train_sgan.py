@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+import trainings
 
 from crowdbench import InputError, load_predictor, load_scenario
 from crowdbench.core.types import HISTORY
@@ -11,7 +12,6 @@ from crowdbench.scenario.cases import Cases
 from crowdbench.scenario.tracks.eth_ucy import FRAME_STEP
 from crowdbench.train import social_gan, social_gan_samples
 from crowdbench.train.config import SocialGANConfig
-from crowdbench.train.runner import Runner
 from crowdbench.train.social_gan import cross_entropy, non_saturating_loss, variety_loss
 from crowdbench.train.social_gan_samples import from_scenario
 
@@ -39,39 +39,13 @@ def recordings(tmp_path):
     return folder
 
 
-class Killed(Exception):
-    """Stops a training, as a signal would."""
-
-
-def ignore(*arguments):
-    """A listener that does nothing."""
-
-
-def killed_after_two(directory):
-    """A training that stopped after two points of its curve."""
-    killed = Runner.start(CONFIG, directory, "cpu")
-    seen = []
-
-    def tell(point, done):
-        seen.append(point)
-        if len(seen) == 2:
-            raise Killed
-
-    with pytest.raises(Killed):
-        killed.train(tell)
-    return killed
-
-
 @pytest.mark.slow
 def test_a_resumed_training_ends_in_the_same_weights(tmp_path):
-    whole = Runner.start(CONFIG, tmp_path / "whole", "cpu")
-    whole.train(ignore)
-    killed_after_two(tmp_path / "killed")
-    resumed = Runner.resume(tmp_path / "killed", "cpu")
-    assert 0 < resumed.training.epochs < whole.training.epochs
-    resumed.train(ignore)
+    whole = trainings.train(CONFIG, tmp_path / "whole").training
+    trainings.kill(CONFIG, tmp_path / "killed", 2)
+    resumed = trainings.resume(tmp_path / "killed").training
     for part in ("generator", "discriminator", "average", "best"):
-        assert digest(getattr(resumed.training, part)) == digest(getattr(whole.training, part))
+        assert digest(getattr(resumed, part)) == digest(getattr(whole, part))
 
 
 @pytest.mark.slow
@@ -88,9 +62,8 @@ def test_training_lessens_the_error_and_what_is_kept_is_the_best(pooling, monkey
 @pytest.mark.slow
 def test_a_finished_training_is_a_predictor_that_knows_where_it_was_trained(recordings, tmp_path):
     config = dataclasses.replace(CONFIG, data=str(recordings), held_out="hotel", dt=0.25)
-    running = Runner.start(config, tmp_path / "run", "cpu")
-    running.train(ignore)
-    path = running.finish(ignore)
+    running = trainings.train(config, tmp_path / "run")
+    path = running.finish(trainings.ignore)
     card = read_card(path)
     assert card["command"] == "crowdbench train sgan --data tracks --dt 0.25 --held-out hotel --seed 3 --epochs 4"
     assert card["training"]["scenes"] == ["eth"]

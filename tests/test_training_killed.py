@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import pytest
 import torch
+import trainings
 from typer.testing import CliRunner
 
 from crowdbench import InputError
@@ -115,14 +116,10 @@ def kill():
     return Kill()
 
 
-def ignore(*arguments):
-    """A listener that does nothing."""
-
-
 def through(running):
     """Train to the end."""
-    running.train(ignore)
-    running.finish(ignore)
+    running.train(trainings.ignore)
+    running.finish(trainings.ignore)
 
 
 def begun_again(directory):
@@ -165,7 +162,7 @@ def test_a_kill_before_any_call_of_the_file_system_leaves_a_training_that_goes_o
 
 
 def test_an_empty_directory_is_taken(tmp_path):
-    Runner.start(CONFIG, tmp_path, "cpu").train(ignore)
+    Runner.start(CONFIG, tmp_path, "cpu").train(trainings.ignore)
     with pytest.raises(InputError, match=r"holds a training already: .* crowdbench train counting --resume"):
         Runner.start(CONFIG, tmp_path, "cpu")
 
@@ -183,8 +180,8 @@ def test_a_directory_with_a_users_file_is_refused_and_kept(name, tmp_path):
 def test_two_processes_do_not_train_in_the_same_directory(tmp_path):
     running = Runner.start(CONFIG, tmp_path, "cpu")
     with hold(tmp_path), pytest.raises(InputError, match="another process trains in"):
-        running.train(ignore)
-    running.train(ignore)
+        running.train(trainings.ignore)
+    running.train(trainings.ignore)
 
 
 def full(path):
@@ -203,7 +200,7 @@ def test_a_place_where_nothing_can_be_written_is_told_at_once(tmp_path):
     disk = full(tmp_path / "a" / CHECKPOINT)
     running = Runner.start(CONFIG, tmp_path / "a", "cpu")
     with pytest.raises(InputError, match="cannot be written: No space left on device; nothing was kept"):
-        running.train(ignore)
+        running.train(trainings.ignore)
     disk.on = False
     assert running.training.curve == []
     assert not (tmp_path / "a").exists()

@@ -64,14 +64,14 @@ def _text(card: Mapping[str, Any]) -> CardText:
 def _value_text(card: Mapping[str, Any]) -> CardText:
     trained = card["training"]
     limits = ", ".join(f"{name} {limit:g}" for name, limit in trained["limits"].items())
-    place = f"with the {trained['predictor']} predictor in {crowd(trained['scenario'])}"
+    setting = f"with the {trained['predictor']} predictor in {crowd(trained['scenario'])}"
     rows = {"predictor in the lookahead": trained["predictor"]}
     conditions = ", with the constant-velocity predictor in the lookahead"
     if limits:
-        place += f", {limits}"
+        setting += f", {limits}"
         rows["limits"] = limits
         conditions = f" and within the same limits{conditions}"
-    return _driving_text(card, "episodes", place, rows, conditions)
+    return _driving_text(card, "episodes", setting, rows, conditions)
 
 
 def _policy_text(card: Mapping[str, Any]) -> CardText:
@@ -79,19 +79,21 @@ def _policy_text(card: Mapping[str, Any]) -> CardText:
     further = [crowd(scenario) for scenario in trained["beside"]]
     rows = {"trained beside in": "; ".join(further)} if further else {}
     rows |= {"reward": str(trained["reward"]), "pedestrians shown": f"{trained['nearest']} at most, the nearest"}
-    place = f"in {crowd(trained['scenario'])}"
+    setting = f"in {crowd(trained['scenario'])}"
     if not further:
-        return _driving_text(card, "steps", place, rows, "")
-    return _driving_text(card, "steps", f"{place}, and {len(further)} more", rows, ", not in those beside it")
+        return _driving_text(card, "steps", setting, rows, "")
+    return _driving_text(card, "steps", f"{setting}, and {len(further)} more", rows, ", not in those beside it")
 
 
-def _driving_text(card: Mapping[str, Any], unit: str, place: str, rows: Mapping[str, str], conditions: str) -> CardText:
+def _driving_text(
+    card: Mapping[str, Any], unit: str, setting: str, rows: Mapping[str, str], conditions: str
+) -> CardText:
     """Return the text of a network that drives.
 
     Args:
         card: The card.
         unit: The unit of the training's length.
-        place: The conditions of the training, for the headline.
+        setting: The conditions of the training, for the headline.
         rows: The rows of the table between scenario and checkpoint.
         conditions: The conditions of the measurement in the training scenario.
     """
@@ -103,7 +105,7 @@ def _driving_text(card: Mapping[str, Any], unit: str, place: str, rows: Mapping[
     split = "test" if "test" in figures else "validation"
     measured = f"Measured once, after training, in the same scenario{conditions} (95 % intervals):"
     return CardText(
-        f"{place}: {rate(figures[split]['metrics']['success_rate'])} success on {split} cases",
+        f"{setting}: {rate(figures[split]['metrics']['success_rate'])} success on {split} cases",
         {"scenario": scenario, **rows, "checkpoint": chosen},
         [measured, "", *driving_table(figures)],
     )
@@ -162,12 +164,12 @@ def driving_table(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
     Args:
         figures: By split, the cases and the metrics with their intervals.
     """
-    has_jerk = all("jerk" in each["metrics"] for each in figures.values())
+    has_jerk = all("jerk" in figure["metrics"] for figure in figures.values())
     head = ["cases", "success", "collisions", "time-outs", "navigation time", *["jerk"] * has_jerk]
     rows = [head, ["---"] * len(head)]
-    for split, each in figures.items():
-        found = each["metrics"]
-        rates = [rate(found[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
-        jerk = [f"{found['jerk']['mean']:.2f} m/s³"] if has_jerk else []
-        rows.append([f"{split} {each['cases']}", *rates, seconds(found["navigation_time"]), *jerk])
+    for split, figure in figures.items():
+        metrics = figure["metrics"]
+        rates = [rate(metrics[f"{outcome}_rate"]) for outcome in ("success", "collision", "timeout")]
+        jerk = [f"{metrics['jerk']['mean']:.2f} m/s³"] if has_jerk else []
+        rows.append([f"{split} {figure['cases']}", *rates, seconds(metrics["navigation_time"]), *jerk])
     return [f"| {' | '.join(row)} |" for row in rows]

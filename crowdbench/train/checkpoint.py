@@ -32,8 +32,8 @@ LOCK = ".lock"
 """Locked by the process that trains in the directory, and by nobody once that has been killed."""
 
 FACTS = {"config": dict, "threads": int, "counters": dict, "curve": list}
-"""The facts in a checkpoint beside the tensors, with their types: the options of the training, the number of torch's
-threads, counters by name, and the points of the curve."""
+"""The facts in a checkpoint, with their types: the options of the training, the number of torch's threads, counters by
+name, and the points of the curve."""
 
 
 def save(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:

@@ -86,7 +86,7 @@ class Config(abc.ABC):
     minutes: float | None = None
 
     length: ClassVar[str]
-    """The field with the length of the training, which counts what the curve's first column counts."""
+    """The field with the length of the training, in the unit of the curve's first column."""
 
     @abc.abstractmethod
     def training(self, device: str) -> Training:

@@ -30,7 +30,7 @@ class Transitions:
         present: Which pedestrians are present.
         next_present: Which are k steps later.
         reward: The discounted sum of the k rewards in between.
-        bootstrap: What the value of the next state is multiplied with in the target: gamma^k, or 0 where the episode
+        bootstrap: The factor of the next state's value in the target: gamma^k, or 0 where the episode
             terminated within the k steps. A time-out only truncates an episode, so that the next state keeps its
             value and the factor is gamma^k (Pardo et al. 2018).
         episode_return: The discounted sum of all rewards to the end of the episode. For an episode that was truncated

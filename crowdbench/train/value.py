@@ -6,7 +6,7 @@ take minutes:
 - All episodes of a round run in lock-step, and the network learns after each round.
 - Targets are n-step returns (Sutton and Barto 2018, equation 7.1) instead of one-step returns.
 - The target network is an exponential moving average of the network (Lillicrap et al. 2016, "soft" target updates)
-  instead of a copy made now and then. It is also the network that is validated and saved.
+  instead of a copy at intervals. It is also the network that is validated and saved.
 - A time-out only truncates an episode: the target takes the value of its last state for what would have followed
   (Pardo et al. 2018). CrowdNav leaves such episodes out; here demonstrations that time out are left out.
 """
