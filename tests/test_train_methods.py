@@ -32,7 +32,7 @@ def test_a_network_that_does_not_exist_is_refused():
     [
         ("cadrl", {"held_out": "eth"}, "--held-out is not for cadrl, only for sgan"),
         ("sarl", {"pooling": True}, "--pooling is not for sarl, only for sgan"),
-        ("sgan", {"episodes": 9}, "--episodes is not for sgan, only for cadrl, lstm_rl and sarl"),
+        ("sgan", {"episodes": 9}, "--episodes is not for sgan, only for cadrl, lstm_rl, sarl"),
         ("sarl", {"episodes": 9, "minutes": 1.0}, "--minutes and --episodes both say how long to train"),
         ("sgan", {"epochs": 9, "minutes": 1.0}, "--minutes and --epochs both say how long to train"),
         ("sarl", {"card": "all"}, "--card is 'all', but must be val or test"),

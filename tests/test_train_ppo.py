@@ -146,7 +146,7 @@ def test_a_training_in_several_scenarios_shares_its_worlds(tmp_path):
     list(training.learn())
     assert training.curve[-1].steps == 256
     assert "--also-train-in doorway_8,square_crossing_5" in config.command
-    about = training.facts()["beside"]
+    about = training.conditions()["beside"]
     assert [each["name"] for each in about] == ["doorway_8", "square_crossing_5"]
     assert about[0]["pedestrians"]["number"] == [8, 8]
 

@@ -11,7 +11,7 @@ import dataclasses
 import json
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -314,7 +314,7 @@ def make_config(network: str, options: Mapping[str, Any]) -> Config:
     method = find_named("network", network, METHODS)
     for name, (_, networks) in method_options().items():
         if name in options and network not in networks:
-            raise InputError(f"{flag(name)} is not for {network}, only for {_enumerate(networks)}")
+            raise InputError(f"{flag(name)} is not for {network}, only for {', '.join(networks)}")
     for name, value in options.items():
         if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{flag(name)} is {value}, but must be a finite number")
@@ -322,8 +322,3 @@ def make_config(network: str, options: Mapping[str, Any]) -> Config:
         raise InputError(f"--minutes and --{method.length} both say how long to train: give one")
     method.check(options)
     return method(network=network, **options)
-
-
-def _enumerate(names: Sequence[str]) -> str:
-    *others, last = names
-    return f"{', '.join(others)} and {last}" if others else last

@@ -5,12 +5,12 @@ from __future__ import annotations
 import abc
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
-from torch import nn
+from torch import Tensor, nn
 
 from crowdbench.catalog import load_scenario
 from crowdbench.metrics import METRICS, Metric
@@ -67,8 +67,8 @@ class DrivingTraining(Training, Generic[Network]):
         """Make the planner of validations and cards."""
 
     @abc.abstractmethod
-    def facts(self) -> dict[str, Any]:
-        """Return the facts about the training on a card that are specific to the method."""
+    def conditions(self) -> dict[str, Any]:
+        """Return the conditions of the training on a card that are specific to the method."""
 
     def validate(self, *metrics: Metric) -> list[float]:
         """Drive the validation cases, and add the present network to `validated`. Returns the mean of each metric."""
@@ -105,7 +105,7 @@ class DrivingTraining(Training, Generic[Network]):
         return {split: cases for split, cases in CASES.items() if split in ("validation", self.config.card)}
 
     @property
-    def card_cases(self) -> int:  # type: ignore[override]
+    def card_cases(self) -> int:
         """See `Training`."""
         return sum(map(len, self.splits.values()))
 
@@ -123,7 +123,7 @@ class DrivingTraining(Training, Generic[Network]):
         return {
             "training": {
                 "scenario": describe_scenario(self.scenario),
-                **self.facts(),
+                **self.conditions(),
                 "validation": validation,
                 "seed": self.config.seed,
                 length: getattr(self.curve[-1], length),
@@ -134,10 +134,10 @@ class DrivingTraining(Training, Generic[Network]):
             "data": cards.episodes(self.scenario.table),
         }
 
-    def restore(self, tensors: Any, counters: Any, curve: Any) -> None:
+    def restore(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
         """See `Training`."""
-        self.validated = nn.ModuleList(copy.deepcopy(self.current) for _ in curve)
-        super().restore(tensors, counters, curve)
+        self.validated = nn.ModuleList(copy.deepcopy(self.current) for _ in facts["curve"])
+        super().restore(tensors, facts)
 
 
 def load_scenarios(config: Config, validation: Sequence[str]) -> tuple[Scenario, list[Scenario]]:

@@ -260,7 +260,7 @@ class PPOTraining(DrivingTraining[Policy]):
         """See `DrivingTraining`."""
         return PolicyPlanner(network, self.showing, self.config.network)
 
-    def facts(self) -> dict[str, Any]:
+    def conditions(self) -> dict[str, Any]:
         """See `DrivingTraining`."""
         files: dict[str, dict[str, str]] = {}
         for name, spec in {"reward": self.config.reward, "encoder": self.config.encoder}.items():

@@ -83,7 +83,7 @@ class Runner:
         training = config.training(device)
         tensors = checkpoint.read_tensors(path)
         with _readable(path):
-            training.restore(tensors, facts["counters"], facts["curve"])
+            training.restore(tensors, facts)
         return cls(training, directory)
 
     def train(self, after_validation: Callable[[Any, float], None]) -> None:

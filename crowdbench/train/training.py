@@ -37,9 +37,6 @@ class Training(abc.ABC):
     counters: ClassVar[Sequence[str]]
     """The attributes that are numbers in a checkpoint."""
 
-    card_cases: int = 0
-    """The number of cases that `card` runs."""
-
     def __init__(self, config: Any, device: str) -> None:
         self.config, self.device = config, device
         self.seconds = 0.0
@@ -74,6 +71,11 @@ class Training(abc.ABC):
             `training`: conditions of the training; `figures`: measured results; `data`: the data, in words.
         """
 
+    @property
+    def card_cases(self) -> int:
+        """The number of cases that `card` runs."""
+        return 0
+
     def intervals(self) -> dict[str, list[tuple[float, float]]]:
         """Return the confidence intervals of the curve, by the name of the quantity."""
         return {}
@@ -90,13 +92,11 @@ class Training(abc.ABC):
         parts = (checkpoint.tensors_of(name, getattr(self, name)) for name in self.parts)
         return {name: tensor for part in parts for name, tensor in part.items()}
 
-    def restore(
-        self, tensors: Mapping[str, Tensor], counters: Mapping[str, Any], curve: Sequence[Mapping[str, Any]]
-    ) -> None:
-        """Restore a checkpoint. Raises RuntimeError if it is of another network."""
+    def restore(self, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
+        """Restore the tensors and facts of a checkpoint. Raises RuntimeError if it is of another network."""
         for name in self.counters:
-            setattr(self, name, counters[name])
-        self.curve = [type(self).point(**point) for point in curve]
+            setattr(self, name, facts["counters"][name])
+        self.curve = [type(self).point(**point) for point in facts["curve"]]
         for name in self.parts:
             checkpoint.restore(name, getattr(self, name), tensors)
 

@@ -152,7 +152,7 @@ class ValueTraining(DrivingTraining[ValueNetwork]):
         # Always with constant velocity, which a vehicle can know; the predictor in training may be the oracle.
         return ValuePlanner(ConstantVelocity(), network, limits=self.limits)
 
-    def facts(self) -> dict[str, Any]:
+    def conditions(self) -> dict[str, Any]:
         """See `DrivingTraining`."""
         return {"predictor": self.config.predictor, "limits": self.config.limits}
 
